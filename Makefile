@@ -1,0 +1,104 @@
+# Two commands are enough: `make demo` and `make test`. `make help` lists the others.
+# Needs: python3 >= 3.11, make, and network access to a package index (as pip is configured).
+
+PYTHON ?= python3
+JOBS ?= auto
+DEMO_ARGS ?=
+PYTEST_ARGS ?=
+
+VENV := .venv
+PY := $(VENV)/bin/python
+PIP := $(PY) -m pip --quiet --disable-pip-version-check
+CREATED := $(VENV)/.created
+INSTALLED := $(VENV)/.installed
+INSTALLED_DEV := $(VENV)/.installed-dev
+
+# One BLAS thread per test worker: more only fight for the same cores.
+PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
+	$(PY) -m pytest -n $(JOBS) --maxprocesses=8 --dist=worksteal
+
+.DEFAULT_GOAL := help
+.DELETE_ON_ERROR:
+.PHONY: help demo test test-all check lint format bench clean clean-all FORCE
+
+help: ## show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+demo: $(INSTALLED) ## install, then identify the aircraft record that ships in the package
+	@$(VENV)/bin/tridentify demo $(DEMO_ARGS)
+
+test: $(INSTALLED_DEV) ## install, then run the fast tests and the docstring examples
+	@$(PYTEST) -m "not slow" $(PYTEST_ARGS)
+
+test-all: $(INSTALLED_DEV) ## the same with the long statistical tests
+	@$(PYTEST) $(PYTEST_ARGS)
+
+check: lint test ## all that has to pass before a change goes in
+
+lint: $(INSTALLED_DEV) ## formatting, lint, types, layers
+	@$(PY) -m ruff format --check .
+	@$(PY) -m ruff check .
+	@$(PY) -m mypy
+	@$(VENV)/bin/lint-imports --no-logo
+
+format: $(INSTALLED_DEV) ## format the sources and apply the safe lint fixes
+	@$(PY) -m ruff check --fix .
+	@$(PY) -m ruff format .
+
+bench: $(INSTALLED_DEV) ## run every script of benchmarks/ (minutes; by hand only)
+	@set -e; for script in $(sort $(wildcard benchmarks/[a-z]*.py)); do \
+		echo "== $$script"; $(PY) "$$script"; \
+	done
+
+clean: ## remove caches and builds
+	@rm -rf build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	@for folder in $(wildcard src tests benchmarks examples); do \
+		find $$folder -type d -name __pycache__ -prune -exec rm -rf {} +; \
+	done
+
+clean-all: clean ## the same and the virtual environment
+	@rm -rf $(VENV)
+
+# ---------------------------------------------------------------------------------- environment
+# The environment notes its folder, so that a copied or moved checkout does not run the sources
+# of the old place.
+ifneq ($(shell cat $(VENV)/.folder 2>/dev/null),$(CURDIR))
+$(CREATED): FORCE
+endif
+
+# An environment made by hand is kept if its own pip runs. Debian without python3-venv has no
+# ensurepip: then the system's pip or virtualenv fills an empty environment.
+$(CREATED):
+	@command -v "$(PYTHON)" >/dev/null || { \
+		echo "make: found no '$(PYTHON)'; expected Python 3.11 or newer; install python3 or give PYTHON=..." >&2; exit 1; }
+	@"$(PYTHON)" -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+		echo "make: found $$("$(PYTHON)" --version 2>&1); expected Python 3.11 or newer; install one or give PYTHON=..." >&2; exit 1; }
+	@test -w . || { \
+		echo "make: found a folder that cannot be written; expected to create $(VENV) in it; copy the checkout to your own folder" >&2; exit 1; }
+	@if $(VENV)/bin/pip --version 2>/dev/null | grep -qF "$(CURDIR)/$(VENV)/"; then \
+		:; \
+	else \
+		echo "Creating $(VENV) with $$("$(PYTHON)" --version)"; \
+		rm -rf $(VENV); \
+		"$(PYTHON)" -m venv $(VENV) >/dev/null 2>&1 \
+		|| { rm -rf $(VENV); "$(PYTHON)" -m virtualenv --quiet $(VENV) >/dev/null 2>&1; } \
+		|| { rm -rf $(VENV); "$(PYTHON)" -m venv --without-pip $(VENV) >/dev/null 2>&1 \
+			&& "$(PYTHON)" -m pip --quiet --python $(PY) install pip >/dev/null 2>&1; } \
+		|| { rm -rf $(VENV); \
+			echo "make: found a Python that cannot create virtual environments; expected the venv module; run: apt install python3-venv" >&2; \
+			exit 1; }; \
+	fi
+	@printf '%s\n' "$(CURDIR)" > $(VENV)/.folder
+	@touch $@
+
+$(INSTALLED): $(CREATED) pyproject.toml constraints.txt
+	@echo "Installing tridentify (a minute or two the first time)"
+	@$(PIP) install --compile --constraint constraints.txt --editable .
+	@$(PY) -m compileall -q src/tridentify
+	@touch $@
+
+$(INSTALLED_DEV): $(CREATED) pyproject.toml constraints.txt
+	@echo "Installing tridentify with the development tools (a minute or two the first time)"
+	@$(PIP) install --compile --constraint constraints.txt --editable ".[dev]"
+	@$(PY) -m compileall -q src/tridentify
+	@touch $(INSTALLED) $@

@@ -1,0 +1,109 @@
+"""Three-model identification of continuous-time systems from sampled, noisy records.
+
+>>> import tridentify
+>>> tridentify.Structure(poles=2, zeros=0).names()
+('a1', 'a0', 'b0')
+
+Names are loaded when they are first used, so that the import itself stays quick.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tridentify.errors import (
+        ConvergenceError,
+        DataError,
+        IdentifiabilityError,
+        MissingDependencyError,
+        OutputPathError,
+        StructureError,
+        TridentifyError,
+    )
+    from tridentify.estimate import Estimate, Parameter, Status, Trace
+    from tridentify.formats.csv import read_record
+    from tridentify.identify import METHODS, identify
+    from tridentify.methods.three_model import ThreeModel
+    from tridentify.record import Record
+    from tridentify.simulate import simulate
+    from tridentify.structure import Structure
+    from tridentify.transfer_function import TransferFunction
+
+__version__ = "0.1.0"
+
+__all__ = [
+    "METHODS",
+    "ConvergenceError",
+    "DataError",
+    "Estimate",
+    "IdentifiabilityError",
+    "MissingDependencyError",
+    "OutputPathError",
+    "Parameter",
+    "Record",
+    "Status",
+    "Structure",
+    "StructureError",
+    "ThreeModel",
+    "Trace",
+    "TransferFunction",
+    "TridentifyError",
+    "__version__",
+    "identify",
+    "read_record",
+    "simulate",
+]
+
+_HOME = {
+    "METHODS": "identify",
+    "ConvergenceError": "errors",
+    "DataError": "errors",
+    "Estimate": "estimate",
+    "IdentifiabilityError": "errors",
+    "MissingDependencyError": "errors",
+    "OutputPathError": "errors",
+    "Parameter": "estimate",
+    "Record": "record",
+    "Status": "estimate",
+    "Structure": "structure",
+    "StructureError": "errors",
+    "ThreeModel": "methods.three_model",
+    "Trace": "estimate",
+    "TransferFunction": "transfer_function",
+    "TridentifyError": "errors",
+    "identify": "identify",
+    "read_record": "formats.csv",
+    "simulate": "simulate",
+}
+
+
+def __getattr__(name: str) -> Any:
+    home = _HOME.get(name)
+    if home is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = getattr(import_module(f"{__name__}.{home}"), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_HOME})
+
+
+class _Package(ModuleType):
+    """A package in which a function keeps its name although a submodule has the same one.
+
+    After `tridentify.identify` has been imported from anywhere, the import system binds the module
+    to that name in the package, over the function. Such a binding is passed over here.
+    """
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if not (name in _HOME and isinstance(value, ModuleType)):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

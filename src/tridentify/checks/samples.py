@@ -1,0 +1,358 @@
+"""Checks of sampled data, each with its own exception: arrays in, sound arrays out.
+
+They copy an array once at the most and never guess: which axis is time, which step was meant, or
+what a repeated name stands for.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tridentify.errors import (
+    ChannelNameError,
+    DataWarning,
+    EmptyChannelError,
+    EmptyRangeError,
+    LengthMismatchError,
+    NotFiniteError,
+    SampleTypeError,
+    SamplingError,
+    ShapeError,
+    TimeNotIncreasingError,
+    TooFewSamplesError,
+    UnitError,
+    shown,
+)
+
+FloatArray = NDArray[np.float64]
+Intersample = Literal["zoh", "foh"]
+
+TIME_TOLERANCE = 1e-3
+"""Largest departure from a uniform time axis, in steps, that counts as rounding."""
+
+
+def channel_names(names: Sequence[str] | None, n_channels: int, default: str) -> tuple[str, ...]:
+    """Check the names of channels, or make default ones.
+
+    Parameters
+    ----------
+    names : sequence of str, or None
+        One name per channel. A single string is one name.
+    n_channels : int
+        Number of channels.
+    default : str
+        Stem of the default names.
+
+    Returns
+    -------
+    tuple of str, length n_channels
+
+    Raises
+    ------
+    ChannelNameError
+        Names are repeated, blank, or not as many as the channels.
+
+    Examples
+    --------
+    >>> channel_names(None, 2, "u")
+    ('u1', 'u2')
+    """
+    if names is None:
+        return (
+            (default,) if n_channels == 1 else tuple(f"{default}{k + 1}" for k in range(n_channels))
+        )
+    chosen = (names,) if isinstance(names, str) else tuple(names)
+    if len(chosen) != n_channels:
+        raise ChannelNameError(
+            f"found {len(chosen)} names {shown(list(chosen))} for {n_channels} channels of "
+            f"{default}; expected one name per channel; give as many names as columns"
+        )
+    given: tuple[object, ...] = chosen
+    for name in given:
+        if not isinstance(name, str) or not name.strip() or not name.isprintable():
+            raise ChannelNameError(
+                f"found the channel name {shown(name)}; expected printable text that is not blank; "
+                "rename the channel"
+            )
+    check_distinct(chosen)
+    return chosen
+
+
+def sample_range(t: FloatArray, start: float | None, stop: float | None) -> tuple[int, int]:
+    """Find the samples between two instants, both ends included within rounding.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n_samples,)
+        Increasing sampling instants [s].
+    start, stop : float or None
+        First and last instant [s]; None for the ends of `t`.
+
+    Returns
+    -------
+    first, last : int
+        The samples ``first:last``.
+
+    Raises
+    ------
+    EmptyRangeError
+        Fewer than two samples lie in between.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> sample_range(np.arange(10.0), 2.0, 4.0)
+    (2, 5)
+    """
+    low = float(t[0]) if start is None else float(start)
+    high = float(t[-1]) if stop is None else float(stop)
+    slack = time_slack(t)
+    first = int(np.searchsorted(t, low - slack, side="left"))
+    last = int(np.searchsorted(t, high + slack, side="right"))
+    if last - first < 2 or np.isnan(low) or np.isnan(high):
+        raise EmptyRangeError(
+            f"found {max(last - first, 0)} samples from {low:.6g} s to {high:.6g} s; expected at "
+            f"least 2; choose times between {t[0]:.6g} s and {t[-1]:.6g} s"
+        )
+    return first, last
+
+
+def uniform_step(t: FloatArray) -> float | None:
+    """Give the sampling interval of a uniform time axis.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n_samples,)
+        Increasing sampling instants [s].
+
+    Returns
+    -------
+    float or None
+        The mean step [s]; None when an instant is off by more than a thousandth of it.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> uniform_step(np.array([0.0, 0.5, 1.0])), uniform_step(np.array([0.0, 0.4, 1.0]))
+    (0.5, None)
+    """
+    step = float(t[-1] - t[0]) / (len(t) - 1)
+    departure = np.arange(len(t), dtype=np.float64)
+    departure *= -step
+    departure += t
+    departure -= t[0]
+    tolerance = TIME_TOLERANCE * step
+    return step if -tolerance <= departure.min() and departure.max() <= tolerance else None
+
+
+def time_slack(t: FloatArray) -> float:
+    """Rounding allowed at the end of a stretch of time [s]."""
+    return TIME_TOLERANCE * float(t[-1] - t[0]) / (len(t) - 1)
+
+
+def _numbers(label: str, value: ArrayLike) -> FloatArray:
+    """Copy `value` into a float64 array, once, or share an array that cannot change."""
+    if isinstance(value, np.ma.MaskedArray):
+        masked: Any = value.astype(np.float64)
+        value = masked.filled(np.nan)
+    try:
+        array = np.asarray(value)
+    except (ValueError, TypeError) as error:
+        raise SampleTypeError(
+            f"found {label} that is no array (rows of different length?); expected real numbers; "
+            "give one number per sample and channel"
+        ) from error
+    if array.dtype.kind not in "fiub":
+        raise SampleTypeError(
+            f"found {label} of type {array.dtype}; expected real numbers; convert it to float"
+            + (", in seconds since the start" if array.dtype.kind in "mM" else "")
+        )
+    if _is_immutable(array):
+        return cast(FloatArray, array)
+    copied = np.array(array, dtype=np.float64, order="C", copy=True)
+    copied.flags.writeable = False
+    return copied
+
+
+def _is_immutable(array: NDArray[Any]) -> bool:
+    owner = array if array.base is None else array.base
+    return (
+        array.dtype == np.float64
+        and array.flags.c_contiguous
+        and type(owner) is np.ndarray
+        and bool(owner.flags.owndata)
+        and not array.flags.writeable
+        and not owner.flags.writeable
+    )
+
+
+def sample_array(label: str, value: ArrayLike) -> FloatArray:
+    """Give read-only samples of shape (n_samples, n_channels)."""
+    array = _numbers(label, value)
+    if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
+        raise ShapeError(
+            f"found {label} of shape {array.shape}; expected (n_samples,) or "
+            "(n_samples, n_channels), time first; reshape it"
+        )
+    return array[:, np.newaxis] if array.ndim == 1 else array
+
+
+def time_axis(
+    dt: float | None, t: ArrayLike | None, n_samples: int
+) -> tuple[float | None, FloatArray]:
+    """Give the uniform step [s], if there is one, and the sampling instants, read-only."""
+    if (dt is None) == (t is None):
+        found = "neither dt nor t" if dt is None else "both dt and t"
+        raise SamplingError(
+            f"found {found}; expected exactly one of them; give dt [s] for a uniform record, else t"
+        )
+    if t is None:
+        return _step_and_time(dt, n_samples)
+    time = _numbers("t", t)
+    if time.ndim == 2 and time.shape[1] == 1:
+        time = time[:, 0]
+    if time.ndim != 1:
+        raise ShapeError(f"found t of shape {time.shape}; expected (n_samples,); flatten it")
+    if not np.isfinite(time).all():
+        index = int(np.flatnonzero(~np.isfinite(time))[0])
+        raise NotFiniteError(
+            f"found t[{index}] = {time[index]}; expected finite times; drop or repair that sample"
+        )
+    later = np.diff(time) > 0.0
+    if not later.all():
+        index = int(np.argmin(later))
+        raise TimeNotIncreasingError(
+            f"found t[{index + 1}] = {time[index + 1]:.9g} s after t[{index}] = {time[index]:.9g} s"
+            "; expected strictly increasing time; sort the samples or drop repeated ones"
+        )
+    return (uniform_step(time) if len(time) > 1 else None), time
+
+
+def _step_and_time(dt: object, n_samples: int) -> tuple[float, FloatArray]:
+    try:
+        step = float(dt)  # type: ignore[arg-type]
+    except (TypeError, ValueError):
+        step = np.nan
+    if isinstance(dt, (str, bytes, bool)) or not 0.0 < step < np.inf:
+        raise SamplingError(
+            f"found dt={shown(dt)}; expected a positive number of seconds; correct dt"
+        )
+    if not np.isfinite(step * max(n_samples, 1)):
+        raise SamplingError(f"found dt={step:.6g} s; expected a duration within range; correct dt")
+    time = np.arange(n_samples, dtype=np.float64)
+    time *= step
+    return step, time
+
+
+def check_lengths(u: FloatArray, y: FloatArray, t: FloatArray) -> None:
+    """Refuse arrays of different length, or of fewer than two samples."""
+    if not len(u) == len(y) == len(t):
+        raise LengthMismatchError(
+            f"found {len(u)} samples of u, {len(y)} of y and {len(t)} of t; expected equal lengths "
+            "along the first axis; cut the longer ones, or transpose if time runs along a row"
+        )
+    if len(u) < 2:
+        raise TooFewSamplesError(
+            f"found {len(u)} samples; expected at least 2; record for longer"
+            + (", or transpose if time runs along a row" if u.shape[1] > 1 else "")
+        )
+
+
+def check_distinct(names: tuple[str, ...]) -> None:
+    """Refuse repeated names."""
+    for name in names:
+        if names.count(name) > 1:
+            raise ChannelNameError(
+                f"found the channel name {shown(name)} more than once; expected all inputs and "
+                "outputs to have different names; rename one"
+            )
+
+
+def check_inputs(u: FloatArray, names: tuple[str, ...]) -> None:
+    """Refuse inputs that are not finite."""
+    if np.isfinite(u).all():
+        return
+    row, column = (int(k) for k in np.argwhere(~np.isfinite(u))[0])
+    raise NotFiniteError(
+        f"found input {shown(names[column])} = {u[row, column]} at sample {row}; expected finite "
+        "numbers, since the input must be known throughout; repair it or cut the record"
+    )
+
+
+def check_outputs(y: FloatArray, names: tuple[str, ...]) -> None:
+    """Refuse infinite outputs, and channels of nothing but nan."""
+    if np.isfinite(y).all():
+        return
+    if np.isinf(y).any():
+        row, column = (int(k) for k in np.argwhere(np.isinf(y))[0])
+        raise NotFiniteError(
+            f"found output {shown(names[column])} = {y[row, column]} at sample {row}; expected "
+            "finite numbers or nan for a missing sample; replace it by nan"
+        )
+    empty = np.isnan(y).all(axis=0)
+    if empty.any():
+        raise EmptyChannelError(
+            f"found nothing but nan in output {shown(names[int(np.argmax(empty))])}; expected at "
+            "least one sample; leave the channel out"
+        )
+
+
+def checked_units(units: Mapping[str, str] | None, names: tuple[str, ...]) -> Mapping[str, str]:
+    """Give a read-only mapping of channel names, or ``"t"``, to units."""
+    given: Mapping[str, object] = units or {}
+    for key, unit in given.items():
+        if key != "t" and key not in names:
+            raise UnitError(
+                f"found a unit for {shown(key)}; expected a channel name among "
+                f"{', '.join(names)} or 't'; correct the name"
+            )
+        if not isinstance(unit, str):
+            raise UnitError(
+                f"found the unit {shown(unit)} for {shown(key)}; expected text such as 'rad/s'; "
+                "put it in quotes"
+            )
+    return MappingProxyType(dict(units or {}))
+
+
+def chosen_channels(
+    wanted: Sequence[str] | None, present: tuple[str, ...], kind: str
+) -> tuple[list[int], tuple[str, ...]]:
+    """Find channels by name."""
+    if wanted is None:
+        return list(range(len(present))), present
+    names = (wanted,) if isinstance(wanted, str) else tuple(wanted)
+    for name in names:
+        if name not in present:
+            raise ChannelNameError(
+                f"found no {kind} {shown(name)}; expected one of {', '.join(present)}; correct it"
+            )
+    if not names:
+        raise ChannelNameError(f"found no {kind} chosen; expected one of {', '.join(present)}")
+    check_distinct(names)
+    return [present.index(name) for name in names], names
+
+
+def warn_if_input_moves(u: FloatArray, factor: int, intersample: Intersample) -> None:
+    """Warn when dropped samples leave the input wrongly described."""
+    if factor == 1:
+        return
+    whole = u[: (len(u) - 1) // factor * factor].reshape(-1, factor, u.shape[1])
+    if intersample == "zoh":
+        moves = bool(np.any(whole != whole[:, :1]))
+    else:
+        bend = np.abs(np.diff(u, 2, axis=0))
+        bend[factor - 1 :: factor] = 0.0
+        moves = bool(np.any(bend > 1e-9 * np.abs(u).max()))
+    if moves:
+        warnings.warn(
+            f"found an input that changes between every {factor}th sample; expected it to be "
+            f"described by '{intersample}' at the new step; keep the finer step",
+            DataWarning,
+            stacklevel=3,
+        )

@@ -1,0 +1,199 @@
+"""The two streams: results on standard output, progress, notes and errors on standard error."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from types import TracebackType
+from typing import Any, TextIO
+
+from rich.console import Console, RenderableType
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
+from rich.progress import TimeElapsedColumn as Elapsed
+
+from tridentify.errors import DataWarning
+
+PROGRAM = "tridentify"
+PIPE_WIDTH = 100
+"""Width of text in a pipe or a file, where no terminal says one."""
+
+
+class _Console(Console):
+    """A console that takes names with brackets as they are, and leaves a closed pipe to `main`."""
+
+    def __init__(self, stream: TextIO) -> None:
+        plain = not stream.isatty() and "COLUMNS" not in os.environ
+        super().__init__(
+            file=stream,
+            markup=False,
+            emoji=False,
+            highlight=False,
+            width=PIPE_WIDTH if plain else None,
+        )
+
+    def on_broken_pipe(self) -> None:
+        raise BrokenPipeError
+
+
+def show(*blocks: RenderableType) -> None:
+    """Print blocks on standard output, each with an empty line above.
+
+    Parameters
+    ----------
+    *blocks : rich renderable
+        A block that is wider than the terminal is left to the terminal to wrap: a number is never
+        cut.
+    """
+    console = _Console(sys.stdout)
+    for number, block in enumerate(blocks):
+        if number:
+            console.print()
+        if isinstance(block, str):
+            console.print(block, soft_wrap=True)
+        else:
+            needed = console.measure(block, options=console.options.update(max_width=1000)).maximum
+            console.print(block, width=max(needed, console.width), crop=False, no_wrap=True)
+
+
+def show_json(document: Mapping[str, Any]) -> None:
+    """Print one JSON object on standard output.
+
+    Parameters
+    ----------
+    document : mapping
+        Plain values; nan becomes null, an infinity the text "inf" or "-inf".
+    """
+    print(json.dumps(plain(document), indent=1, allow_nan=False, ensure_ascii=False))
+
+
+def plain(value: Any) -> Any:
+    """Copy for JSON: mappings and lists of text, finite numbers, null and "inf".
+
+    Examples
+    --------
+    >>> plain({"a": (1.0, float("nan"), float("-inf"))})
+    {'a': [1.0, None, '-inf']}
+    """
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if hasattr(value, "tolist"):
+        return plain(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value
+
+
+def say(text: str) -> None:
+    """Write one line to standard error, whatever is in `text`."""
+    print(f"{PROGRAM}: {' '.join(text.split())}", file=sys.stderr, flush=True)
+
+
+def complain(text: str) -> None:
+    """Write one line about an error to standard error."""
+    say(f"error: {text}")
+
+
+def complain_in_full(error: BaseException) -> None:
+    """Write the traceback of an error to standard error."""
+    sys.stderr.write("".join(traceback.format_exception(error)))
+
+
+class Activity:
+    """What is going on, shown on standard error while it lasts.
+
+    In a terminal one moving line that vanishes at the end; elsewhere a plain line for each stage.
+
+    Examples
+    --------
+    >>> with Activity() as activity:
+    ...     activity.stage("reading the record")
+    """
+
+    def __init__(self) -> None:
+        console = _Console(sys.stderr)
+        self._bar: Progress | None = None
+        if console.is_terminal and not console.is_dumb_terminal:
+            spinner = "dots" if console.encoding.startswith("utf") else "line"
+            columns = SpinnerColumn(spinner), TextColumn("{task.description}"), Elapsed()
+            self._bar = Progress(*columns, console=console, transient=True)
+            self._task = self._bar.add_task("", total=None)
+            counted = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Elapsed()
+            self._counted = counted
+        self._tenths = 0
+        self._since = time.monotonic()
+
+    def __enter__(self) -> Activity:
+        if self._bar is not None:
+            self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def stage(self, text: str) -> None:
+        """Name what is done now."""
+        if self._bar is not None:
+            self._bar.update(self._task, description=text)
+        else:
+            say(text)
+
+    def count(self, done: int, total: int) -> None:
+        """Say that `done` of `total` pieces are done; plain lines come at every tenth."""
+        if self._bar is not None:
+            self._bar.columns = self._counted
+            self._bar.update(self._task, completed=done, total=total)
+            return
+        tenths = 10 * done // max(total, 1)
+        if tenths > self._tenths or done == total:
+            self._tenths = tenths
+            say(f"{done} of {total} done after {time.monotonic() - self._since:.0f} s")
+
+    def note(self, text: str) -> None:
+        """Write a line that stays."""
+        if self._bar is not None:
+            self._bar.console.print(f"{PROGRAM}: {text}", soft_wrap=True)
+        else:
+            say(text)
+
+
+@contextmanager
+def patient_streams() -> Iterator[None]:
+    """Let no character and no warning of a library break or soil the output while this lasts.
+
+    What a terminal cannot show is replaced by its escape; a `DataWarning` becomes a line on
+    standard error, and other warnings, which only developers can act on, are dropped.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="backslashreplace")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        warnings.simplefilter("always", DataWarning)
+        warnings.showwarning = lambda message, *_args, **_options: say(f"warning: {message}")
+        yield
+
+
+def listed(names: Sequence[str]) -> str:
+    """Names in a sentence.
+
+    Examples
+    --------
+    >>> listed(["alpha", "q", "theta"])
+    'alpha, q and theta'
+    """
+    return " and ".join(filter(None, (", ".join(names[:-1]), names[-1]))) if names else ""

@@ -1,0 +1,448 @@
+"""What an estimation gives back: the model, its uncertainty, and how it was reached.
+
+An `Estimate` is a value: it holds arrays, not the data. Its covariance is that of ``theta``, the
+physical coefficients in the order of ``names``. What derives from them (natural frequency, damping,
+gain, confidence bands) is propagated to first order, see `tridentify.numerics.delta_method`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import os
+import re
+import textwrap
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from statistics import NormalDist
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from tridentify.errors import DataError, UnreadableFileError
+from tridentify.files import write_atomically
+from tridentify.numerics import delta_method
+from tridentify.record import Record
+from tridentify.structure import Structure
+from tridentify.text import (
+    format_polynomial,
+    format_std,
+    format_table,
+    format_value,
+    html_table,
+    unit_ratio,
+)
+from tridentify.trace import Pass, Start, Status, Step, Trace, freeze_arrays
+from tridentify.transfer_function import TransferFunction
+
+__all__ = ["Estimate", "Nuisance", "Parameter", "Pass", "Start", "Status", "Step", "Trace"]
+
+Array = npt.NDArray[np.float64]
+Row = tuple[str, float, float, str]
+SCHEMA = 1
+_WIDTH = 78
+_TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Parameter:
+    """One coefficient with its standard error.
+
+    Examples
+    --------
+    >>> a0 = Parameter("a0", 3.0, 0.1, "1/s^2")
+    >>> [round(end, 3) for end in a0.interval(0.95)]
+    [2.804, 3.196]
+    """
+
+    name: str
+    value: float
+    std: float
+    unit: str = ""
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Gaussian confidence interval that holds the probability ``level``."""
+        half = NormalDist().inv_cdf((1 + level) / 2) * self.std
+        return self.value - half, self.value + half
+
+    @property
+    def relative_std(self) -> float:
+        """``std / |value|``; infinite for a value of zero."""
+        return self.std / abs(self.value) if self.value else math.inf
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Nuisance:
+    """What was estimated along for one experiment.
+
+    Attributes
+    ----------
+    input_reference : ndarray, shape (n_inputs,)
+        Subtracted from the input before the model [input units].
+    offset, drift : ndarray, shape (n_outputs,)
+        Added to the model response [output units], [output units/s]; drift counts from ``t0`` [s].
+    free_response : ndarray, shape (n_outputs, n)
+        Numerators c(p) of the response c(p)/a(p) delta(t) to the initial state, descending powers.
+    offset_std, drift_std : ndarray, shape (n_outputs,)
+        Zero where not estimated.
+    initial_state : str
+        "rest", "equilibrium" or "free".
+    """
+
+    input_reference: Array
+    offset: Array
+    drift: Array
+    free_response: Array
+    offset_std: Array
+    drift_std: Array
+    initial_state: str = "rest"
+    t0: float = 0.0
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclasses.dataclass(frozen=True, eq=False, repr=False)
+class Estimate:
+    """An identified model with covariance, diagnostics and the trace of its estimation.
+
+    Attributes
+    ----------
+    theta : ndarray, shape (n_parameters,)
+        Coefficients in the order of ``names``; ``cov`` (n_parameters, n_parameters) is theirs.
+    noise_variance, fit : ndarray, shape (n_outputs,)
+        Variance of the residual [output units squared]; normalised fit (NRMSE) [percent].
+    nuisance : tuple of Nuisance
+        One per experiment.
+    cost, gradient, condition : float
+        Weighted mean-square output error, its relative gradient at the end, and the condition
+        number of the scaled score columns.
+    """
+
+    model: TransferFunction
+    structure: Structure
+    theta: Array
+    names: tuple[str, ...]
+    cov: Array
+    noise_variance: Array
+    fit: Array
+    status: Status
+    trace: Trace
+    method: str
+    n_samples: int
+    nuisance: tuple[Nuisance, ...]
+    degrees_of_freedom: int
+    cost: float
+    aicc: float
+    condition: float
+    gradient: float
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    units: Mapping[str, str]
+    intersample: str
+    dt: float | None
+    record_fingerprint: str = ""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+        n_parameters, n_outputs = len(self.names), len(self.output_names)
+        shapes: dict[str, tuple[int, ...]] = {"theta": (n_parameters,), "fit": (n_outputs,)}
+        shapes |= {"cov": (n_parameters, n_parameters), "noise_variance": (n_outputs,)}
+        for field, shape in shapes.items():
+            if getattr(self, field).shape != shape:
+                found = getattr(self, field).shape
+                raise ValueError(f"found {field} of shape {found}; expected {shape}")
+        object.__setattr__(self, "units", dict(self.units))
+
+    def __repr__(self) -> str:
+        pairs = zip(self.names, self.theta, self.std, strict=True)
+        values = ", ".join(f"{name}={format_value(v, std)}" for name, v, std in pairs)
+        return f"Estimate({self.method}: {self.status.value}; {values})"
+
+    @property
+    def std(self) -> Array:
+        """Standard errors of ``theta``, shape (n_parameters,)."""
+        std: Array = np.sqrt(np.maximum(np.diag(self.cov), 0.0))
+        return std
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Name -> `Parameter`, in the order of ``names``."""
+        rows = zip(self.names, self.theta.tolist(), self.std.tolist(), strict=True)
+        table = {name: Parameter(name, v, std, self._unit(name)) for name, v, std in rows}
+        return MappingProxyType(table)
+
+    def channel(self, output: int, input_: int) -> tuple[Array, Array, Array]:
+        """Numerator, denominator and covariance of one channel.
+
+        Parameters
+        ----------
+        output, input_ : int
+            Positions of the channel.
+
+        Returns
+        -------
+        num, den : ndarray
+            Descending powers, ``den`` monic.
+        cov : ndarray, shape (n + m + 2, n + m + 2)
+            Of ``(a_{n-1}, ..., a_0, b_m, ..., b_0, delay)``; zero for what was not estimated.
+        """
+        den, num = self.model.den[output][input_], self.model.num[output][input_]
+        label = f"[{self.output_names[output]},{self.input_names[input_]}]"
+        position = {name: k for k, name in enumerate(self.names)}
+        wanted = [f"a{k}" for k in range(len(den) - 2, -1, -1)]
+        wanted += [f"b{k}" for k in range(len(num) - 1, -1, -1)]
+        where = [position.get(name + label, position.get(name, -1)) for name in wanted]
+        delay = f"delay[{self.input_names[input_]}]"
+        where.append(position.get(delay, position.get("delay", -1)))
+        padded = np.pad(self.cov, ((0, 1), (0, 1)))
+        return num, den, padded[np.ix_(where, where)]
+
+    def derived_rows(self) -> tuple[Row, ...]:
+        """(name, value, std, unit) of poles, dampings and static gains, to first order."""
+        shared = self.structure.shared
+        several = len(self.input_names) * len(self.output_names) > 1
+        rows: list[Row] = []
+        gains: list[Row] = []
+        for i, output in enumerate(self.output_names):
+            for j, input_ in enumerate(self.input_names):
+                num, den, cov = self.channel(i, j)
+                label = f"[{output},{input_}]" if several else ""
+                if not shared or (i, j) == (0, 0):
+                    n, where = len(den) - 1, "" if shared else label
+                    poles = delta_method.pole_quantities(den, cov[:n, :n])
+                    rows += [(row[0] + where, *row[1:]) for row in poles]
+                unit = self._ratio_unit(output, input_, 0) or "-"
+                gains.append(("dc gain" + label, *delta_method.dc_gain(num, den, cov), unit))
+        return tuple(rows + gains)
+
+    def nuisance_rows(self) -> tuple[Row, ...]:
+        """(name, value, std, unit) of the offsets and drifts that were estimated along."""
+        rows = []
+        for number, terms in enumerate(self.nuisance, 1):
+            where = f", experiment {number}" if len(self.nuisance) > 1 else ""
+            for i, output in enumerate(self.output_names):
+                unit = self.units.get(output, "")
+                per_second = unit and unit_ratio(unit, "", 1)
+                rows += [
+                    (f"offset[{output}{where}]", terms.offset[i], terms.offset_std[i], unit),
+                    (f"drift[{output}{where}]", terms.drift[i], terms.drift_std[i], per_second),
+                ]
+        return tuple(row for row in rows if row[2] != 0)
+
+    def _unit(self, name: str) -> str:
+        match = re.fullmatch(r"([ab])(\d+)(?:\[(.*)\])?", name)
+        if match is None:
+            return "s" if name.startswith("delay") else ""
+        i, j = 0, 0
+        for row, output in enumerate(self.output_names):
+            for column, input_ in enumerate(self.input_names):
+                if match[3] == f"{output},{input_}":
+                    i, j = row, column
+        power = len(self.model.den[i][j]) - 1 - int(match[2])
+        if match[1] == "a":
+            return unit_ratio("", "", power)
+        return self._ratio_unit(self.output_names[i], self.input_names[j], power)
+
+    def _ratio_unit(self, output: str, input_: str, power: int) -> str:
+        if output not in self.units or input_ not in self.units:
+            return ""
+        return unit_ratio(self.units[output], self.units[input_], power)
+
+    def predict(self, record: Record, *, experiment: int = 0) -> Array:
+        """Fitted output: G (u - reference) + offset + drift (t - t0) + free response.
+
+        Parameters
+        ----------
+        record : Record
+            The identified record, or another one with the same channels.
+        experiment : int
+            Whose nuisance terms to use.
+
+        Returns
+        -------
+        ndarray, shape (n_samples, n_outputs)
+            [output units].
+        """
+        from tridentify.simulate import simulate
+
+        found = (record.n_inputs, record.n_outputs)
+        expected = (len(self.input_names), len(self.output_names))
+        if found != expected:
+            raise DataError(
+                f"found a record with {found[0]} inputs and {found[1]} outputs; expected "
+                f"{expected[0]} and {expected[1]} as identified; select its channels first"
+            )
+        terms = self.nuisance[experiment]
+        shifted = Record(
+            record.u - terms.input_reference,
+            record.y,
+            t=record.t,
+            intersample=record.intersample,
+            input_names=record.input_names,
+            output_names=record.output_names,
+        )
+        free = terms.free_response if np.any(terms.free_response) else None
+        response = simulate(self.model, shifted, free_response=free)
+        ramp = np.outer(record.t - terms.t0, terms.drift)
+        fitted: Array = response + terms.offset + ramp
+        return fitted
+
+    def residual(self, record: Record, *, experiment: int = 0) -> Array:
+        """Recorded minus fitted output, shape (n_samples, n_outputs); nan where not recorded."""
+        residual: Array = record.y - self.predict(record, experiment=experiment)
+        return residual
+
+    def summary(self) -> str:
+        """Fixed-width text: status, model, coefficients, derived quantities, fit, decisions."""
+        remedy = [f"  what to do: {self.status.remedy}"] if self.status.remedy else []
+        head = [
+            "=" * _WIDTH,
+            f"{self.method}: {self.status.message}",
+            *remedy,
+            f"samples {self.n_samples}, experiments {len(self.nuisance)}, "
+            f"degrees of freedom {self.degrees_of_freedom}, intersample {self.intersample}",
+            "=" * _WIDTH,
+        ]
+        lines = [*head, self.model_text()]
+        lines += ["", *format_table(_TITLES, [_row(p) for p in self.parameters.values()])]
+        along, derived = self.nuisance_rows(), self.derived_rows()
+        for title, found in (("derived", derived), ("estimated along", along)):
+            if found:
+                rows = [_row(Parameter(*row)) for row in found]
+                lines += ["", *format_table((title, *_TITLES[1:]), rows)]
+        spread = np.sqrt(self.noise_variance)
+        outputs = zip(self.output_names, self.fit, spread, strict=True)
+        fits = [(n, f"{f:.2f}", f"{s:.4g}", self.units.get(n, "")) for n, f, s in outputs]
+        lines += ["", *format_table(("output", "fit [%]", "noise std", "unit"), fits), ""]
+        lines += [
+            f"AICc {self.aicc:.6g}, condition {self.condition:.3g}, "
+            f"relative gradient {self.gradient:.2g}"
+        ]
+        for note in (*self.trace.decisions, self.trace.stopped):
+            if note:
+                lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
+        return "\n".join(line.rstrip() for line in (*lines, "=" * _WIDTH))
+
+    def model_text(self) -> str:
+        """Each channel as a fraction in s with +/- one standard deviation, at most 78 wide."""
+        lines: list[str] = []
+        for i, output in enumerate(self.output_names):
+            for j, input_ in enumerate(self.input_names):
+                num, den, cov = self.channel(i, j)
+                std = np.sqrt(np.maximum(np.diag(cov), 0))
+                n = len(den) - 1
+                below = np.concatenate(([0.0], std[:n]))
+                parts = (format_polynomial(num, std[n:-1]), format_polynomial(den, below))
+                top, bottom = (textwrap.wrap(part, _WIDTH - 2) for part in parts)
+                width = max(map(len, top + bottom))
+                delay = f"exp(-{format_value(self.model.delay[i, j], std[-1])} s) x"
+                fraction = [row.center(width) for row in top] + ["-" * width]
+                lines += [""] if lines else []
+                lines += [f"{output} / {input_} = {delay if self.model.delay[i, j] else ''}"]
+                lines += ["  " + row for row in fraction + [row.center(width) for row in bottom]]
+        return "\n".join(line.rstrip() for line in lines)
+
+    def _repr_html_(self) -> str:
+        fits = ", ".join(f"{n} {f:.1f} %" for n, f in zip(self.output_names, self.fit, strict=True))
+        caption = f"{self.method}: {self.status.message}; fit {fits}"
+        return html_table(_TITLES, [_row(p) for p in self.parameters.values()], caption)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write the estimate as JSON: to a temporary name first, then renamed.
+
+        Raises
+        ------
+        OutputPathError
+            The file cannot be written.
+        """
+        document = {"schema": SCHEMA, **_encode(self)}
+        return write_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Estimate:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        UnreadableFileError
+            There is no such file, or it is not JSON.
+        DataError
+            It is of another schema version, or damaged.
+        """
+        try:
+            document = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise UnreadableFileError(
+                f"found no readable estimate in {path} ({error}); expected a JSON file written by "
+                "Estimate.save; check the path"
+            ) from error
+        schema = document.pop("schema", None) if isinstance(document, dict) else None
+        if schema != SCHEMA:
+            raise DataError(
+                f"found schema {schema!r} in {path}; expected {SCHEMA}; identify the record again "
+                "with this version and save it"
+            )
+        try:
+            estimate: Estimate = _decode(cls, document)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise DataError(
+                f"found a damaged estimate in {path} ({error!r}); expected the fields that "
+                "Estimate.save wrote; identify the record again and save it"
+            ) from error
+        return estimate
+
+
+def _row(parameter: Parameter) -> tuple[str, ...]:
+    value, std = parameter.value, parameter.std
+    ends = [format_value(end, std) for end in parameter.interval()] if std else ["", ""]
+    return parameter.name, format_value(value, std), format_std(std), *ends, parameter.unit
+
+
+def _encode(value: Any) -> Any:
+    """JSON-ready copy: arrays as lists, nan as null, infinities as text."""
+    if isinstance(value, Status):
+        return value.name
+    if isinstance(value, (Structure, TransferFunction)):
+        return value.to_dict()
+    if dataclasses.is_dataclass(value):
+        return {f.name: _encode(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {key: _encode(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_encode(item) for item in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return _encode(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value
+
+
+def _decode(cls: type[Any], document: Mapping[str, Any]) -> Any:
+    """Build a dataclass from what `_encode` made of it, led by the annotations of its fields."""
+    fields = {field.name: str(field.type) for field in dataclasses.fields(cls)}
+    return cls(
+        **{k: _DECODERS.get(fields[k], lambda kept: kept)(value) for k, value in document.items()}
+    )
+
+
+def _tuple_of(cls: type[Any]) -> Callable[[Any], Any]:
+    return lambda items: tuple(_decode(cls, item) for item in items)
+
+
+_DECODERS: dict[str, Callable[[Any], Any]] = {
+    "Array": lambda value: np.array(value, dtype=np.float64),
+    "float": lambda value: math.nan if value is None else float(value),
+    "tuple[str, ...]": tuple,
+    "tuple[Step, ...]": _tuple_of(Step),
+    "tuple[Pass, ...]": _tuple_of(Pass),
+    "tuple[Start, ...]": _tuple_of(Start),
+    "tuple[Nuisance, ...]": _tuple_of(Nuisance),
+    "Trace": lambda value: _decode(Trace, value),
+    "Status": Status.__getitem__,
+    "Structure": Structure.from_dict,
+    "TransferFunction": TransferFunction.from_dict,
+}

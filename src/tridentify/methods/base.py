@@ -1,0 +1,114 @@
+"""The seam: what a method is, and what it refuses.
+
+A method is a frozen set of options with a name and one verb, `Method.estimate`. It holds no data.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import (
+    ChannelCountError,
+    DataError,
+    NonUniformTimeError,
+    TooFewSamplesError,
+    UnsupportedError,
+    ZeroInputError,
+    ZeroOutputError,
+)
+from tridentify.estimate import Estimate
+from tridentify.record import Record
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+
+@runtime_checkable
+class Method(Protocol):
+    """An estimation method: options only, no data."""
+
+    @property
+    def name(self) -> str:
+        """What tables and files call it."""
+
+    def estimate(
+        self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
+    ) -> Estimate:
+        """Estimate the coefficients of ``structure`` from ``records``."""
+
+
+def check(records: Sequence[Record], structure: Structure, method: str) -> None:
+    """Refuse what cannot be estimated, in one clear line.
+
+    Raises
+    ------
+    DataError, NonUniformTimeError, ZeroInputError, ZeroOutputError, TooFewSamplesError
+        About the records.
+    ChannelCountError, UnsupportedError
+        About the structure.
+    """
+    if not records:
+        raise DataError("found no record; expected at least one; pass a Record or a list of them")
+    first = records[0]
+    for record in records:
+        if (record.input_names, record.output_names) != (first.input_names, first.output_names):
+            raise ChannelCountError(
+                f"found records with channels {record.input_names} -> {record.output_names} and "
+                f"{first.input_names} -> {first.output_names}; expected the same; select them alike"
+            )
+        if record.dt is None:
+            steps = np.diff(record.t)
+            raise NonUniformTimeError(
+                f"found time steps between {steps.min():.6g} and {steps.max():.6g} s; {method} "
+                "expects a uniform step; resample the record to one step first"
+            )
+    _check_support(structure, method)
+    for j, name in enumerate(first.input_names):
+        if not any(np.any(record.u[:, j]) for record in records):
+            raise ZeroInputError(
+                f"found input {name!r} zero throughout; expected a signal that moves the system; "
+                "choose the channel that was excited"
+            )
+    for i, name in enumerate(first.output_names):
+        if not any(np.any(np.nan_to_num(record.y[:, i])) for record in records):
+            raise ZeroOutputError(
+                f"found output {name!r} zero throughout; expected a response to the input; choose "
+                "another channel"
+            )
+    n_parameters = len(structure.names(first.input_names, first.output_names))
+    samples = sum(int(np.isfinite(record.y).sum()) for record in records)
+    if samples <= n_parameters:
+        raise TooFewSamplesError(
+            f"found {samples} output samples for {n_parameters} coefficients; expected more "
+            "samples than unknowns; record longer or lower the orders"
+        )
+
+
+def _check_support(structure: Structure, method: str) -> None:
+    if not structure.shared:
+        raise UnsupportedError(
+            f"found separate denominators; {method} estimates one denominator shared by all "
+            "channels; give poles as one number, or identify the channels one by one"
+        )
+    if structure.delay == "free" or np.any(structure.delay):
+        raise UnsupportedError(
+            f"found delay={structure.delay!r}; {method} estimates models without delay; shift the "
+            "input by whole samples first"
+        )
+    for what in ("fixed", "bounds"):
+        if getattr(structure, what):
+            raise UnsupportedError(
+                f"found {what} coefficients; {method} estimates all coefficients freely; leave "
+                f"{what} out"
+            )
+
+
+def poles_of(structure: Structure) -> int:
+    """Degree of the shared denominator."""
+    assert isinstance(structure.poles, int)
+    return structure.poles

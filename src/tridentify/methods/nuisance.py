@@ -1,0 +1,180 @@
+"""Which nuisance terms are estimated along: the choices a structure leaves open.
+
+An unknown constant on an input is, at the output, a constant plus a free response; so an offset
+on every output and a free initial state cover trim values on both sides. What can be estimated
+along are the rows of a short list: ``rest``, ``rest + offset``, ``equilibrium``, ``free``,
+``free + offset``, each with or without drift. The structure narrows the list; where more than
+one row is left, the method decides between them by the data.
+
+All rows are nested in the largest one, so one pass over the samples serves them all (`Variant`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import ConstantInputError, TooFewSamplesError
+from tridentify.methods.base import poles_of
+from tridentify.methods.problem import Problem, Variant
+from tridentify.record import Record
+from tridentify.regression import Experiment
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Nuisances:
+    """One choice of what is estimated along."""
+
+    initial_state: str
+    offset: bool
+    drift: bool
+
+    @property
+    def label(self) -> str:
+        """In words."""
+        words = [f"initial state {self.initial_state}"]
+        words.append("offset" if self.offset else "no offset")
+        if self.drift:
+            words.append("drift")
+        return ", ".join(words)
+
+    def count(self, n_poles: int, n_outputs: int, n_experiments: int) -> int:
+        """Number of unknowns."""
+        per_output = n_poles * (self.initial_state == "free") + self.offset + self.drift
+        return per_output * n_outputs * n_experiments
+
+
+def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, ...]:
+    """The choices of nuisance terms that the structure leaves open, the leanest first.
+
+    Raises
+    ------
+    ConstantInputError
+        If the initial state is free (or in equilibrium) and the input never changes.
+    TooFewSamplesError
+        If no choice leaves more samples than unknowns.
+    """
+    offsets = (False, True) if structure.offset == "auto" else (bool(structure.offset),)
+    drifts = (False, True) if structure.drift == "auto" else (bool(structure.drift),)
+    constant = all(not np.any(np.ptp(record.u, axis=0)) for record in records)
+    if constant and structure.initial_state in ("free", "equilibrium"):
+        value = records[0].u[0].tolist()
+        raise ConstantInputError(
+            f"found an input that stays at {value} while the initial state is "
+            f"{structure.initial_state}; expected an input that changes; record a change of the "
+            "input, or state initial_state='rest' if it was switched on at the first sample"
+        )
+    states = (
+        (("rest",) if constant else ("rest", "equilibrium", "free"))
+        if structure.initial_state == "auto"
+        else (structure.initial_state,)
+    )
+    at_zero = all(not np.any(record.u[0]) for record in records)
+    found = []
+    for drift in drifts:
+        for state in states:
+            for offset in offsets:
+                if state == "equilibrium" and (not offset or (at_zero and len(states) > 1)):
+                    continue
+                found.append(Nuisances(state, offset, drift))
+    if not found:
+        found = [Nuisances("equilibrium", True, drift) for drift in drifts]
+    return _affordable(found, records, structure)
+
+
+def _affordable(
+    found: list[Nuisances], records: Sequence[Record], structure: Structure
+) -> tuple[Nuisances, ...]:
+    first = records[0]
+    n_coefficients = len(structure.names(first.input_names, first.output_names))
+    samples = sum(int(np.isfinite(record.y).sum()) for record in records)
+
+    def unknowns(nuisances: Nuisances) -> int:
+        count = nuisances.count(poles_of(structure), first.n_outputs, len(records))
+        return n_coefficients + count
+
+    kept = [n for n in found if samples > unknowns(n) + 2]
+    if not kept:
+        fewest = min(found, key=unknowns)
+        raise TooFewSamplesError(
+            f"found {samples} output samples for {unknowns(fewest)} unknowns; expected at least "
+            f"{unknowns(fewest) + 3}; record longer or lower the orders"
+        )
+    return tuple(sorted(kept, key=unknowns))
+
+
+def build(records: Sequence[Record], structure: Structure, nuisances: Nuisances) -> Problem:
+    """The problem for one choice of nuisance terms."""
+    first = records[0]
+    experiments = []
+    for record in records:
+        u = np.asarray(record.u)
+        reference = reference_of(record, nuisances)
+        assert record.dt is not None
+        experiments.append(
+            Experiment(
+                np.ascontiguousarray(u - reference) if np.any(reference) else u,
+                np.asarray(record.y),
+                record.dt,
+                record.intersample,
+                nuisances.initial_state == "free",
+                nuisances.offset,
+                nuisances.drift,
+            )
+        )
+    zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
+    return Problem(tuple(experiments), poles_of(structure), zeros)
+
+
+def reference_of(record: Record, nuisances: Nuisances) -> Array:
+    """(n_inputs,) what is subtracted from the input.
+
+    With an equilibrium start it is the first value, by definition. With a free state and an
+    offset any constant is absorbed by the two, and the first value keeps the columns small. In
+    the other cases the input counts as recorded.
+    """
+    shifted = nuisances.initial_state == "equilibrium" or (
+        nuisances.initial_state == "free" and nuisances.offset
+    )
+    return np.asarray(record.u[0]) if shifted else np.zeros(record.n_inputs)
+
+
+def build_base(
+    records: Sequence[Record], structure: Structure, choices: Sequence[Nuisances]
+) -> tuple[Problem, tuple[Variant, ...]]:
+    """One problem that holds every choice, and each choice as a variant of it.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : Structure
+    choices : sequence of Nuisances
+        From `candidates`.
+
+    Returns
+    -------
+    base : Problem
+    variants : tuple of Variant
+        In the order of ``choices``.
+    """
+    fullest = Nuisances(
+        "free" if any(c.initial_state == "free" for c in choices) else choices[-1].initial_state,
+        any(c.offset for c in choices),
+        any(c.drift for c in choices),
+    )
+    base = build(records, structure, fullest)
+    variants = []
+    for choice in choices:
+        constants = tuple(
+            reference_of(record, fullest) - reference_of(record, choice) for record in records
+        )
+        variants.append(
+            Variant(choice.initial_state == "free", choice.offset, choice.drift, constants)
+        )
+    return base, tuple(variants)

@@ -1,0 +1,268 @@
+"""The output-error cost at one denominator, with everything that can be said about it there.
+
+For a denominator ``a`` the output ``y_0 = sum (b / a) u + (c_0 / a) delta + offset + drift`` is
+linear in all else, so ``b`` and the nuisance terms are eliminated by least squares (variable
+projection; Golub & Pereyra 1973). With the orthonormal functions ``X`` on the poles of ``a``,
+moving ``a -> a (1 + alpha X)`` changes the output by ``- X y_0`` per unit of ``alpha``.
+Projecting these scores off the columns of ``b`` and the nuisance terms gives the Jacobian of
+the reduced cost (Kaufman 1975), whose Gauss-Newton step is that of the full problem.
+
+The bank holds the poles of ``a`` several times over: twice is enough for ``y_0`` and all its
+scores, since both are polynomials of degree below ``2 n`` over ``a^2``; a third time lets Step
+2 filter the parallel model's output once more.
+
+Several outputs are weighted by their own noise levels: for independent Gaussian noise of
+unknown variance the concentrated likelihood is ``sum_i N_i log RSS_i``, whose gradient is that
+of ``sum_i (N_i / RSS_i) RSS_i`` with the weights held.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.methods.problem import Problem
+from tridentify.models.response import (
+    Columns,
+    FilteredResponse,
+    Response,
+    nuisance_blocks,
+)
+from tridentify.numerics.least_squares import Solution, solve
+from tridentify.numerics.realization import (
+    Cascade,
+    Complex,
+    DegreeBasis,
+    cascade,
+    degree_basis,
+    filter_map,
+    roots_of,
+)
+from tridentify.regression import Regression, regress
+
+Array = NDArray[np.float64]
+
+FLOOR = 1e-30
+
+
+@dataclass(frozen=True, eq=False)
+class OutputFit:
+    """One output's linear fit at a fixed denominator."""
+
+    columns: Columns
+    matrix: Array
+    solution: Solution
+    residual: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A denominator and the best fit there.
+
+    Attributes
+    ----------
+    problem : Problem
+    poles : (n,) complex array
+    bank : Cascade
+        The poles repeated.
+    inner : Cascade
+        The poles once.
+    basis : DegreeBasis
+        Of ``inner``.
+    regressions : tuple of Regression
+    fits : tuple of OutputFit
+    response : Response
+        ``y_0`` on ``bank``, without offset and drift.
+    """
+
+    problem: Problem
+    poles: Complex
+    bank: Cascade
+    inner: Cascade
+    basis: DegreeBasis
+    regressions: tuple[Regression, ...]
+    fits: tuple[OutputFit, ...]
+    response: Response
+
+    @cached_property
+    def counts(self) -> Array:
+        """(n_outputs,) samples used."""
+        return np.array(
+            [sum(r.counts[i] for r in self.regressions) for i in range(self.problem.n_outputs)],
+            dtype=np.float64,
+        )
+
+    @cached_property
+    def rss(self) -> Array:
+        """(n_outputs,) residual sums of squares."""
+        return np.array([fit.solution.cost for fit in self.fits])
+
+    @cached_property
+    def variance(self) -> Array:
+        """(n_outputs,) residual mean squares, kept above rounding."""
+        return self.rss / self.counts + FLOOR * self.problem.power
+
+    @cached_property
+    def objective(self) -> float:
+        """Minus two log likelihood, up to a constant: ``sum_i N_i log variance_i``."""
+        return float(self.counts @ np.log(self.variance))
+
+    @property
+    def weights(self) -> Array:
+        """(n_outputs,) one over the residual standard deviations."""
+        return np.asarray(1.0 / np.sqrt(self.variance))
+
+    @cached_property
+    def score_states(self) -> FilteredResponse:
+        """``X y_0`` on the bank: minus the derivatives of the outputs with respect to ``alpha``."""
+        return self.response.filtered(self.bank, filter_map(self.inner, self.bank))
+
+    @cached_property
+    def _decomposition(self) -> tuple[Array, Array, Array, Array, float]:
+        """SVD (s, V', scale) of the projected scores, the residual on them, and its norm."""
+        projected, residuals = [], []
+        for i, fit in enumerate(self.fits):
+            raw = np.vstack(
+                [self.score_states.signals(r, e, i) for e, r in enumerate(self.regressions)]
+            )
+            q = fit.solution.basis
+            projected.append(self.weights[i] * (raw - q @ (q.T @ raw)))
+            residuals.append(self.weights[i] * fit.residual)
+        scores, residual = np.vstack(projected), np.concatenate(residuals)
+        norms = np.sqrt(np.einsum("ij,ij->j", scores, scores))
+        scale = np.where(norms > 0, norms, 1.0)
+        u, s, vt = np.linalg.svd(scores / scale, full_matrices=False)
+        return s, vt, scale, u.T @ residual, float(np.sqrt(residual @ residual))
+
+    @cached_property
+    def gradient(self) -> float:
+        """The residual's share along the scores: 0 at a stationary point, at most 1."""
+        s, _, _, projection, total = self._decomposition
+        kept = projection[s > 1e-13 * s[0]]
+        return float(np.sqrt(kept @ kept)) / total if total else 0.0
+
+    def step(self, damping: float) -> tuple[Complex, float]:
+        """A Levenberg-Marquardt step.
+
+        Parameters
+        ----------
+        damping : float
+            Relative to the squared length of each score.
+
+        Returns
+        -------
+        poles : (n,) complex array
+            Not necessarily admissible.
+        decrease : float
+            Predicted fall of `objective`.
+        """
+        s, vt, scale, projection, total = self._decomposition
+        gain = np.where(s > 1e-13 * s[0], s / (s**2 + damping), 0.0)
+        alpha = -(vt.T @ (gain * projection)) / scale
+        shrink = s * gain
+        share = float(np.sum(projection**2 * shrink * (2.0 - shrink)))
+        n = float(self.counts.sum())
+        fraction = min(share / total**2, 1.0) if total else 0.0
+        decrease = -n * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
+        return roots_of(self.inner, alpha), decrease
+
+    def jacobian(self) -> tuple[Columns, Array, Array]:
+        """Derivatives of all outputs with respect to alpha, b and every nuisance term.
+
+        Returns
+        -------
+        columns : Columns
+            Which unknown stands where.
+        matrix : (rows, n_unknowns) array
+        output : (rows,) int array
+            The output that a row belongs to.
+        """
+        columns = Columns()
+        owner = []
+        for i in range(self.problem.n_outputs):
+            for e, regression in enumerate(self.regressions):
+                blocks: dict[object, Array] = {"a": -self.score_states.signals(regression, e, i)}
+                linear = linear_blocks(self.problem, self.basis, self.inner.order, regression, e, i)
+                blocks |= {(i, key): block for key, block in linear.items()}
+                columns.add(blocks, regression.targets[i])
+                owner.append(np.full(regression.targets[i].size, i))
+        return columns, columns.assemble()[0], np.concatenate(owner)
+
+
+def linear_blocks(
+    problem: Problem,
+    basis: DegreeBasis,
+    n: int,
+    regression: Regression,
+    experiment: int,
+    output: int,
+) -> dict[object, Array]:
+    """Columns of ``b``, the free response, offset and drift at a fixed denominator."""
+    q = regression.layout.order
+    blocks: dict[object, Array] = {}
+    for j, m in enumerate(problem.n_zeros[output]):
+        rows = np.zeros((q, min(m + 1, n)))
+        rows[:n] = basis.rows[: min(m + 1, n)].T
+        block = regression.input_signal(output, j, rows)
+        if m == n:
+            direct = regression.signals[output][:, regression.layout.direct(j)]
+            block = np.column_stack([block, direct])
+        blocks["b", j] = block
+    if regression.layout.free:
+        blocks["free", experiment] = regression.signals[output][:, :n]
+    return blocks | nuisance_blocks(regression, experiment, output)
+
+
+def evaluate(
+    problem: Problem,
+    poles: Complex,
+    repeats: int = 2,
+    regressions: tuple[Regression, ...] | None = None,
+) -> Point:
+    """Filter the records on the poles (repeated) and fit all that is linear.
+
+    Parameters
+    ----------
+    problem : Problem
+    poles : (n,) complex array
+        Admissible poles.
+    repeats : int
+        2 for the cost and its derivatives, 3 when Step 2 follows.
+    regressions : tuple of Regression, optional
+        The triangles, where they are known already.
+
+    Returns
+    -------
+    Point
+    """
+    inner = cascade(poles)
+    bank = cascade(np.tile(poles, repeats))
+    basis = degree_basis(inner)
+    if regressions is None:
+        regressions = tuple(regress(e, bank) for e in problem.experiments)
+    n, q = problem.n_poles, bank.order
+    rows = np.zeros((problem.n_outputs, problem.n_inputs, q))
+    direct = np.zeros((problem.n_outputs, problem.n_inputs))
+    free = np.zeros((len(problem.experiments), problem.n_outputs, q))
+    fits = []
+    for i in range(problem.n_outputs):
+        columns = Columns()
+        for e, regression in enumerate(regressions):
+            blocks = linear_blocks(problem, basis, n, regression, e, i)
+            columns.add(blocks, regression.targets[i])
+        matrix, target = columns.assemble()
+        solution = solve(matrix, target)
+        fits.append(OutputFit(columns, matrix, solution, target - matrix @ solution.x))
+        for j, m in enumerate(problem.n_zeros[i]):
+            beta = columns.pick(solution.x, ("b", j))
+            rows[i, j, :n] = beta[:n] @ basis.rows[: min(m + 1, n)]
+            direct[i, j] = beta[n] if m == n else 0.0
+        for e in range(len(regressions)):
+            c_0 = columns.pick(solution.x, ("free", e))
+            free[e, i, : c_0.size] = c_0
+    return Point(
+        problem, poles, bank, inner, basis, regressions, tuple(fits), Response(rows, direct, free)
+    )

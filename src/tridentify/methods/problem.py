@@ -1,0 +1,167 @@
+"""A structure and its records, resolved: what every pass of an estimator works on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.realization import Cascade, Complex, sort_poles
+from tridentify.regression import Experiment, Regression, restricted
+
+Array = NDArray[np.float64]
+
+SLOWEST = 1e-3
+FASTEST = 30.0
+LEAST_DAMPED = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Experiments and orders; nuisance terms are decided.
+
+    Attributes
+    ----------
+    experiments : tuple of Experiment
+    n_poles : int
+        Degree of the shared denominator.
+    n_zeros : tuple of tuples of int
+        Degrees of the numerators, ``[output][input]``.
+    """
+
+    experiments: tuple[Experiment, ...]
+    n_poles: int
+    n_zeros: tuple[tuple[int, ...], ...]
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return len(self.n_zeros)
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return len(self.n_zeros[0])
+
+    @property
+    def biproper(self) -> bool:
+        """Whether any channel has as many zeros as poles."""
+        return any(m == self.n_poles for row in self.n_zeros for m in row)
+
+    @property
+    def n_coefficients(self) -> int:
+        """Number of physical coefficients."""
+        return self.n_poles + sum(m + 1 for row in self.n_zeros for m in row)
+
+    @property
+    def n_nuisance(self) -> int:
+        """Number of nuisance terms over all experiments and outputs."""
+        return self.n_outputs * sum(
+            self.n_poles * e.free + e.offset + e.drift for e in self.experiments
+        )
+
+    @property
+    def slowest(self) -> float:
+        """Slowest decay that can be told from a constant [rad/s]."""
+        return SLOWEST / max(e.duration for e in self.experiments)
+
+    @property
+    def fastest(self) -> float:
+        """Fastest pole that leaves a trace between two samples [rad/s]."""
+        return FASTEST / min(e.dt for e in self.experiments)
+
+    @cached_property
+    def size(self) -> Array:
+        """(n_outputs,) mean squares of the outputs as recorded: what rounding is relative to."""
+        return np.array(
+            [
+                max(float(np.nanmean(np.square(e.y[:, i]))) for e in self.experiments)
+                for i in range(self.n_outputs)
+            ]
+        )
+
+    @cached_property
+    def power(self) -> Array:
+        """(n_outputs,) mean squares of the outputs about their means."""
+        spread = np.zeros(self.n_outputs)
+        count = np.zeros(self.n_outputs)
+        for e in self.experiments:
+            seen = np.isfinite(e.y)
+            spread += np.nanvar(e.y, axis=0) * seen.sum(axis=0)
+            count += seen.sum(axis=0)
+        return np.asarray(spread / count)
+
+    def admissible(self, poles: Complex) -> tuple[Complex, str]:
+        """Reflect unstable poles and keep all of them where the record can see them.
+
+        Parameters
+        ----------
+        poles : (n,) complex array [rad/s]
+
+        Returns
+        -------
+        poles : (n,) complex array
+            In the open left half plane.
+        note : str
+            What was done; empty when nothing was.
+        """
+        size = np.abs(poles)
+        size = np.where(np.isfinite(size), size, self.fastest)
+        real = np.where(np.isfinite(poles.real), poles.real, -self.fastest)
+        imag = np.where(np.isfinite(poles.imag), poles.imag, 0.0)
+        note = ""
+        if np.any(real > 0):
+            note = "reflected an unstable pole"
+        real = -np.abs(real)
+        factor = np.where(size > self.fastest, self.fastest / np.maximum(size, 1e-300), 1.0)
+        if np.any(factor < 1):
+            note = "held a pole at the fastest the sampling can show"
+        real, imag = real * factor, imag * factor
+        floor = np.maximum(self.slowest, LEAST_DAMPED * np.abs(imag))
+        if np.any(-real < floor):
+            note = note or "held a pole at the slowest decay the record can show"
+        real = -np.maximum(-real, floor)
+        return sort_poles(real + 1j * imag), note
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """A choice of nuisance terms seen from a problem that has all of them.
+
+    Attributes
+    ----------
+    free, offset, drift : bool
+        Which terms to keep.
+    constants : tuple of (n_inputs,) arrays or None
+        Per experiment, what has to be added back to the inputs.
+    """
+
+    free: bool
+    offset: bool
+    drift: bool
+    constants: tuple[Array | None, ...]
+
+    def problem(self, base: Problem) -> Problem:
+        """The smaller problem; its inputs are the base's, so it is for counting only."""
+        experiments = tuple(
+            replace(e, free=self.free, offset=self.offset, drift=self.drift)
+            for e in base.experiments
+        )
+        return replace(base, experiments=experiments)
+
+    def regressions(self, whole: Sequence[Regression], bank: Cascade) -> tuple[Regression, ...]:
+        """Triangles of the smaller problem from those of the base."""
+        return tuple(
+            restricted(
+                regression,
+                bank,
+                free=self.free,
+                offset=self.offset,
+                drift=self.drift,
+                constants=constants,
+            )
+            for regression, constants in zip(whole, self.constants, strict=True)
+        )

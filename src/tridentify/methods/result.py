@@ -1,0 +1,350 @@
+"""From the last point to an `Estimate`: coefficients, covariance, nuisance terms, verdict.
+
+With ``J`` the derivatives of the outputs, each divided by its noise standard deviation, with
+respect to every unknown (``alpha``, ``b``, free responses, offsets, drifts), ``cov = (J'
+J)^{-1}`` is the Cramer-Rao bound for white Gaussian noise of the estimated variance, and the
+covariance of the maximum-likelihood estimate for long records. It is formed from the SVD of
+``J`` with unit columns. ``a = c (1 + alpha X)`` and ``b / c = beta X + d`` are linear in the
+unknowns at ``c = a``, so the physical coefficients take it over by one matrix product.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TypeAlias, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import UnsupportedOrderError
+from tridentify.estimate import Estimate, Nuisance, Status, Trace
+from tridentify.methods.base import poles_of
+from tridentify.methods.nuisance import Nuisances, reference_of
+from tridentify.methods.passes import coefficients, mean_square
+from tridentify.methods.point import Point
+from tridentify.methods.problem import Problem
+from tridentify.models.response import Response, nuisance_blocks
+from tridentify.numerics.least_squares import solve
+from tridentify.numerics.realization import Complex, denominator, numerators, sort_poles
+from tridentify.record import Record
+from tridentify.regression import Regression
+from tridentify.structure import InitialState, Structure
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+
+SINGULAR = 1e12
+
+
+def estimate_from(
+    point: Point,
+    records: Sequence[Record],
+    structure: Structure,
+    nuisances: Nuisances,
+    status: Status,
+    trace: Trace,
+    method: str,
+    criterion: float,
+) -> Estimate:
+    """Assemble the estimate.
+
+    Raises
+    ------
+    UnsupportedOrderError
+        If the data cannot tell the coefficients apart.
+    """
+    first = records[0]
+    names = structure.names(first.input_names, first.output_names)
+    theta = coefficients(point)
+    freedom = degrees_of_freedom(point)
+    noise = point.rss / freedom
+    inverse, condition, keys = _covariance(point, noise)
+    if condition > SINGULAR:
+        raise UnsupportedOrderError(
+            f"found score columns of condition {condition:.1e} with {poles_of(structure)} poles; "
+            f"expected coefficients that the record can tell apart (below {SINGULAR:.0e}); lower "
+            "the number of poles or zeros, or excite the system more richly"
+        )
+    transform = _transform(point, keys, inverse.shape[0])
+    cov = transform @ inverse @ transform.T
+    cov = 0.5 * (cov + cov.T)
+    std = np.sqrt(np.diag(cov))
+    n = point.problem.n_poles
+    weak = bool(np.any(std[:n] > np.abs(theta[:n])))
+    if status is Status.CONVERGED and weak:
+        status = Status.WEAKLY_IDENTIFIABLE
+    return Estimate(
+        model=model_of(point.problem, theta, first),
+        structure=_resolved(structure, nuisances),
+        theta=theta,
+        names=names,
+        cov=cov,
+        noise_variance=noise,
+        fit=_fit(point.problem, point.rss, point.counts),
+        status=status,
+        trace=trace,
+        method=method,
+        n_samples=sum(record.n_samples for record in records),
+        nuisance=_nuisance(point, records, nuisances, inverse, keys),
+        degrees_of_freedom=round(float(freedom.sum())),
+        cost=mean_square(point),
+        aicc=criterion,
+        condition=condition,
+        gradient=point.gradient,
+        input_names=first.input_names,
+        output_names=first.output_names,
+        units=dict(first.units),
+        intersample=first.intersample,
+        dt=first.dt,
+        record_fingerprint=fingerprint(records),
+    )
+
+
+def degrees_of_freedom(point: Point) -> Array:
+    """(n_outputs,) samples less unknowns; the shared denominator is split evenly."""
+    own = np.array([fit.matrix.shape[1] for fit in point.fits], dtype=np.float64)
+    shared = point.problem.n_poles / point.problem.n_outputs
+    return np.maximum(point.counts - own - shared, 1.0)
+
+
+def model_of(problem: Problem, theta: Array, record: Record) -> TransferFunction:
+    """The transfer function of a parameter vector."""
+    n = problem.n_poles
+    den = np.concatenate([[1.0], theta[:n]])
+    num, at = [], n
+    for row in problem.n_zeros:
+        line = []
+        for m in row:
+            line.append(theta[at : at + m + 1])
+            at += m + 1
+        num.append(line)
+    dens = [[den] * problem.n_inputs] * problem.n_outputs
+    return TransferFunction(
+        num, dens, input_names=record.input_names, output_names=record.output_names
+    )
+
+
+def _covariance(point: Point, noise: Array) -> tuple[Array, float, dict[object, slice]]:
+    """``(J' J)^{-1}`` over all unknowns, the condition of the scaled ``J``, and its layout."""
+    columns, matrix, output = point.jacobian()
+    rows = matrix / np.sqrt(np.maximum(noise, 1e-300))[output][:, None]
+    norms = np.sqrt(np.einsum("ij,ij->j", rows, rows))
+    norms = np.where(norms > 0, norms, 1.0)
+    _, s, vt = np.linalg.svd(rows / norms, full_matrices=False)
+    condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
+    root = (vt.T / np.where(s > 0, s, np.inf)) / norms[:, None]
+    return root @ root.T, condition, columns.width
+
+
+def _transform(point: Point, keys: dict[object, slice], width: int) -> Array:
+    """d(physical coefficients) / d(unknowns)."""
+    problem, n = point.problem, point.problem.n_poles
+    table = numerators(point.poles)
+    a = denominator(point.poles)
+    transform = np.zeros((problem.n_coefficients, width))
+    transform[:n, keys["a"]] = table.T
+    at = n
+    for i in range(problem.n_outputs):
+        for j, m in enumerate(problem.n_zeros[i]):
+            proper = point.basis.rows[: min(m + 1, n)] @ table
+            block = np.pad(proper, ((0, 0), (1, 0)))
+            if m == n:
+                block = np.vstack([block, a])
+            transform[at : at + m + 1, keys[i, ("b", j)]] = block[:, n - m :].T
+            at += m + 1
+    return transform
+
+
+def _resolved(structure: Structure, nuisances: Nuisances) -> Structure:
+    return replace(
+        structure,
+        offset=nuisances.offset,
+        drift=nuisances.drift,
+        initial_state=cast("InitialState", nuisances.initial_state),
+    )
+
+
+def _fit(problem: Problem, rss: Array, counts: Array) -> Array:
+    """NRMSE fit in percent, over all experiments."""
+    spread = problem.power * counts
+    return np.asarray(100.0 * (1.0 - np.sqrt(rss / np.where(spread > 0, spread, np.inf))))
+
+
+def _nuisance(
+    point: Point,
+    records: Sequence[Record],
+    nuisances: Nuisances,
+    inverse: Array,
+    keys: dict[object, slice],
+) -> tuple[Nuisance, ...]:
+    problem, n = point.problem, point.problem.n_poles
+    table = numerators(point.poles)
+    found = []
+    for e, record in enumerate(records):
+        offset, drift, offset_std, drift_std = np.zeros((4, problem.n_outputs))
+        free = np.zeros((problem.n_outputs, n))
+        for i, fit in enumerate(point.fits):
+            values = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
+            where = keys.get((i, ("nuisance", e, i)), slice(0, 0))
+            std = np.sqrt(np.diag(inverse)[where])
+            at = 0
+            if nuisances.offset:
+                offset[i], offset_std[i] = values[at], std[at]
+                at += 1
+            if nuisances.drift:
+                duration = problem.experiments[e].duration
+                drift[i], drift_std[i] = values[at] / duration, std[at] / duration
+            free[i] = point.response.free[e, i, :n] @ table
+        found.append(
+            Nuisance(
+                input_reference=reference_of(record, nuisances),
+                offset=offset,
+                drift=drift,
+                free_response=free,
+                offset_std=offset_std,
+                drift_std=drift_std,
+                initial_state=nuisances.initial_state,
+                t0=float(record.t[0]),
+            )
+        )
+    return tuple(found)
+
+
+def fingerprint(records: Sequence[Record]) -> str:
+    """SHA-256 of the samples and their times, in hexadecimal."""
+    digest = hashlib.sha256()
+    for record in records:
+        digest.update(np.array([record.t[0], record.dt or 0.0]).tobytes())
+        digest.update(record.u)  # type: ignore[arg-type]
+        digest.update(record.y)  # type: ignore[arg-type]
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """What is fitted to one output of one experiment beside a given model.
+
+    Attributes
+    ----------
+    free_row : (n,) array
+        Free response on the cascade of the model's poles (zero at rest).
+    terms : (0 to 2,) array
+        Offset and slope over the whole record, where estimated.
+    cost : float
+        Residual sum of squares.
+    count : int
+        Samples used.
+    """
+
+    free_row: Array
+    terms: Array
+    cost: float
+    count: int
+
+
+Rests: TypeAlias = dict[tuple[int, int], Rest]
+
+
+def fit_rests(regressions: Sequence[Regression], response: Response, poles: Complex) -> Rests:
+    """Free response, offset and drift of every (experiment, output) for a model that is held.
+
+    Parameters
+    ----------
+    regressions : sequence of Regression
+        On a bank that begins with ``poles``.
+    response : Response
+        The model's output, without free response.
+    poles : (n,) complex array
+    """
+    n = len(poles)
+    found: Rests = {}
+    for e, regression in enumerate(regressions):
+        for i, target in enumerate(regression.targets):
+            free = regression.signals[i][:, : n if regression.layout.free else 0]
+            blocks = [free, *nuisance_blocks(regression, e, i).values()]
+            left = target - response.signal(regression, e, i)
+            solution = solve(np.hstack(blocks), left)
+            row = np.zeros(n)
+            row[: free.shape[1]] = solution.x[: free.shape[1]]
+            terms = solution.x[free.shape[1] :]
+            found[e, i] = Rest(row, terms, solution.cost, regression.counts[i])
+    return found
+
+
+def literal_estimate(
+    problem: Problem,
+    records: Sequence[Record],
+    structure: Structure,
+    nuisances: Nuisances,
+    theta: Array,
+    rests: Rests,
+    status: Status,
+    trace: Trace,
+    method: str,
+) -> Estimate:
+    """An estimate away from a stationary point: no covariance is claimed (``nan``)."""
+    first = records[0]
+    n_outputs = problem.n_outputs
+    rss, counts = np.zeros((2, n_outputs))
+    for (_, i), rest in rests.items():
+        rss[i] += rest.cost
+        counts[i] += rest.count
+    unknowns = problem.n_coefficients + problem.n_nuisance
+    freedom = np.maximum(counts - unknowns / n_outputs, 1.0)
+    names = structure.names(first.input_names, first.output_names)
+    return Estimate(
+        model=model_of(problem, theta, first),
+        structure=_resolved(structure, nuisances),
+        theta=theta,
+        names=names,
+        cov=np.full((len(names), len(names)), np.nan),
+        noise_variance=rss / freedom,
+        fit=_fit(problem, rss, counts),
+        status=status,
+        trace=trace,
+        method=method,
+        n_samples=sum(record.n_samples for record in records),
+        nuisance=tuple(
+            _held_nuisance(problem, record, nuisances, theta, rests, e)
+            for e, record in enumerate(records)
+        ),
+        degrees_of_freedom=round(float(freedom.sum())),
+        cost=trace.passes[-1].cost,
+        aicc=np.nan,
+        condition=max(step.condition for step in trace.passes[-1].steps),
+        gradient=np.nan,
+        input_names=first.input_names,
+        output_names=first.output_names,
+        units=dict(first.units),
+        intersample=first.intersample,
+        dt=first.dt,
+        record_fingerprint=fingerprint(records),
+    )
+
+
+def _held_nuisance(
+    problem: Problem, record: Record, nuisances: Nuisances, theta: Array, rests: Rests, e: int
+) -> Nuisance:
+    n = problem.n_poles
+    poles = sort_poles(np.roots(np.concatenate([[1.0], theta[:n]])).astype(np.complex128))
+    table = numerators(poles)
+    offset, drift = np.zeros((2, problem.n_outputs))
+    free = np.zeros((problem.n_outputs, n))
+    for i in range(problem.n_outputs):
+        rest = rests[e, i]
+        terms = list(rest.terms)
+        offset[i] = terms.pop(0) if nuisances.offset else 0.0
+        drift[i] = terms.pop(0) / problem.experiments[e].duration if nuisances.drift else 0.0
+        free[i] = rest.free_row @ table
+    return Nuisance(
+        input_reference=reference_of(record, nuisances),
+        offset=offset,
+        drift=drift,
+        free_response=free,
+        offset_std=np.full(problem.n_outputs, np.nan) * nuisances.offset,
+        drift_std=np.full(problem.n_outputs, np.nan) * nuisances.drift,
+        initial_state=nuisances.initial_state,
+        t0=float(record.t[0]),
+    )

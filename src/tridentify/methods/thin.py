@@ -1,0 +1,74 @@
+"""Small stand-ins for a long record: the first steps need not see every sample.
+
+Two of them complement each other.
+
+*Averaged*: the input averaged over blocks of ``s`` samples and the output taken at the block
+edges. The whole record in little, good for dynamics slower than a block.
+
+*Window*: a stretch at the full rate, where the output moves most, with a free initial state.
+Good for dynamics that are shorter than the window.
+
+Only starting poles come from them; the estimate itself is always that of the full record.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from tridentify.methods.problem import Problem, Variant
+from tridentify.regression import Experiment
+
+LARGE = 12_000
+SMALL = 4_000
+
+
+def is_large(problem: Problem) -> bool:
+    """Whether the search should run on stand-ins."""
+    return sum(e.n_samples for e in problem.experiments) > LARGE
+
+
+def averaged(problem: Problem) -> Problem:
+    """Every experiment with blocks of samples averaged, to about ``SMALL`` samples in all."""
+    total = sum(e.n_samples for e in problem.experiments)
+    block = -(-total // SMALL)
+    return replace(problem, experiments=tuple(_averaged(e, block) for e in problem.experiments))
+
+
+def _averaged(e: Experiment, block: int) -> Experiment:
+    count = e.n_samples // block
+    if count < 2:
+        return e
+    kept = count * block
+    u = e.u[:kept].reshape(count, block, e.u.shape[1]).mean(axis=1)
+    return replace(
+        e, u=np.ascontiguousarray(u), y=e.y[:kept:block].copy(), dt=e.dt * block, intersample="zoh"
+    )
+
+
+def window(problem: Problem) -> Problem:
+    """A stretch of ``SMALL`` samples of the longest experiment, initial state free."""
+    e = max(problem.experiments, key=lambda one: one.n_samples)
+    length = min(SMALL, e.n_samples)
+    starts = range(0, e.n_samples - length + 1, max(length // 2, 1))
+    y = np.nan_to_num(e.y / np.sqrt(np.where(problem.power > 0, problem.power, 1.0)))
+    edges = np.arange(0, e.n_samples + 1, max(length // 2, 1))
+    halves = [y[a:b] for a, b in pairwise(edges)]
+    first = np.array([half.sum(axis=0) for half in halves])
+    second = np.array([np.square(half).sum(axis=0) for half in halves])
+    movement = [
+        float(np.sum(second[k : k + 2].sum(0) - first[k : k + 2].sum(0) ** 2 / length))
+        for k in range(len(starts))
+    ]
+    start = starts[int(np.argmax(movement))]
+    part = slice(start, start + length)
+    piece = replace(e, u=np.ascontiguousarray(e.u[part]), y=e.y[part].copy(), free=True)
+    return replace(problem, experiments=(piece,))
+
+
+def free_variant(problem: Problem) -> Variant:
+    """The problem as it is: no nuisance term dropped."""
+    e = problem.experiments[0]
+    return Variant(e.free, e.offset, e.drift, (None,) * len(problem.experiments))

@@ -1,0 +1,1 @@
+"""The paper's three models, each one linear least-squares problem."""

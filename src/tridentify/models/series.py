@@ -1,0 +1,133 @@
+"""Step 3: the series model, which corrects what ``b / a`` still misses.
+
+    y(t) ~ sum_i beta_i W_i(p) (b(p) / a(p)) x(t),    W_0 = 1
+
+maps the output ``y_0 = (b / a) x`` of the model just found onto the record. It is linear in
+``beta`` with noise-free regressors, as in Step 1, but easier: when ``b / a`` is right, ``beta =
+(1, 0, ..., 0)``. The corrected output is again a function of continuous time and goes back to
+Step 2.
+
+With ``W_i`` the orthonormal functions on the poles of ``a_hat`` the regressors ``W_i y_0`` span
+the derivatives of the output error with respect to ``a`` (``dy / da_k = -(p^k / a) y_0``). At a
+stationary point of the output-error cost the residual is orthogonal to them and ``beta`` is
+``(1, 0, ..., 0)`` exactly: its distance from there is a certificate that needs no further
+computation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.models.response import Columns, Response, nuisance_blocks, outputs_of
+from tridentify.numerics.least_squares import solve
+from tridentify.numerics.realization import Cascade, filter_map
+from tridentify.regression import Regression
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class SeriesFit:
+    """What Step 3 found.
+
+    Attributes
+    ----------
+    response : Response
+        The corrected output.
+    beta : (n_outputs, 1 + n_operators) array
+        ``beta_0`` belongs to ``W_0 = 1``.
+    cost : (n_outputs,) array
+    condition : float
+    """
+
+    response: Response
+    beta: Array
+    cost: Array
+    condition: float
+
+    @property
+    def distance(self) -> float:
+        """Largest deviation of ``beta`` from (1, 0, ..., 0)."""
+        target = np.zeros_like(self.beta)
+        target[:, 0] = 1.0
+        return float(np.abs(self.beta - target).max())
+
+
+def fit_series(
+    regressions: Sequence[Regression],
+    bank: Cascade,
+    response: Response,
+    operator_bank: Cascade,
+    operator_rows: Array,
+    operator_direct: Array,
+    *,
+    free_rows: Array | None = None,
+) -> SeriesFit:
+    """Fit the weights of operators connected in series with a model.
+
+    Parameters
+    ----------
+    regressions : sequence of Regression
+        One per experiment, on ``bank``.
+    bank : Cascade
+        Holds the poles of the model and of the operators.
+    response : Response
+        ``y_0``, the model's output, on ``bank``.
+    operator_bank : Cascade
+        States of the operators (k_s).
+    operator_rows : (k, k_s) array
+    operator_direct : (k,) array
+        ``W_i = operator_rows[i] X_s + operator_direct[i]``, ``i = 1 .. k``; ``W_0 = 1`` is added.
+    free_rows : (n, q) array, optional
+        Functions for a re-estimated free response (rows on ``bank``).
+
+    Returns
+    -------
+    SeriesFit
+    """
+    n_outputs = outputs_of(regressions)
+    states = response.filtered(bank, filter_map(operator_bank, bank))
+    count = operator_rows.shape[0]
+    beta = np.zeros((n_outputs, count + 1))
+    cost = np.zeros(n_outputs)
+    condition = 1.0
+    free_correction = np.zeros_like(response.free)
+    for i in range(n_outputs):
+        columns = Columns()
+        for e, regression in enumerate(regressions):
+            y_0 = response.signal(regression, e, i)
+            block = states.signals(regression, e, i) @ operator_rows.T
+            block += np.outer(y_0, operator_direct)
+            blocks: dict[object, Array] = {"beta": np.column_stack([y_0, block])}
+            if regression.layout.free and free_rows is not None:
+                blocks["free", e] = regression.impulse_signal(i, free_rows.T)
+            blocks |= nuisance_blocks(regression, e, i)
+            columns.add(blocks, regression.targets[i])
+        matrix, target = columns.assemble()
+        solution = solve(matrix, target)
+        beta[i] = columns.pick(solution.x, "beta")
+        cost[i] = solution.cost
+        condition = max(condition, solution.condition)
+        if free_rows is not None:
+            for e, regression in enumerate(regressions):
+                if regression.layout.free:
+                    free_correction[e, i] = columns.pick(solution.x, ("free", e)) @ free_rows
+    corrected = _corrected(response, states.rows, states.free, beta, operator_rows, operator_direct)
+    corrected = Response(corrected.rows, corrected.direct, corrected.free + free_correction)
+    return SeriesFit(corrected, beta, cost, condition)
+
+
+def _corrected(
+    response: Response, rows: Array, free: Array, beta: Array, operators: Array, direct: Array
+) -> Response:
+    gain = beta[:, 0] + beta[:, 1:] @ direct
+    weights = beta[:, 1:] @ operators
+    return Response(
+        gain[:, None, None] * response.rows + np.einsum("ik,ijkq->ijq", weights, rows),
+        gain[:, None] * response.direct,
+        gain[None, :, None] * response.free + np.einsum("ik,eikq->eiq", weights, free),
+    )

@@ -1,0 +1,45 @@
+"""Autocorrelation of a sampled series, gaps allowed."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+Real = npt.NDArray[np.float64]
+
+
+def autocorrelation(series: npt.ArrayLike, n_lags: int) -> tuple[Real, int]:
+    """Normalised autocorrelation ``r(0..n_lags)`` of a series about its mean.
+
+    Parameters
+    ----------
+    series : array_like, shape (n_samples,)
+        ``nan`` marks a missing sample; a product with a missing sample does not count.
+    n_lags : int
+        Largest lag [samples].
+
+    Returns
+    -------
+    correlation : ndarray, shape (n_lags + 1,)
+        ``r(0) = 1``; all zero for a constant series. The biased estimate: sums of products over the
+        sum of squares.
+    n_present : int
+        Samples that are not missing. Of white noise, ``r(k)`` has the standard deviation
+        ``1 / sqrt(n_present)`` for k > 0.
+
+    Examples
+    --------
+    >>> autocorrelation([1.0, -1.0, 1.0, -1.0], 2)
+    (array([ 1.  , -0.75,  0.5 ]), 4)
+    """
+    values = np.asarray(series, dtype=np.float64)
+    present = ~np.isnan(values)
+    n_present = int(present.sum())
+    mean = values[present].mean() if n_present else 0.0
+    centred = np.where(present, values - mean, 0.0)
+    energy = float(centred @ centred)
+    lags = range(min(n_lags, values.size - 1) + 1)
+    products = np.array([centred[: values.size - k] @ centred[k:] for k in lags])
+    products = np.pad(products, (0, n_lags + 1 - products.size))
+    correlation: Real = products / energy if energy > 0 else np.zeros(n_lags + 1)
+    return correlation, n_present

@@ -1,0 +1,243 @@
+"""First-order propagation of a covariance through polynomials and their roots.
+
+With coefficients ``theta`` of covariance ``C`` and a smooth function ``g``, the delta method takes
+``var g = J C J'`` with ``J = dg/dtheta``. All derivatives here are analytic:
+
+- a simple root of ``a(s) = sum_k a_k s^k``: differentiating ``a(lambda) = 0`` gives
+  ``d lambda / d a_k = -lambda^k / a'(lambda)``;
+- natural frequency ``w = |lambda|`` and damping ``z = -Re(lambda) / w``:
+  ``dw = Re(conj(lambda) d lambda) / w`` and ``dz = -(Re(d lambda) + z dw) / w``;
+- static gain ``g = b_0 / a_0``: ``dg/db_0 = 1/a_0``, ``dg/da_0 = -g/a_0``;
+- frequency response: ``d ln G / d b_k = s^k / b(s)``, ``d ln G / d a_k = -s^k / a(s)`` at
+  ``s = j omega``; the real part is the relative change of the magnitude, the imaginary part the
+  change of the phase.
+
+A delay ``tau`` turns the phase by ``-omega tau``: ``d ln G / d tau = -j omega``. Polynomials have
+descending powers and denominators are monic. The covariance of one channel is that of
+``(a_{n-1}, ..., a_0, b_m, ..., b_0, tau)``.
+
+References: S. M. Kay, *Fundamentals of Statistical Signal Processing*, vol. 1, sec. 3.6 (1993);
+L. Ljung, *System Identification*, 2nd ed., sec. 9.4 (1999).
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+Real = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+
+
+def standard_deviation(jacobian: Real, cov: Real) -> Real:
+    """Standard deviations of linear combinations of correlated coefficients.
+
+    Parameters
+    ----------
+    jacobian : ndarray, shape (..., n_parameters)
+    cov : ndarray, shape (n_parameters, n_parameters)
+
+    Returns
+    -------
+    ndarray, shape (...)
+        A variance that rounding made negative counts as zero.
+
+    Examples
+    --------
+    >>> standard_deviation(np.array([[3.0, 4.0]]), np.eye(2))
+    array([5.])
+    """
+    if jacobian.shape[-1] == 0:
+        return np.zeros(jacobian.shape[:-1])
+    with np.errstate(invalid="ignore", over="ignore"):
+        variance = np.einsum("...i,ij,...j->...", jacobian, cov, jacobian, optimize=True)
+        std: Real = np.sqrt(np.where(variance < 0, 0.0, variance))
+    return std
+
+
+def root_sensitivity(polynomial: npt.ArrayLike, *, monic: bool = True) -> tuple[Complex, Complex]:
+    """Roots of a polynomial and their derivatives by its coefficients.
+
+    Parameters
+    ----------
+    polynomial : array_like, shape (n + 1,)
+        Descending powers; the leading coefficient is not zero.
+    monic : bool
+        The leading coefficient is a known 1 and has no column in the derivatives.
+
+    Returns
+    -------
+    roots : ndarray, shape (n,)
+        Sorted by magnitude; conjugate pairs stay together, positive imaginary part first.
+    sensitivity : ndarray, shape (n, n) if monic else (n, n + 1)
+        ``d roots[i] / d coefficient[k]``, coefficients in descending powers. Not finite at a
+        repeated root, which has no derivative.
+
+    Examples
+    --------
+    >>> roots, sensitivity = root_sensitivity([1.0, 3.0, 2.0])
+    >>> roots.real
+    array([-1., -2.])
+    >>> sensitivity.real
+    array([[ 1., -1.],
+           [-2.,  1.]])
+    """
+    coefficients = np.atleast_1d(np.asarray(polynomial, dtype=np.float64))
+    roots = np.atleast_1d(np.roots(coefficients)).astype(np.complex128)
+    roots = roots[np.lexsort((-roots.imag, roots.real, np.abs(roots)))]
+    degree = coefficients.size - 1
+    powers = np.arange(degree - 1 if monic else degree, -1, -1)
+    slope = np.polyval(np.polyder(coefficients), roots) if degree else np.empty(0)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        sensitivity = -(roots[:, None] ** powers) / slope[:, None]
+    return roots, sensitivity.astype(np.complex128)
+
+
+def pole_quantities(den: npt.ArrayLike, cov: Real) -> tuple[tuple[str, float, float, str], ...]:
+    """Natural frequency and damping of each pole pair; place and time constant of a real pole.
+
+    Parameters
+    ----------
+    den : array_like, shape (n + 1,)
+        Monic denominator, descending powers.
+    cov : ndarray, shape (n, n)
+        Covariance of ``(a_{n-1}, ..., a_0)``.
+
+    Returns
+    -------
+    tuple of (kind, value, std, unit)
+        ``kind`` is one of "natural frequency" [rad/s], "damping" [-], "real pole" [1/s],
+        "time constant" [s] (left out for a pole at zero), numbered where there are several.
+
+    Examples
+    --------
+    >>> for row in pole_quantities([1.0, 1.0, 3.0], np.diag([0.01, 0.04])):
+    ...     print("{} {:.4f} {:.4f} {}".format(*row))
+    natural frequency 1.7321 0.0577 rad/s
+    damping 0.2887 0.0304 -
+    """
+    poles, sensitivity = root_sensitivity(den)
+    rows: list[tuple[str, float, float, str]] = []
+    for pole, derivative in zip(poles, sensitivity, strict=True):
+        if pole.imag < 0:
+            continue
+        if pole.imag == 0:
+            value = float(pole.real)
+            std = float(standard_deviation(derivative.real, cov))
+            rows.append(("real pole", value, std, "1/s"))
+            if value != 0:
+                rows.append(("time constant", -1 / value, std / value**2, "s"))
+            continue
+        frequency = abs(pole)
+        damping = -pole.real / frequency
+        d_frequency = (np.conj(pole) * derivative).real / frequency
+        d_damping = -(derivative.real + damping * d_frequency) / frequency
+        frequency_std = float(standard_deviation(d_frequency, cov))
+        damping_std = float(standard_deviation(d_damping, cov))
+        rows.append(("natural frequency", float(frequency), frequency_std, "rad/s"))
+        rows.append(("damping", float(damping), damping_std, "-"))
+    kinds = [row[0] for row in rows]
+    for k, (kind, *_) in enumerate(rows):
+        if kinds.count(kind) > 1:
+            rows[k] = (f"{kind} {kinds[: k + 1].count(kind)}", *rows[k][1:])
+    return tuple(rows)
+
+
+def dc_gain(num: npt.ArrayLike, den: npt.ArrayLike, cov: Real) -> tuple[float, float]:
+    """Static gain ``b_0 / a_0`` and its standard deviation.
+
+    Parameters
+    ----------
+    num, den : array_like
+        Descending powers, ``den`` monic.
+    cov : ndarray, shape (n + m + 2, n + m + 2)
+        Covariance of ``(a_{n-1}, ..., a_0, b_m, ..., b_0, tau)``.
+
+    Returns
+    -------
+    gain, std : float
+        Infinite gain and ``nan`` for an integrator.
+
+    Examples
+    --------
+    >>> gain, std = dc_gain([2.0], [1.0, 4.0], np.diag([0.16, 0.04, 0.0]))
+    >>> gain, round(std, 4)
+    (0.5, 0.0707)
+    """
+    b, a = np.atleast_1d(np.asarray(num, float)), np.atleast_1d(np.asarray(den, float))
+    degree = a.size - 1
+    if a[-1] == 0:
+        return math.copysign(math.inf, b[-1]), math.nan
+    gain = float(b[-1] / a[-1])
+    jacobian = np.zeros(degree + b.size + 1)
+    jacobian[-2] = 1 / a[-1]
+    if degree:
+        jacobian[degree - 1] = -gain / a[-1]
+    return gain, float(standard_deviation(jacobian, cov))
+
+
+def frequency_response_std(
+    num: npt.ArrayLike, den: npt.ArrayLike, cov: Real, omega: npt.ArrayLike
+) -> tuple[Real, Real]:
+    """Standard deviations of magnitude (relative) and phase of ``b(j omega) / a(j omega)``.
+
+    Parameters
+    ----------
+    num, den : array_like
+        Descending powers, ``den`` monic.
+    cov : ndarray, shape (n + m + 2, n + m + 2)
+        Covariance of ``(a_{n-1}, ..., a_0, b_m, ..., b_0, tau)``.
+    omega : array_like, shape (n_omega,)
+        Angular frequencies [rad/s].
+
+    Returns
+    -------
+    magnitude_std : ndarray, shape (n_omega,)
+        Relative: ``std |G| / |G|``.
+    phase_std : ndarray, shape (n_omega,)
+        [rad].
+
+    Examples
+    --------
+    >>> cov = np.diag([0.0, 0.01, 0.0])
+    >>> frequency_response_std([1.0], [1.0, 1.0], cov, [0.0])
+    (array([0.1]), array([0.]))
+    """
+    b, a = np.atleast_1d(np.asarray(num, float)), np.atleast_1d(np.asarray(den, float))
+    s = 1j * np.atleast_1d(np.asarray(omega, dtype=np.float64))
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        by_a = -(s[:, None] ** np.arange(a.size - 2, -1, -1)) / np.polyval(a, s)[:, None]
+        by_b = s[:, None] ** np.arange(b.size - 1, -1, -1) / np.polyval(b, s)[:, None]
+    jacobian = np.hstack((by_a, by_b, -s[:, None]))
+    return standard_deviation(jacobian.real, cov), standard_deviation(jacobian.imag, cov)
+
+
+def confidence_ellipse(cov: Real, level: float = 0.95, n_points: int = 73) -> Real:
+    """Contour of a two-dimensional Gaussian that holds the probability ``level``.
+
+    Parameters
+    ----------
+    cov : ndarray, shape (2, 2)
+    level : float
+        Between 0 and 1.
+    n_points : int
+
+    Returns
+    -------
+    ndarray, shape (n_points, 2)
+        Closed curve around the origin. With two degrees of freedom the radius is
+        ``sqrt(-2 ln(1 - level))`` standard deviations.
+
+    Examples
+    --------
+    >>> curve = confidence_ellipse(np.diag([1.0, 4.0]), 0.95)
+    >>> curve.max(axis=0).round(2)
+    array([2.45, 4.9 ])
+    """
+    values, vectors = np.linalg.eigh(cov)
+    axes = vectors * np.sqrt(np.clip(values, 0.0, None) * (-2 * math.log1p(-level)))
+    angle = np.linspace(0, 2 * math.pi, n_points)
+    curve: Real = np.column_stack((np.cos(angle), np.sin(angle))) @ axes.T
+    return curve

@@ -1,0 +1,136 @@
+"""Least squares by orthogonal factors: one triangle per record, and small solves on it.
+
+A record of ``N`` samples and ``q`` columns ``Z`` enters every step only through the triangle
+``R`` of ``Z = Q R``: for any combinations ``Z C`` of the columns, ``|Z C v - Z d| = |R C v - R
+d|``. So the samples are touched once per bank of filters and each least-squares problem of a
+pass is solved on a ``(q, q)`` matrix, without ever forming ``Z' Z`` (Golub & Van Loan, Matrix
+Computations, 4th ed., sections 5.2-5.3). Triangles of chunks, records and workers add up by
+factoring them once more.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+from scipy.linalg import lapack
+
+Array = NDArray[np.float64]
+
+
+class Solution(NamedTuple):
+    """What `solve` found.
+
+    ``x`` (n,); ``cost``, the residual sum of squares; ``condition`` of the matrix with unit
+    columns; ``basis`` (m, rank), orthonormal columns spanning those of the matrix.
+    """
+
+    x: Array
+    cost: float
+    condition: float
+    basis: Array
+
+
+def triangle(rows: Array) -> Array:
+    """Upper triangle ``R`` (min(m, n), n) of a QR factorisation of ``rows`` (m, n).
+
+    Examples
+    --------
+    >>> r = triangle(np.array([[3.0, 0.0], [4.0, 5.0]]))
+    >>> bool(np.allclose(r.T @ r, [[25.0, 20.0], [20.0, 25.0]]))
+    True
+    """
+    return np.asarray(scipy.linalg.qr(rows, mode="r", check_finite=False)[0], dtype=np.float64)[
+        : min(rows.shape)
+    ]
+
+
+class Accumulator:
+    """Triangle of a tall matrix whose rows arrive in blocks, at the cost of one block of memory.
+
+    Parameters
+    ----------
+    n_columns : int
+        Width of the matrix.
+    block : int
+        Rows taken at a time; `buffer` gives the place to write them.
+
+    Examples
+    --------
+    >>> accumulator = Accumulator(2, block=3)
+    >>> rows = np.arange(12.0).reshape(6, 2)
+    >>> for part in (rows[:3], rows[3:]):
+    ...     accumulator.buffer[:, :3] = part.T
+    ...     accumulator.absorb(3)
+    >>> bool(np.allclose(accumulator.r.T @ accumulator.r, rows.T @ rows))
+    True
+    """
+
+    def __init__(self, n_columns: int, block: int) -> None:
+        self._work = np.zeros((n_columns, n_columns + block))
+        self._n = n_columns
+        self._workspace = max(1, 32 * n_columns)
+
+    @property
+    def buffer(self) -> Array:
+        """(n_columns, block) view to be filled, one row a column of the matrix."""
+        return self._work[:, self._n :]
+
+    def absorb(self, count: int, first: int = 0) -> None:
+        """Fold ``count`` samples in; columns before ``first`` are known to be zero there."""
+        n = self._n
+        part = self._work[first:, first : n + count].T
+        if part.flags.f_contiguous and n + count == self._work.shape[1] and first == 0:
+            lapack.dgeqrf(part, lwork=self._workspace, overwrite_a=1)
+        else:
+            factor, *_ = lapack.dgeqrf(
+                np.asfortranarray(part), lwork=self._workspace, overwrite_a=1
+            )
+            self._work[first:, first:n] = factor[: n - first].T
+        for j in range(first, n):
+            self._work[j, j + 1 : n] = 0.0
+
+    @property
+    def r(self) -> Array:
+        """(n_columns, n_columns) upper triangle."""
+        return np.ascontiguousarray(self._work[:, : self._n].T)
+
+
+def solve(matrix: Array, target: Array, *, cutoff: float = 1e-13) -> Solution:
+    """Least squares with unit columns, by SVD.
+
+    Parameters
+    ----------
+    matrix : (m, n) array
+    target : (m,) array
+    cutoff : float
+        Singular values of the column-scaled matrix below ``cutoff`` times the largest are left
+        out.
+
+    Returns
+    -------
+    Solution
+        ``condition`` is that of the matrix with columns of unit length (van der Sluis 1969:
+        within sqrt(n) of the best column scaling).
+
+    Examples
+    --------
+    >>> s = solve(np.array([[1.0, 0.0], [0.0, 1e-9], [0.0, 0.0]]), np.array([2.0, 3e-9, 1.0]))
+    >>> s.x.round(9).tolist(), s.cost, s.condition
+    ([2.0, 3.0], 1.0, 1.0)
+    """
+    n = matrix.shape[1]
+    if n == 0:
+        return Solution(np.zeros(0), float(target @ target), 1.0, matrix)
+    norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
+    scale = np.where(norms > 0, norms, 1.0)
+    u, s, vt = np.linalg.svd(matrix / scale, full_matrices=False)
+    keep = s > cutoff * s[0]
+    projection = u.T @ target
+    coefficients = np.where(keep, projection / np.where(keep, s, 1.0), 0.0)
+    x = (vt.T @ coefficients) / scale
+    residual = target - matrix @ x
+    condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
+    return Solution(x, float(residual @ residual), condition, u if keep.all() else u[:, keep])

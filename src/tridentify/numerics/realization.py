@@ -1,0 +1,294 @@
+"""Orthonormal cascades: any stable poles, repeated or not, as one well-conditioned state equation.
+
+A real pole ``-s`` gives the section ``x' = -s x + sqrt(2 s) v``; a conjugate pair with
+``p^2 + c p + w^2`` the section ``x1' = -c x1 - w x2 + sqrt(2 c) v``, ``x2' = w x1``. Both satisfy
+``A + A' + B B' = 0``, and ``v - B' x`` is the input passed through the all-pass ``a(-p) /
+a(p)`` of the section. Feeding every section with the all-pass output of the one before gives,
+for the whole cascade,
+
+    A = blockdiag(A_1, ..., A_r) - strictly_lower(B B'),    B = [B_1; ...; B_r],    A + A' + B
+    B' = 0.
+
+Hence the controllability Gramian is the identity: the impulse responses of the states are
+orthonormal in L2(0, inf). They are the Takenaka-Malmquist functions, in real arithmetic:
+Laguerre for one repeated real pole, Kautz for one repeated pair, the generalised orthonormal
+basis otherwise (Ninness & Gustafsson 1997; Wahlberg 1991; Van den Hof, Heuberger & Bokor 1995).
+``e^{A t}`` is a contraction, whatever the order and the spread of the poles, so no polynomial
+is ever expanded to compute a filter.
+
+Three facts carry the rest of the package; ``X(p) = (p - A)^{-1} B`` is the vector of states per
+unit input.
+
+*Numerators.* A row ``v`` stands for ``v X = n(p) / c(p)`` with ``c`` the product of all
+sections. ``deg n <= q - 1 - r`` exactly when ``v B = v A B = ... = v A^{r-1} B = 0``. Arnoldi
+orthogonalises this Krylov sequence, so its vectors ``k_1, ..., k_q`` sort the rows by degree:
+``deg n <= d`` iff ``v`` lies in span(k_{q-d}, ..., k_q), an orthonormal basis (`degree_basis`).
+
+*Products.* A second bank ``(A_c, B_c)``, whose poles are among those of ``(A, B)``, driven by
+the signal ``w X u + d u`` has states in span(X) plus nothing else when the poles suffice; their
+coordinates are inner products of impulse responses, hence the cross Gramian: the solution of
+``A_c P + P A' + B_c (w + d B') = 0`` (`filter_map`).
+
+*New poles.* ``1 + v X`` has the zeros ``eig(A - B v)``: how a denominator ``a = c (1 + v X)``
+gives its roots without ever being expanded (`roots_of`).
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+
+class Cascade(NamedTuple):
+    """An orthonormal cascade: ``a`` (q, q) [1/s], ``b`` (q,), ``poles`` (q,) state by state."""
+
+    a: Array
+    b: Array
+    poles: Complex
+
+    @property
+    def order(self) -> int:
+        """Number of states."""
+        return int(self.b.size)
+
+
+def sort_poles(poles: Complex) -> Complex:
+    """Order poles slow to fast with every conjugate pair side by side, and make the pairs exact.
+
+    Parameters
+    ----------
+    poles : (q,) complex array
+        Closed under conjugation up to rounding.
+
+    Returns
+    -------
+    (q,) complex array
+        Pairs as ``(x + jy, x - jy)``, ``y > 0``.
+
+    Examples
+    --------
+    >>> sort_poles(np.array([-3, -1 - 2j, -1 + 2j])).tolist()
+    [(-1+2j), (-1-2j), (-3+0j)]
+    """
+    poles = np.asarray(poles, dtype=np.complex128)
+    upper = poles[poles.imag > 0]
+    real = poles[poles.imag == 0]
+    units = [(abs(z), z) for z in upper] + [(abs(z), complex(z.real)) for z in real]
+    units.sort(key=lambda unit: (unit[0], unit[1].imag))
+    ordered: list[complex] = []
+    for _, z in units:
+        ordered.extend((z, z.conjugate()) if z.imag > 0 else (z,))
+    return np.array(ordered, dtype=np.complex128)
+
+
+def cascade(poles: Complex) -> Cascade:
+    """Orthonormal cascade of the given stable poles, in the given order.
+
+    Parameters
+    ----------
+    poles : (q,) complex array
+        Real parts negative; a conjugate pair stands side by side (`sort_poles`). Any multiplicity.
+
+    Returns
+    -------
+    Cascade
+
+    Raises
+    ------
+    ValueError
+        If a pole is not in the open left half plane or a pair is torn apart.
+
+    Examples
+    --------
+    >>> c = cascade(np.array([-1 + 2j, -1 - 2j, -3.0]))
+    >>> bool(np.allclose(c.a + c.a.T + np.outer(c.b, c.b), 0, atol=1e-14))
+    True
+    """
+    poles = np.asarray(poles, dtype=np.complex128)
+    if np.any(poles.real >= 0):
+        raise ValueError("a cascade needs poles with negative real parts")
+    q = poles.size
+    a = np.zeros((q, q))
+    b = np.zeros(q)
+    i = 0
+    while i < q:
+        z = poles[i]
+        if z.imag == 0:
+            a[i, i] = z.real
+            b[i] = np.sqrt(-2.0 * z.real)
+            i += 1
+            continue
+        if i + 1 >= q or poles[i + 1] != z.conjugate():
+            raise ValueError("conjugate poles must stand side by side")
+        damping, frequency = -2.0 * z.real, abs(z)
+        a[i, i], a[i, i + 1], a[i + 1, i] = -damping, -frequency, frequency
+        b[i] = np.sqrt(2.0 * damping)
+        i += 2
+    section = np.cumsum(np.r_[1, poles.imag[1:] >= 0]) if q else np.zeros(0)
+    lower = section[:, None] > section[None, :]
+    a -= np.where(lower, np.outer(b, b), 0.0)
+    return Cascade(a, b, poles)
+
+
+def denominator(poles: Complex) -> Array:
+    """Coefficients of ``prod (p - pole)``, descending powers, by real sections.
+
+    Examples
+    --------
+    >>> denominator(np.array([-1 + 2j, -1 - 2j, -3.0])).tolist()
+    [1.0, 5.0, 11.0, 15.0]
+    """
+    coefficients = np.ones(1)
+    for z in poles:
+        if z.imag > 0:
+            coefficients = np.convolve(coefficients, [1.0, -2.0 * z.real, abs(z) ** 2])
+        elif z.imag == 0:
+            coefficients = np.convolve(coefficients, [1.0, -z.real])
+    return coefficients
+
+
+def numerators(poles: Complex) -> Array:
+    """Numerators ``n_i(p)`` of the states over the common denominator.
+
+    Parameters
+    ----------
+    poles : (q,) complex array
+        As for `cascade`.
+
+    Returns
+    -------
+    (q, q) array
+        Row ``i``: ``n_i``, descending powers ``p^{q-1} .. p^0``, so that state ``i`` is
+        ``n_i(p) / prod (p - pole)``.
+    """
+    q = len(poles)
+    rows = np.zeros((q, q))
+    before = np.ones(1)
+    i = 0
+    while i < q:
+        z = poles[i]
+        width = 2 if z.imag > 0 else 1
+        after = denominator(poles[i + width :])
+        rest = np.convolve(before, after)
+        if width == 1:
+            rows[i] = np.sqrt(-2.0 * z.real) * rest
+            before = np.convolve(before, [1.0, z.real])
+        else:
+            gain, frequency = np.sqrt(-4.0 * z.real), abs(z)
+            rows[i, : rest.size] = gain * rest
+            rows[i + 1, 1 : 1 + rest.size] = gain * frequency * rest
+            before = np.convolve(before, [1.0, 2.0 * z.real, frequency**2])
+        i += width
+    return rows
+
+
+class DegreeBasis(NamedTuple):
+    """Rows sorted by the degree of their numerator.
+
+    ``rows[d]`` (q,) is a unit vector whose numerator has degree ``d`` exactly, with leading
+    coefficient ``leading[d]``; ``rows[:d + 1]`` spans all numerators of degree at most ``d``.
+    """
+
+    rows: Array
+    leading: Array
+
+
+def degree_basis(bank: Cascade) -> DegreeBasis:
+    """Orthonormal basis of the numerators, sorted by degree (Arnoldi).
+
+    Examples
+    --------
+    >>> bank = cascade(np.array([-1.0, -2.0, -5.0]))
+    >>> basis = degree_basis(bank)
+    >>> coefficients = basis.rows @ numerators(bank.poles)
+    >>> bool(np.allclose(np.tril(coefficients[:, ::-1]), coefficients[:, ::-1]))
+    True
+    """
+    q = bank.order
+    krylov = np.zeros((q, q))
+    leading = np.zeros(q)
+    vector = bank.b.copy()
+    gain = 1.0
+    for k in range(q):
+        for _ in range(2):
+            vector = vector - krylov[:k].T @ (krylov[:k] @ vector)
+        norm = float(np.linalg.norm(vector))
+        gain *= norm
+        krylov[k] = vector / norm
+        leading[k] = gain
+        vector = bank.a @ krylov[k]
+    return DegreeBasis(krylov[::-1].copy(), leading[::-1].copy())
+
+
+def filter_map(inner: Cascade, bank: Cascade) -> Array:
+    """How the states of ``inner`` answer to each state of ``bank``, in coordinates on ``bank``.
+
+    Parameters
+    ----------
+    inner : Cascade
+        The filter (q_c states), whose poles are poles of the bank in addition to those that the
+        filtered signals use.
+    bank : Cascade
+        The bank on which everything is expanded (q states).
+
+    Returns
+    -------
+    (q, q_c, q) array
+        Slice ``k`` holds the coordinates of the states of ``inner`` driven by state ``k`` of
+        ``bank``. A signal ``row X + direct u`` gives ``tensordot(row + direct B, map, 1)``.
+
+    Notes
+    -----
+    The coordinates are inner products of impulse responses, ``P = int z(t) x(t)' dt``, and
+    solve the Sylvester equation ``A_c P + P A' = - B_c (row + direct B')``; here for all unit
+    rows at once. The systems are small (q q_c below a few hundred), so the equation is solved
+    as one linear system.
+
+    Examples
+    --------
+    >>> bank = cascade(np.array([-1.0, -1.0]))
+    >>> inner = cascade(np.array([-1.0]))
+    >>> np.tensordot(bank.b, filter_map(inner, bank), 1).round(12).tolist()
+    [[1.0, 0.0]]
+    """
+    q, c = bank.order, inner.order
+    operator = np.zeros((q, c, q, c))
+    index = np.arange(q)
+    operator[index, :, index, :] += inner.a
+    inner_index = np.arange(c)
+    operator[:, inner_index, :, inner_index] += bank.a
+    drive = np.zeros((q, c, q))
+    drive[index, :, index] = -inner.b
+    solution = np.linalg.solve(operator.reshape(q * c, q * c), drive.reshape(q * c, q))
+    return np.ascontiguousarray(solution.reshape(q, c, q).transpose(2, 1, 0))
+
+
+def monomials(bank: Cascade, count: int, basis: DegreeBasis | None = None) -> Array:
+    """Rows of ``p^d / c(p)``, ``d = 0 .. count-1``, with ``c`` the denominator of the bank.
+
+    Multiplication by ``p`` is ``v -> v A`` while the degree stays below ``q``, and ``1 / c`` is
+    the last Arnoldi vector over its leading coefficient.
+    """
+    basis = degree_basis(bank) if basis is None else basis
+    rows = np.zeros((count, bank.order))
+    rows[0] = basis.rows[0] / basis.leading[0]
+    for d in range(1, count):
+        rows[d] = rows[d - 1] @ bank.a
+    return rows
+
+
+def roots_of(bank: Cascade, row: Array) -> Complex:
+    """Zeros of ``1 + row X(p)``: the roots of the denominator ``c(p) (1 + row X)``.
+
+    Examples
+    --------
+    >>> bank = cascade(np.array([-1.0, -2.0]))
+    >>> roots_of(bank, np.zeros(2)).tolist()
+    [(-1+0j), (-2+0j)]
+    """
+    return sort_poles(np.linalg.eigvals(bank.a - np.outer(bank.b, row)).astype(np.complex128))

@@ -1,0 +1,138 @@
+"""Picture of the frequency response with its confidence band."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tridentify.estimate import Estimate
+from tridentify.plots.style import BLUE, dress, legend, literal, make_axes
+from tridentify.text import unit_ratio
+from tridentify.uncertainty import response_band
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Real = npt.NDArray[np.float64]
+
+
+def plot_bode(
+    estimate: Estimate,
+    *,
+    omega: npt.ArrayLike | None = None,
+    level: float = 0.95,
+    axes: Sequence[Axes] | None = None,
+) -> list[Axes]:
+    """Draw magnitude and phase of every channel with a pointwise confidence band.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    omega : array_like, shape (n_omega,), optional
+        Angular frequencies [rad/s]; by default around the poles and zeros, up to the Nyquist
+        frequency of the record.
+    level : float
+        Probability that the band holds at each frequency.
+    axes : sequence of matplotlib Axes, optional
+        Two per channel (magnitude, phase), outputs in the outer loop. A figure is made when left
+        out.
+
+    Returns
+    -------
+    list of matplotlib Axes
+    """
+    grid = default_frequencies(estimate) if omega is None else np.asarray(omega, dtype=np.float64)
+    band = response_band(estimate, grid, level=level)
+    n_outputs, n_inputs = len(estimate.output_names), len(estimate.input_names)
+    drawn = make_axes(axes, [1.7, 1.4] * (n_outputs * n_inputs), sharex=True)
+    for k in range(n_outputs * n_inputs):
+        i, j = divmod(k, n_inputs)
+        output, input_ = estimate.output_names[i], estimate.input_names[j]
+        with np.errstate(divide="ignore"):
+            decibels = [
+                20 * np.log10(part[:, i, j])
+                for part in (band.magnitude, band.magnitude_low, band.magnitude_high)
+            ]
+        degrees = [
+            np.degrees(part[:, i, j]) for part in (band.phase, band.phase_low, band.phase_high)
+        ]
+        magnitude, phase = drawn[2 * k : 2 * k + 2]
+        _draw(magnitude, grid, decibels, level, least_reach=10.0)
+        _draw(phase, grid, degrees, level, least_reach=45.0)
+        unit = ""
+        if output in estimate.units and input_ in estimate.units:
+            unit = unit_ratio(estimate.units[output], estimate.units[input_])
+        reference = f" re {unit}" if unit not in ("", "-") else ""
+        dress(
+            magnitude,
+            title=literal(f"{output} / {input_}"),
+            ylabel=literal(f"magnitude\n[dB{reference}]"),
+        )
+        _degree_ticks(phase)
+        dress(phase, ylabel="phase [deg]")
+        if k == 0:
+            legend(magnitude)
+    drawn[-1].set_xlabel("angular frequency [rad/s]", fontsize=9)
+    return drawn
+
+
+def default_frequencies(estimate: Estimate, n_points: int = 240) -> Real:
+    """Logarithmic grid around poles and zeros, finer at resonances.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    n_points : int
+        Size of the logarithmic part.
+
+    Returns
+    -------
+    ndarray
+        Increasing angular frequencies [rad/s].
+    """
+    rows = zip(estimate.model.num, estimate.model.den, strict=True)
+    pairs = [pair for nums, dens in rows for pair in zip(nums, dens, strict=True)]
+    roots = np.concatenate([np.roots(part) for pair in pairs for part in pair])
+    sizes = np.abs(roots)
+    sizes = sizes[sizes > 1e-9 * np.max(sizes, initial=0.0)]
+    nyquist = np.pi / estimate.dt if estimate.dt else np.inf
+    centre = np.median(sizes) if sizes.size else 1.0
+    low, high = np.min(sizes, initial=centre) / 10, np.max(sizes, initial=centre) * 10
+    high = max(min(high, nyquist), low * 100)
+    grid = [np.geomspace(low, high, n_points)]
+    for root in roots[(roots.imag > 0) & (np.abs(roots.real) < 0.3 * np.abs(roots))]:
+        width = max(abs(root.real), 1e-4 * abs(root))
+        grid.append(root.imag + width * np.linspace(-6, 6, 61))
+    union: Real = np.unique(np.concatenate(grid))
+    inside: Real = union[(union >= low) & (union <= high)]
+    return inside
+
+
+def _draw(ax: Axes, omega: Real, parts: list[Real], level: float, *, least_reach: float) -> None:
+    """Line and band; the scale follows the line, so that a wide band does not flatten it."""
+    line, low, high = (np.where(np.isfinite(part), part, np.nan) for part in parts)
+    label = f"{100 * level:.3g} % band"
+    ax.fill_between(omega, low, high, color=BLUE, alpha=0.25, linewidth=0, label=label)
+    ax.plot(omega, line, color=BLUE, linewidth=1.5, label="model")
+    ax.set_xscale("log")
+    ax.set_xlim(omega[0], omega[-1])
+    if np.any(np.isfinite(line)):
+        bottom, top = np.nanmin(line), np.nanmax(line)
+        reach = max(0.5 * (top - bottom), least_reach)
+        lowest = np.nanmin(low) if np.any(np.isfinite(low)) else bottom
+        highest = np.nanmax(high) if np.any(np.isfinite(high)) else top
+        margin = max(0.06 * (top - bottom), 0.1 * least_reach)
+        floor, ceiling = max(lowest, bottom - reach), min(highest, top + reach)
+        ax.set_ylim(floor - margin, ceiling + margin)
+
+
+def _degree_ticks(ax: Axes) -> None:
+    from matplotlib.ticker import MultipleLocator
+
+    bottom, top = ax.get_ylim()
+    steps = (5, 15, 30, 45, 90, 180, 360)
+    fitting = [step for step in steps if (top - bottom) / step <= 5.5]
+    ax.yaxis.set_major_locator(MultipleLocator(fitting[0] if fitting else 720))

@@ -1,0 +1,67 @@
+"""Picture of a fit: recorded output and model response, with the inputs below."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from tridentify.estimate import Estimate
+from tridentify.plots.record import draw_inputs
+from tridentify.plots.style import (
+    GREY,
+    ORANGE,
+    dress,
+    labelled,
+    legend,
+    literal,
+    make_axes,
+    shorten,
+)
+from tridentify.record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
+def plot_fit(
+    estimate: Estimate,
+    record: Record,
+    *,
+    experiment: int = 0,
+    axes: Sequence[Axes] | None = None,
+) -> list[Axes]:
+    """Draw recorded outputs, the model's response to the recorded inputs, and the inputs.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record
+        The identified record, or another one with the same channels.
+    experiment : int
+        Whose offset, drift and initial state belong to the record.
+    axes : sequence of matplotlib Axes, optional
+        One per channel: outputs, then inputs. A figure is made when left out.
+
+    Returns
+    -------
+    list of matplotlib Axes
+    """
+    heights = [1.9] * record.n_outputs + [1.1] * record.n_inputs
+    drawn = make_axes(axes, heights, sharex=True)
+    response = estimate.predict(record, experiment=experiment)
+    for i, name in enumerate(record.output_names):
+        ax = drawn[i]
+        ax.plot(
+            *shorten(record.t, record.y[:, i]),
+            color=GREY,
+            linewidth=0.7,
+            marker="." if record.n_samples <= 1500 else "",
+            markersize=3.5,
+            label="recorded",
+        )
+        ax.plot(*shorten(record.t, response[:, i]), color=ORANGE, linewidth=1.5, label="model")
+        dress(ax, ylabel=labelled(name, record.units))
+    drawn[0].set_title(literal(record.name), loc="left", fontsize=10)
+    legend(drawn[0])
+    draw_inputs(record, drawn[record.n_outputs :])
+    return drawn

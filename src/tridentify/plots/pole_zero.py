@@ -1,0 +1,125 @@
+"""Picture of poles and zeros with their confidence ellipses."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tridentify.estimate import Estimate
+from tridentify.plots.style import BLACK, CYCLE, WIDTH, dress, literal, make_axes
+from tridentify.text import format_std
+from tridentify.uncertainty import RootUncertainty, poles, zeros
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+FAR = 6.0
+"""Zeros beyond this multiple of the largest pole would squeeze all else into a dot."""
+ASPECT = 1.5
+"""Width over height of the frame."""
+
+
+def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None = None) -> Axes:
+    """Draw poles (crosses) and zeros (circles) with confidence ellipses from the delta method.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    level : float
+        Probability that an ellipse holds; a real root has an interval on the real axis.
+    ax : matplotlib Axes, optional
+        A figure is made when left out.
+
+    Returns
+    -------
+    matplotlib Axes
+    """
+    drawn = make_axes(None if ax is None else [ax], [WIDTH / 1.6])[0]
+    channels = [
+        (i, j) for i in range(len(estimate.output_names)) for j in range(len(estimate.input_names))
+    ]
+    shared = estimate.structure.shared
+    all_poles = [poles(estimate, i, j) for i, j in channels]
+    size = max(float(np.max(np.abs(region.roots), initial=0.0)) for region in all_poles) or 1.0
+    regions: list[tuple[str, RootUncertainty]] = []
+    for k, (i, j) in enumerate(channels):
+        name = literal(f"{estimate.output_names[i]} / {estimate.input_names[j]}")
+        colour = CYCLE[k % len(CYCLE)]
+        if not shared or k == 0:
+            style = (BLACK, "poles") if shared else (colour, f"poles of {name}")
+            regions.append(("pole", all_poles[k]))
+            _draw(drawn, all_poles[k], "x", *style, level)
+        found = zeros(estimate, i, j)
+        near = np.abs(found.roots) < FAR * size
+        regions.append((f"zero of {name}", found))
+        inside = RootUncertainty(found.roots[near], found.cov[near])
+        _draw(drawn, inside, "o", colour, f"zeros of {name}", level)
+    outside = _frame(drawn, regions, size)
+    drawn.axhline(0.0, color="black", linewidth=0.6)
+    drawn.axvline(0.0, color="black", linewidth=0.6)
+    drawn.axvspan(0.0, drawn.get_xlim()[1], color="#f3f3f3", zorder=0)
+    drawn.text(
+        0.99,
+        0.02,
+        "\n".join(outside),
+        transform=drawn.transAxes,
+        fontsize=8,
+        ha="right",
+        va="bottom",
+    )
+    dress(drawn, xlabel="real part [1/s]", ylabel="imaginary part [rad/s]")
+    drawn.legend(
+        title=f"with {100 * level:.3g} % regions",
+        title_fontsize=9,
+        fontsize=9,
+        framealpha=0.8,
+        edgecolor="none",
+        loc="upper right",
+    )
+    return drawn
+
+
+def _draw(
+    ax: Axes, region: RootUncertainty, marker: str, colour: str, label: str, level: float
+) -> None:
+    if region.roots.size == 0:
+        return
+    ax.plot(
+        region.roots.real,
+        region.roots.imag,
+        linestyle="none",
+        marker=marker,
+        markersize=7,
+        markerfacecolor="none",
+        markeredgewidth=1.6,
+        color=colour,
+        label=label,
+    )
+    for k in range(region.roots.size):
+        curve = region.ellipse(k, level)
+        if np.all(np.isfinite(curve)):
+            ax.fill(curve[:, 0], curve[:, 1], facecolor=colour, alpha=0.2, linewidth=0)
+            ax.plot(curve[:, 0], curve[:, 1], color=colour, linewidth=1.2)
+
+
+def _frame(ax: Axes, regions: list[tuple[str, RootUncertainty]], size: float) -> list[str]:
+    """Scale equally around the poles and what is not far from them; say what lies outside."""
+    near = [region.roots[np.abs(region.roots) < FAR * size] for _, region in regions]
+    shown = np.concatenate([*near, np.zeros(1)])
+    left, right = float(shown.real.min()), float(shown.real.max())
+    half_height = 1.25 * max(float(np.max(np.abs(shown.imag))), 0.2 * (right - left), 0.05 * size)
+    width = max(1.4 * (right - left), 0.3 * size, ASPECT * 2 * half_height)
+    half_height = width / ASPECT / 2
+    centre = (left + right) / 2
+    ax.set_xlim(centre - width / 2, centre + width / 2)
+    ax.set_ylim(-half_height, half_height)
+    ax.set_aspect("equal", adjustable="box")
+    lines = []
+    for kind, region in regions:
+        for root, cov in zip(region.roots, region.cov, strict=True):
+            if abs(root) >= FAR * size and root.imag >= 0:
+                std = format_std(float(np.sqrt(cov[0, 0])))
+                imaginary = f" + {root.imag:.4g}j" if root.imag else ""
+                lines.append(f"{kind}: {root.real:.4g} ({std}){imaginary}")
+    return ["outside the frame (std error)", *lines] if lines else []

@@ -1,0 +1,79 @@
+"""Picture of the residual: its course, and its autocorrelation against that of white noise."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from statistics import NormalDist
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tridentify.estimate import Estimate
+from tridentify.numerics.correlation import autocorrelation
+from tridentify.plots.style import BLUE, ORANGE, dress, labelled, literal, make_axes, shorten
+from tridentify.record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+LEVEL = 0.99
+
+
+def plot_residual(
+    estimate: Estimate,
+    record: Record,
+    *,
+    experiment: int = 0,
+    n_lags: int = 40,
+    axes: Sequence[Axes] | None = None,
+) -> list[Axes]:
+    """Draw the residual of each output over time, and its autocorrelation with 99 % bounds.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record
+        The identified record, or another one with the same channels.
+    experiment : int
+        Whose offset, drift and initial state belong to the record.
+    n_lags : int
+        Largest lag of the autocorrelation [samples].
+    axes : sequence of matplotlib Axes, optional
+        Two per output: course, autocorrelation. A figure is made when left out.
+
+    Returns
+    -------
+    list of matplotlib Axes
+
+    Notes
+    -----
+    For white noise, ``r(k)`` lies within ``2.58 / sqrt(n_samples)`` with probability 99 % at each
+    lag k > 0. Structure that stands out means noise that is coloured, or a model that misses some
+    of the response.
+    """
+    drawn = make_axes(axes, [1.5, 1.5] * record.n_outputs)
+    residual = estimate.residual(record, experiment=experiment)
+    lags = np.arange(min(n_lags, max(record.n_samples - 1, 1)) + 1)
+    times, unit = (lags * record.dt, "s") if record.dt is not None else (lags, "samples")
+    for i, name in enumerate(record.output_names):
+        series, correlogram = drawn[2 * i : 2 * i + 2]
+        series.axhline(0.0, color="black", linewidth=0.6)
+        series.plot(*shorten(record.t, residual[:, i]), color=BLUE, linewidth=0.8)
+        label = labelled(name, record.units)
+        dress(series, title=literal(f"residual of {name}"), xlabel="time [s]", ylabel=label)
+        correlation, count = autocorrelation(residual[:, i], int(lags[-1]))
+        bound = NormalDist().inv_cdf((1 + LEVEL) / 2) / math.sqrt(max(count, 1))
+        correlogram.axhspan(-bound, bound, color=ORANGE, alpha=0.2, linewidth=0)
+        correlogram.vlines(times[1:], 0.0, correlation[1:], color=BLUE, linewidth=1.6)
+        correlogram.axhline(0.0, color="black", linewidth=0.6)
+        reach = 1.15 * max(2 * bound, float(np.max(np.abs(correlation[1:]), initial=0.0)))
+        correlogram.set_ylim(-reach, reach)
+        correlogram.set_xlim(0.0, float(times[-1]) * 1.02)
+        dress(
+            correlogram,
+            title=f"autocorrelation, with the {100 * LEVEL:.0f} % bounds of white noise",
+            xlabel=f"lag [{unit}]",
+            ylabel="correlation [-]",
+        )
+    return drawn

@@ -1,0 +1,145 @@
+"""What the pictures have in common: colours, axes, labels, and long series made short."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Real = npt.NDArray[np.float64]
+
+# Okabe and Ito's palette: told apart with every common kind of colour vision.
+BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+SKY, AMBER, BLACK, GREY = "#56B4E9", "#E69F00", "#000000", "#767676"
+CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER, BLACK)
+
+WIDTH = 5.6
+"""Of a figure [inch]: narrow enough for its text to stay readable on a telephone."""
+MAX_POINTS = 4000
+"""Longer series are drawn as the envelope of their stretches."""
+
+
+def make_axes(
+    axes: Sequence[Axes] | None,
+    heights: Sequence[float],
+    *,
+    sharex: bool = False,
+) -> list[Axes]:
+    """Check the given axes, or stack new ones in a figure of their own.
+
+    Parameters
+    ----------
+    axes : sequence of matplotlib Axes, or None
+    heights : sequence of float
+        Height of each of the axes [inch].
+    sharex : bool
+        New axes have one horizontal scale.
+
+    Returns
+    -------
+    list of matplotlib Axes
+
+    Raises
+    ------
+    ValueError
+        Not as many axes as the picture needs.
+    """
+    if axes is not None:
+        given = list(np.ravel(np.asarray(axes, dtype=object)))
+        if len(given) != len(heights):
+            raise ValueError(f"found {len(given)} axes; expected {len(heights)} for this picture")
+        return given
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(WIDTH, sum(heights) + 0.3), layout="constrained")
+    grid = figure.subplots(
+        len(heights), 1, squeeze=False, sharex=sharex, gridspec_kw={"height_ratios": list(heights)}
+    )
+    return list(grid[:, 0])
+
+
+def dress(ax: Axes, *, title: str = "", xlabel: str = "", ylabel: str = "") -> None:
+    """Labels, a light grid, and no more lines than needed."""
+    if title:
+        ax.set_title(title, loc="left", fontsize=10)
+    if xlabel:
+        ax.set_xlabel(xlabel, fontsize=9)
+    if ylabel:
+        ax.set_ylabel(ylabel, fontsize=9)
+    ax.tick_params(labelsize=9)
+    ax.grid(True, color="#e4e4e4", linewidth=0.6)
+    ax.set_axisbelow(True)
+    for side in ("top", "right"):
+        ax.spines[side].set_visible(False)
+
+
+def legend(ax: Axes, *, columns: int = 3) -> None:
+    """Legend above the axes on the right, where it covers no data."""
+    handles, labels = ax.get_legend_handles_labels()
+    if labels:
+        ax.legend(
+            handles,
+            labels,
+            loc="lower right",
+            bbox_to_anchor=(1.0, 1.0),
+            ncols=columns,
+            fontsize=9,
+            frameon=False,
+            borderaxespad=0.1,
+            handlelength=1.6,
+            columnspacing=1.2,
+        )
+
+
+def labelled(name: str, units: Mapping[str, str]) -> str:
+    """Name of a channel with its unit, as in ``alpha [rad]``.
+
+    Examples
+    --------
+    >>> labelled("alpha", {"alpha": "rad"}), labelled("q", {})
+    ('alpha [rad]', 'q')
+    """
+    return literal(f"{name} [{units[name]}]" if units.get(name) else name)
+
+
+def literal(text: str) -> str:
+    """Keep matplotlib from reading dollar signs in foreign names as mathematics."""
+    return text.replace("$", r"\$")
+
+
+def shorten(t: Real, values: Real, max_points: int = MAX_POINTS) -> tuple[Real, Real]:
+    """Least and greatest value of each of many stretches, in their order, in place of all.
+
+    Parameters
+    ----------
+    t, values : ndarray, shape (n_samples,)
+    max_points : int
+        A series up to this length is given back as it is.
+
+    Returns
+    -------
+    t, values : ndarray, at most ``max_points`` long
+        A line through them covers the same ink. ``nan`` where a whole stretch is missing.
+
+    Examples
+    --------
+    >>> shorten(np.arange(6.0), np.array([0.0, 5.0, 1.0, 2.0, -3.0, 0.0]), 4)
+    (array([0., 1., 3., 4.]), array([ 0.,  5.,  2., -3.]))
+    """
+    if values.size <= max_points:
+        return t, values
+    edges = np.linspace(0, values.size, max_points // 2 + 1).astype(int)
+    missing = np.isnan(values)
+    low = np.where(missing, np.inf, values)
+    high = np.where(missing, -np.inf, values)
+    picked = []
+    for start, stop in itertools.pairwise(edges):
+        pair = (start + int(np.argmin(low[start:stop])), start + int(np.argmax(high[start:stop])))
+        picked += sorted(pair)
+    return t[picked], values[picked]

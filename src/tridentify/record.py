@@ -1,0 +1,396 @@
+"""One experiment: what went in, what came out, and when.
+
+A `Record` holds the sampled inputs ``u`` and outputs ``y`` of one experiment, time along the first
+axis. The sampled input stands for a function of continuous time: `intersample` says which one, held
+between samples (``"zoh"``, a computer's output) or joined by straight lines (``"foh"``, a measured
+smooth signal). Arrays are copied once, checked and made read-only; every method gives a new record
+that shares the memory it can share.
+"""
+
+from __future__ import annotations
+
+import html
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from tridentify.checks.samples import (
+    FloatArray,
+    Intersample,
+    channel_names,
+    check_distinct,
+    check_inputs,
+    check_lengths,
+    check_outputs,
+    checked_units,
+    chosen_channels,
+    sample_array,
+    sample_range,
+    time_axis,
+    time_slack,
+    warn_if_input_moves,
+)
+from tridentify.errors import EmptyRangeError, OptionError, ResampleError, shown
+
+__all__ = ["FloatArray", "Intersample", "Record"]
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class Record:
+    """Sampled inputs and outputs of one experiment.
+
+    Parameters
+    ----------
+    u : array_like, shape (n_samples,) or (n_samples, n_inputs)
+        Inputs, finite. A one-dimensional array is one channel.
+    y : array_like, shape (n_samples,) or (n_samples, n_outputs)
+        Outputs. ``nan`` marks a missing sample; infinity is refused.
+    dt : float, optional
+        Uniform sampling interval [s]; time then begins at zero. Give exactly one of `dt` and `t`.
+    t : array_like, shape (n_samples,), optional
+        Sampling instants [s], strictly increasing.
+    intersample : {"zoh", "foh"}
+        What the input does between samples: it is held, or joined by straight lines.
+    input_names, output_names : sequence of str, optional
+        One name per channel, all different; ``u`` or ``u1, u2, ...`` and likewise ``y`` by default.
+    units : mapping of str to str, optional
+        Channel name (or ``"t"``) to unit.
+    name : str, optional
+        What to call this experiment in tables and pictures.
+
+    Attributes
+    ----------
+    u : ndarray, shape (n_samples, n_inputs)
+    y : ndarray, shape (n_samples, n_outputs)
+    t : ndarray, shape (n_samples,)
+        Always present [s].
+    dt : float or None
+        None when `t` is not uniform to a thousandth of a step.
+
+    Raises
+    ------
+    SampleTypeError, ShapeError, LengthMismatchError, TooFewSamplesError
+        The arrays are not real numbers, not one or two-dimensional, not of one length of 2 or more.
+    NotFiniteError, EmptyChannelError
+        An input is not finite; an output is infinite or holds nothing but nan.
+    SamplingError, TimeNotIncreasingError
+        Both or neither of `dt` and `t`, `dt` not positive, or time that does not increase.
+    ChannelNameError, UnitError, OptionError
+        Names, units or `intersample` do not fit.
+
+    Notes
+    -----
+    Read-only float64 arrays which own their memory (those of another record, for one) are shared
+    instead of copied.
+
+    Examples
+    --------
+    >>> from tridentify import Record
+    >>> record = Record([0, 1, 1, 1], [0.0, 0.1, 0.3, 0.4], dt=0.5, output_names=["alpha"])
+    >>> record
+    Record(4 samples, 1.5 s, dt=0.5 s, zoh, inputs: u, outputs: alpha)
+    >>> record.slice(0.5, 1.0).t
+    array([0.5, 1. ])
+    """
+
+    u: FloatArray
+    y: FloatArray
+    dt: float | None
+    t: FloatArray
+    intersample: Intersample
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    units: Mapping[str, str]
+    name: str
+
+    def __init__(
+        self,
+        u: ArrayLike,
+        y: ArrayLike,
+        *,
+        dt: float | None = None,
+        t: ArrayLike | None = None,
+        intersample: Intersample = "zoh",
+        input_names: Sequence[str] | None = None,
+        output_names: Sequence[str] | None = None,
+        units: Mapping[str, str] | None = None,
+        name: str | None = None,
+    ) -> None:
+        if intersample not in ("zoh", "foh"):
+            raise OptionError(
+                f"found intersample={shown(intersample)}; expected 'zoh' (input held between "
+                "samples) or 'foh' (straight lines); choose one"
+            )
+        inputs, outputs = sample_array("u", u), sample_array("y", y)
+        step, time = time_axis(dt, t, len(inputs))
+        check_lengths(inputs, outputs, time)
+        names_in = channel_names(input_names, inputs.shape[1], "u")
+        names_out = channel_names(output_names, outputs.shape[1], "y")
+        check_distinct((*names_in, *names_out))
+        check_inputs(inputs, names_in)
+        check_outputs(outputs, names_out)
+        self._set(
+            u=inputs,
+            y=outputs,
+            dt=step,
+            t=time,
+            intersample=intersample,
+            input_names=names_in,
+            output_names=names_out,
+            units=checked_units(units, (*names_in, *names_out)),
+            name="" if name is None else str(name),
+        )
+
+    def _set(self, **fields: object) -> None:
+        for key, value in fields.items():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+            object.__setattr__(self, key, value)
+
+    def _derive(self, **changes: object) -> Record:
+        """Make a record that differs in fields which are known to be sound, without a copy."""
+        record = object.__new__(Record)
+        record._set(**{**self.__dict__, **changes})
+        check_outputs(record.y, record.output_names)
+        return record
+
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "units": dict(self.units)}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self._set(**{**state, "units": MappingProxyType(state["units"])})
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return int(self.u.shape[0])
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of input channels."""
+        return int(self.u.shape[1])
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of output channels."""
+        return int(self.y.shape[1])
+
+    @property
+    def duration(self) -> float:
+        """Time from the first sample to the last [s]."""
+        return float(self.t[-1] - self.t[0])
+
+    def slice(self, start: float | None = None, stop: float | None = None) -> Record:
+        """Cut out a stretch of time.
+
+        Parameters
+        ----------
+        start, stop : float, optional
+            First and last instant [s] on the record's own time axis; samples at either end belong
+            to the stretch. None means from the beginning, or to the end.
+
+        Returns
+        -------
+        Record
+            The samples in between, at the times they had.
+
+        Raises
+        ------
+        EmptyRangeError
+            Fewer than two samples lie in between.
+
+        Examples
+        --------
+        >>> Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1).slice(0.1, 0.3).n_samples
+        3
+        """
+        return self._part(*sample_range(self.t, start, stop))
+
+    def split(self, at: float) -> tuple[Record, Record]:
+        """Divide the record at an instant, say into one to identify with and one to validate with.
+
+        Parameters
+        ----------
+        at : float
+            Instant [s]; a sample at `at` belongs to the second part.
+
+        Returns
+        -------
+        tuple of Record
+            The samples before, and those from `at` on. No sample is in both.
+
+        Raises
+        ------
+        EmptyRangeError
+            One of the parts has fewer than two samples.
+
+        Examples
+        --------
+        >>> first, second = Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1).split(0.2)
+        >>> first.n_samples, second.n_samples
+        (2, 2)
+        """
+        middle = int(np.searchsorted(self.t, at - time_slack(self.t)))
+        if np.isnan(at) or not 2 <= middle <= self.n_samples - 2:
+            raise EmptyRangeError(
+                f"found no two samples on each side of {at:.6g} s; expected a time between "
+                f"{self.t[0]:.6g} s and {self.t[-1]:.6g} s; split elsewhere"
+            )
+        return self._part(0, middle), self._part(middle, self.n_samples)
+
+    def _part(self, first: int, last: int) -> Record:
+        return self._derive(u=self.u[first:last], y=self.y[first:last], t=self.t[first:last])
+
+    def detrend(self, order: Literal[0, 1] = 0) -> Record:
+        """Take the mean, or the straight line, out of every output.
+
+        An offset or a drift is better estimated along (`Structure(offset=..., drift=...)`): to take
+        it out beforehand also takes out part of the response.
+
+        Parameters
+        ----------
+        order : {0, 1}
+            0 for the mean, 1 for the least-squares straight line. Missing samples do not count.
+
+        Returns
+        -------
+        Record
+            Same inputs, outputs without trend.
+
+        Raises
+        ------
+        OptionError
+            `order` is neither 0 nor 1.
+
+        Examples
+        --------
+        >>> Record([0, 1, 1], [1.0, 2.0, 3.0], dt=0.1).detrend(1).y.round(12).ravel() + 0.0
+        array([0., 0., 0.])
+        """
+        if order not in (0, 1):
+            raise OptionError(f"found order={shown(order)}; expected 0 (mean) or 1 (line)")
+        present = ~np.isnan(self.y)
+        count = present.sum(axis=0)
+        y = self.y - np.nansum(self.y, axis=0) / count
+        if order == 1:
+            time = np.where(present, self.t[:, np.newaxis], 0.0)
+            time = np.where(present, self.t[:, np.newaxis] - time.sum(axis=0) / count, 0.0)
+            energy = (time**2).sum(axis=0)
+            slope = np.nansum(time * y, axis=0) / np.where(energy > 0.0, energy, 1.0)
+            y -= time * slope
+        return self._derive(y=y)
+
+    def resample(self, dt: float) -> Record:
+        """Keep every k-th sample.
+
+        Parameters
+        ----------
+        dt : float
+            New sampling interval [s], a whole multiple of the present one.
+
+        Returns
+        -------
+        Record
+            Every k-th sample, beginning with the first. No filter is applied: a continuous-time
+            model needs none, since samples of the output stay samples of the output.
+
+        Raises
+        ------
+        ResampleError
+            The record is not uniform, or `dt` is not a whole multiple of its step.
+
+        Warns
+        -----
+        DataWarning
+            The input changes between the samples that are kept, so that `intersample` no longer
+            describes it and a model identified from the result will be biased.
+
+        Examples
+        --------
+        >>> Record([0, 0, 1, 1, 1], [0, 1, 2, 3, 4], dt=0.1).resample(0.2).y.ravel()
+        array([0., 2., 4.])
+        """
+        if self.dt is None:
+            raise ResampleError(
+                "found a time axis that is not uniform; expected a uniform one to keep every k-th "
+                "sample of; interpolate the record to a uniform step first"
+            )
+        ratio = dt / self.dt if np.isfinite(dt) else np.nan
+        factor = round(ratio) if ratio >= 0.5 and np.isfinite(ratio) else 0
+        if factor < 1 or abs(ratio - factor) > 1e-6 * factor or self.n_samples <= factor:
+            raise ResampleError(
+                f"found dt={dt:.6g} s; expected a whole multiple of {self.dt:.6g} s below "
+                f"{self.duration:.6g} s; choose such a step or interpolate the record yourself"
+            )
+        warn_if_input_moves(self.u, factor, self.intersample)
+        return self._derive(
+            u=np.ascontiguousarray(self.u[::factor]),
+            y=np.ascontiguousarray(self.y[::factor]),
+            t=np.ascontiguousarray(self.t[::factor]),
+            dt=self.dt * factor,
+        )
+
+    def select(
+        self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
+    ) -> Record:
+        """Choose channels by name.
+
+        Parameters
+        ----------
+        inputs, outputs : sequence of str, optional
+            Names of the channels to keep, in that order; None keeps all.
+
+        Returns
+        -------
+        Record
+            Same samples, chosen channels.
+
+        Raises
+        ------
+        ChannelNameError
+            There is no channel of that name, or none was chosen.
+
+        Examples
+        --------
+        >>> record = Record([0, 1], [[0, 5], [1, 6]], dt=0.1, output_names=["q", "alpha"])
+        >>> record.select(outputs=["alpha"]).y.ravel()
+        array([5., 6.])
+        """
+        columns_in, names_in = chosen_channels(inputs, self.input_names, "input")
+        columns_out, names_out = chosen_channels(outputs, self.output_names, "output")
+        kept = {"t", *names_in, *names_out}
+        return self._derive(
+            u=np.ascontiguousarray(self.u[:, columns_in]),
+            y=np.ascontiguousarray(self.y[:, columns_out]),
+            input_names=names_in,
+            output_names=names_out,
+            units=MappingProxyType({k: v for k, v in self.units.items() if k in kept}),
+        )
+
+    def _labelled(self, names: tuple[str, ...]) -> str:
+        return ", ".join(f"{n} [{self.units[n]}]" if n in self.units else n for n in names)
+
+    def __repr__(self) -> str:
+        step = "time not uniform" if self.dt is None else f"dt={self.dt:.6g} s"
+        label = f"{self.name!r}, " if self.name else ""
+        return (
+            f"Record({label}{self.n_samples} samples, {self.duration:.6g} s, {step}, "
+            f"{self.intersample}, inputs: {self._labelled(self.input_names)}, "
+            f"outputs: {self._labelled(self.output_names)})"
+        )
+
+    def _repr_html_(self) -> str:
+        missing = int(np.isnan(self.y).sum())
+        rows = {
+            "samples": f"{self.n_samples} ({missing} missing)" if missing else str(self.n_samples),
+            "time": f"{self.t[0]:.6g} s to {self.t[-1]:.6g} s",
+            "step": "not uniform" if self.dt is None else f"{self.dt:.6g} s, {self.intersample}",
+            "inputs": self._labelled(self.input_names),
+            "outputs": self._labelled(self.output_names),
+        }
+        cells = "".join(f"<tr><th>{k}</th><td>{html.escape(v)}</td></tr>" for k, v in rows.items())
+        return f"<table><caption>Record {html.escape(self.name)}</caption>{cells}</table>"

@@ -1,0 +1,196 @@
+"""The figures of a report, as drawings, as inline SVG, and as files."""
+
+from __future__ import annotations
+
+import io
+import os
+import re
+import warnings
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tridentify.errors import OptionError
+from tridentify.estimate import Estimate
+from tridentify.files import write_atomically
+from tridentify.plots import (
+    plot_bode,
+    plot_convergence,
+    plot_fit,
+    plot_pole_zero,
+    plot_record,
+    plot_residual,
+)
+from tridentify.record import Record
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FORMATS = ("png", "svg", "pdf")
+RESOLUTION = 150
+"""Of the pixels in saved figures [1/inch]."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A figure with the stem of its file name, its heading and what to see in it."""
+
+    stem: str
+    heading: str
+    caption: str
+    figure: Figure
+
+
+def draw_figures(
+    estimate: Estimate, records: Sequence[Record], *, with_record: bool = False
+) -> Iterator[Drawing]:
+    """Draw the figures of a report, one at a time.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        The experiments, in the order in which they were identified.
+    with_record : bool
+        Also draw the records by themselves.
+
+    Yields
+    ------
+    Drawing
+    """
+    for number, record in enumerate(records):
+        several = len(records) > 1
+        tail, where = (f"-{number + 1}", f", experiment {number + 1}") if several else ("", "")
+        if with_record:
+            yield _drawing(f"record{tail}", f"Record{where}", "", plot_record(record)[0])
+        yield _drawing(
+            f"fit{tail}",
+            f"Record and model response{where}",
+            "Recorded output, response of the model to the recorded input with the offset, drift "
+            "and initial state that were estimated along, and the input.",
+            plot_fit(estimate, record, experiment=number)[0],
+        )
+        yield _drawing(
+            f"residual{tail}",
+            f"Residual{where}",
+            "What the model leaves unexplained. If its autocorrelation leaves the bounds at more "
+            "than a few lags, the noise is coloured or the model misses some of the response, and "
+            "the standard errors are not to be trusted.",
+            plot_residual(estimate, record, experiment=number)[0],
+        )
+    yield _drawing(
+        "bode",
+        "Frequency response",
+        "Pointwise 95 % confidence band, propagated to first order from the covariance of the "
+        "coefficients. Beyond the frequencies that the input excites it holds only if the "
+        "structure is right.",
+        plot_bode(estimate)[0],
+    )
+    yield _drawing(
+        "pole-zero",
+        "Poles and zeros",
+        "95 % ellipses around complex poles and zeros, 95 % intervals around real ones, "
+        "to first order; the right half-plane is grey.",
+        plot_pole_zero(estimate),
+    )
+    yield _drawing(
+        "convergence",
+        "Convergence of the passes",
+        "A coefficient below the dashed line is closer to its final value than its standard error.",
+        plot_convergence(estimate)[0],
+    )
+
+
+def _drawing(stem: str, heading: str, caption: str, ax: Any) -> Drawing:
+    return Drawing(stem, heading, caption, ax.figure)
+
+
+def inline_svg(drawing: Drawing) -> str:
+    """SVG element to stand inside a page: as wide as its place, text as text, no outside names.
+
+    Parameters
+    ----------
+    drawing : Drawing
+
+    Returns
+    -------
+    str
+    """
+    import matplotlib as mpl
+
+    buffer = io.StringIO()
+    # text stays text (small, searchable); the salt keeps the ids of several figures apart
+    options: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": drawing.stem}
+    metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with mpl.rc_context(options), _quiet_about_glyphs():
+        drawing.figure.savefig(buffer, format="svg", metadata=metadata)
+    text = buffer.getvalue()
+    text = text[text.index("<svg") :]
+    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
+    # this sheet would apply to the whole page, which has the same rule for its figures only
+    text = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", text, flags=re.DOTALL)
+    text = re.sub(r'<g id="[^"]*">', "<g>", text)
+    head, body = text.split(">", 1)
+    box = re.search(r'viewBox="[^"]*"', head)
+    frame = box[0] if box else ""
+    links = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
+    return f'<svg {links} {frame} role="img" aria-label="{drawing.heading}">{body.strip()}'
+
+
+def save_figures(
+    estimate: Estimate,
+    record: Record | Sequence[Record],
+    folder: str | os.PathLike[str],
+    *,
+    formats: Sequence[str] = ("png",),
+) -> tuple[Path, ...]:
+    """Write every figure of the report as files of its own.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record or sequence of Record
+        What was identified; several experiments in their order.
+    folder : path-like
+        Made if it does not exist.
+    formats : sequence of {"png", "svg", "pdf"}
+        One file per figure and format.
+
+    Returns
+    -------
+    tuple of Path
+        ``record``, ``fit``, ``residual``, ``bode``, ``pole-zero``, ``convergence``.
+
+    Raises
+    ------
+    OptionError
+        Another format is asked for.
+    OutputPathError
+        The folder or a file cannot be written.
+    """
+    unknown = [name for name in formats if name not in FORMATS]
+    if unknown:
+        raise OptionError(
+            f"found the figure format {unknown[0]!r}; expected one of {', '.join(FORMATS)}; "
+            "choose one of them"
+        )
+    records = (record,) if isinstance(record, Record) else tuple(record)
+    written = []
+    for drawing in draw_figures(estimate, records, with_record=True):
+        for name in formats:
+            buffer = io.BytesIO()
+            with _quiet_about_glyphs():
+                drawing.figure.savefig(buffer, format=name, dpi=RESOLUTION)
+            path = Path(folder) / f"{drawing.stem}.{name}"
+            written.append(write_atomically(path, buffer.getvalue()))
+    return tuple(written)
+
+
+@contextmanager
+def _quiet_about_glyphs() -> Iterator[None]:
+    """A channel name in a script that the font lacks is no reason to warn about the estimate."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing")
+        yield

@@ -1,0 +1,449 @@
+"""What is to be estimated: the orders of the model and the nuisance terms estimated along with it.
+
+For one channel the model is ``y = b(p)/a(p) u(t - delay)`` with ``p = d/dt``,
+``a(p) = p^n + a_{n-1} p^{n-1} + ... + a_0`` and ``b(p) = b_m p^m + ... + b_0``, ``m <= n``.
+A `Structure` says ``n`` (poles) and ``m`` (zeros) for every channel, and it alone knows the order
+of the coefficients in the parameter vector ``theta``.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from types import MappingProxyType
+from typing import Any, Literal, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tridentify.checks.orders import (
+    Bounds,
+    Matrix,
+    channel_matrix,
+    checked_bounds,
+    checked_choice,
+    checked_delays,
+    checked_fixed,
+    checked_orders,
+)
+from tridentify.errors import (
+    BoundsError,
+    ChannelCountError,
+    OptionError,
+    OrderError,
+    ParameterNameError,
+    StructureError,
+    shown,
+)
+
+__all__ = ["InitialState", "Structure"]
+
+FloatArray = NDArray[np.float64]
+Choice = bool | Literal["auto"]
+InitialState = Literal["free", "rest", "equilibrium", "auto"]
+
+_PARAMETER = re.compile(r"([ab])(\d+)(\[.+\])?|delay(\[.+\])?")
+_DEFAULT = (("u",), ("y",))
+
+
+@dataclass(frozen=True)
+class Structure:
+    """Orders, delay, nuisance terms and constraints of a model.
+
+    Parameters
+    ----------
+    poles : int or nested sequence of int
+        Degree n >= 1 of the denominator. A number means one denominator shared by all channels;
+        nested ``poles[output][input]`` means a denominator for each channel.
+    zeros : int or nested sequence of int
+        Degree m of the numerators, 0 <= m <= n; nested ``zeros[output][input]`` where they differ.
+    delay : float, nested sequence of float, or "free"
+        Known dead time of each input [s], nested ``delay[output][input]``; "free" to estimate it.
+    offset, drift : bool or "auto"
+        Whether a constant, or a slope in time, is estimated along on every output. "auto" lets the
+        data decide.
+    initial_state : {"auto", "free", "rest", "equilibrium"}
+        "rest": every state is zero at the first sample, for the input as recorded. "equilibrium":
+        the steady state under the first input value (a trimmed aircraft); the input counts from
+        that value and the offset carries the trim. "free": any state. "auto" lets the data decide.
+    fixed : mapping of str to float, optional
+        Coefficients that are known, by name.
+    bounds : mapping of str to (float or None, float or None), optional
+        Lowest and highest value of coefficients, by name; None for no limit.
+
+    Raises
+    ------
+    OrderError
+        Poles or zeros are no whole numbers in range.
+    ChannelCountError
+        Nested entries are not ``[output][input]`` or do not fit each other.
+    OptionError
+        `delay`, `offset`, `drift` or `initial_state` has a value that is not offered.
+    ParameterNameError, BoundsError
+        `fixed` or `bounds` name no coefficient of this structure, or hold no sensible numbers.
+
+    Notes
+    -----
+    Which of these a method can honour is for the method to say: it refuses the others with
+    `UnsupportedError`.
+
+    Examples
+    --------
+    >>> from tridentify import Structure
+    >>> Structure(2, 1).names(["elevator"], ["q"])
+    ('a1', 'a0', 'b1', 'b0')
+    >>> Structure(2, [[1], [0]]).names(["elevator"], ["q", "alpha"])
+    ('a1', 'a0', 'b1[q,elevator]', 'b0[q,elevator]', 'b0[alpha,elevator]')
+    """
+
+    poles: int | Sequence[Sequence[int]]
+    zeros: int | Sequence[Sequence[int]]
+    _: KW_ONLY
+    delay: float | Sequence[Sequence[float]] | Literal["free"] = 0.0
+    offset: Choice = "auto"
+    drift: Choice = False
+    initial_state: InitialState = "auto"
+    fixed: Mapping[str, float] | None = field(default=None, hash=False)
+    bounds: Mapping[str, Bounds] | None = field(default=None, hash=False)
+
+    def __post_init__(self) -> None:
+        clean: dict[str, object] = {
+            "poles": checked_orders("poles", self.poles, lowest=1),
+            "zeros": checked_orders("zeros", self.zeros, lowest=0),
+            "delay": checked_delays(self.delay),
+            "offset": checked_choice("offset", self.offset),
+            "drift": checked_choice("drift", self.drift),
+            "fixed": MappingProxyType(checked_fixed(self.fixed)),
+            "bounds": MappingProxyType(checked_bounds(self.bounds)),
+        }
+        for key, value in clean.items():
+            object.__setattr__(self, key, value)
+        if self.initial_state not in ("free", "rest", "equilibrium", "auto"):
+            raise OptionError(
+                f"found initial_state={shown(self.initial_state)}; expected 'free', 'rest', "
+                "'equilibrium' or 'auto'; choose one"
+            )
+        self._check_shapes()
+        self._check_constraints()
+
+    def _check_shapes(self) -> None:
+        nested = {
+            key: cast("Matrix[float]", value)
+            for key, value in (("poles", self.poles), ("zeros", self.zeros), ("delay", self.delay))
+            if isinstance(value, tuple)
+        }
+        shapes = {key: (len(value), len(value[0])) for key, value in nested.items()}
+        if len(set(shapes.values())) > 1:
+            found = ", ".join(f"{key} for {o} x {i}" for key, (o, i) in shapes.items())
+            raise ChannelCountError(
+                f"found {found} (outputs x inputs); expected the same numbers; nest them alike"
+            )
+        n_outputs, n_inputs = next(iter(shapes.values()), (1, 1))
+        poles = self.poles_matrix(n_outputs, n_inputs)
+        zeros = self.zeros_matrix(n_outputs, n_inputs)
+        for row_n, row_m in zip(poles, zeros, strict=True):
+            for n, m in zip(row_n, row_m, strict=True):
+                if m > n:
+                    raise OrderError(
+                        f"found {m} zeros with {n} poles; expected no more zeros than poles; "
+                        "lower zeros or raise poles"
+                    )
+
+    def _check_constraints(self) -> None:
+        for name in (*self._fixed, *self._bounds):
+            match = _PARAMETER.fullmatch(name)
+            orders = self.poles if match and match[1] == "a" else self.zeros
+            largest = orders if isinstance(orders, int) else max(max(row) for row in orders)
+            highest = largest - 1 if match and match[1] == "a" else largest
+            missing = match is None or (match[1] is not None and int(match[2]) > highest)
+            if missing or (name.startswith("delay") and self.delay != "free"):
+                raise ParameterNameError(
+                    f"found {shown(name)} in fixed or bounds; expected a coefficient such as "
+                    f"{', '.join(self.names())}; correct the name"
+                )
+        for name in self._fixed.keys() & self._bounds.keys():
+            raise BoundsError(
+                f"found {shown(name)} both fixed and bounded; expected one of the two; drop one"
+            )
+
+    @property
+    def _fixed(self) -> Mapping[str, float]:
+        return self.fixed or {}
+
+    @property
+    def _bounds(self) -> Mapping[str, Bounds]:
+        return self.bounds or {}
+
+    @property
+    def shared(self) -> bool:
+        """Whether one denominator is shared by all channels."""
+        return isinstance(self.poles, int)
+
+    def poles_matrix(self, n_outputs: int, n_inputs: int) -> Matrix[int]:
+        """Give the number of poles of every channel.
+
+        Parameters
+        ----------
+        n_outputs, n_inputs : int
+            Numbers of channels of the record.
+
+        Returns
+        -------
+        tuple of tuple of int, ``[output][input]``
+
+        Raises
+        ------
+        ChannelCountError
+            The nested orders are for other numbers of channels.
+
+        Examples
+        --------
+        >>> Structure(2, 0).poles_matrix(1, 2)
+        ((2, 2),)
+        """
+        return channel_matrix("poles", cast("int | Matrix[int]", self.poles), n_outputs, n_inputs)
+
+    def zeros_matrix(self, n_outputs: int, n_inputs: int) -> Matrix[int]:
+        """Give the degree of the numerator of every channel.
+
+        Parameters
+        ----------
+        n_outputs, n_inputs : int
+            Numbers of channels of the record.
+
+        Returns
+        -------
+        tuple of tuple of int, ``[output][input]``
+
+        Raises
+        ------
+        ChannelCountError
+            The nested orders are for other numbers of channels.
+
+        Examples
+        --------
+        >>> Structure(2, [[1], [0]]).zeros_matrix(2, 1)
+        ((1,), (0,))
+        """
+        return channel_matrix("zeros", cast("int | Matrix[int]", self.zeros), n_outputs, n_inputs)
+
+    def delay_matrix(self, n_outputs: int, n_inputs: int) -> Matrix[float]:
+        """Give the known delay of every channel.
+
+        Parameters
+        ----------
+        n_outputs, n_inputs : int
+            Numbers of channels of the record.
+
+        Returns
+        -------
+        tuple of tuple of float, ``[output][input]`` [s]
+            Zero where the delay is to be estimated.
+
+        Raises
+        ------
+        ChannelCountError
+            The nested delays are for other numbers of channels.
+
+        Examples
+        --------
+        >>> Structure(2, 0, delay=0.1).delay_matrix(1, 2)
+        ((0.1, 0.1),)
+        """
+        known = 0.0 if self.delay == "free" else cast("float | Matrix[float]", self.delay)
+        return channel_matrix("delay", known, n_outputs, n_inputs)
+
+    def names(
+        self, input_names: Sequence[str] = ("u",), output_names: Sequence[str] = ("y",)
+    ) -> tuple[str, ...]:
+        """Name every coefficient, in the order of the parameter vector.
+
+        Parameters
+        ----------
+        input_names, output_names : sequence of str
+            Names of the channels of the record.
+
+        Returns
+        -------
+        tuple of str, length n_parameters
+            A shared denominator comes first, descending powers, then each numerator, outputs in the
+            outer loop; separate denominators come before their numerators. A name carries
+            ``[output,input]`` where there are several channels. Free delays come last.
+
+        Raises
+        ------
+        ChannelCountError
+            Nested orders are for other numbers of channels.
+        ParameterNameError
+            A fixed or bounded coefficient does not exist.
+
+        Examples
+        --------
+        >>> Structure([[2, 1]], 0).names(["e", "r"], ["q"])
+        ('a1[q,e]', 'a0[q,e]', 'b0[q,e]', 'a0[q,r]', 'b0[q,r]')
+        """
+        poles = self.poles_matrix(len(output_names), len(input_names))
+        zeros = self.zeros_matrix(len(output_names), len(input_names))
+        several = len(output_names) * len(input_names) > 1
+        names = [f"a{k}" for k in reversed(range(poles[0][0]))] if self.shared else []
+        for i, output in enumerate(output_names):
+            for j, source in enumerate(input_names):
+                where = f"[{output},{source}]" if several else ""
+                if not self.shared:
+                    names += [f"a{k}{where}" for k in reversed(range(poles[i][j]))]
+                names += [f"b{k}{where}" for k in reversed(range(zeros[i][j] + 1))]
+        if self.delay == "free":
+            one = len(input_names) == 1
+            names += ["delay"] if one else [f"delay[{source}]" for source in input_names]
+        for name in (*self._fixed, *self._bounds):
+            # without channels at hand (the default names) a bracketed name cannot be judged
+            if name not in names and not ("[" in name and (input_names, output_names) == _DEFAULT):
+                raise ParameterNameError(
+                    f"found {shown(name)} in fixed or bounds; expected one of {', '.join(names)}; "
+                    "correct the name"
+                )
+        return tuple(names)
+
+    def n_parameters(self, n_outputs: int = 1, n_inputs: int = 1) -> int:
+        """Count the coefficients, fixed ones included.
+
+        Parameters
+        ----------
+        n_outputs, n_inputs : int
+            Numbers of channels of the record.
+
+        Returns
+        -------
+        int
+            Length of the parameter vector.
+
+        Raises
+        ------
+        ChannelCountError
+            Nested orders are for other numbers of channels.
+
+        Examples
+        --------
+        >>> Structure(2, 1).n_parameters(2, 1)
+        6
+        """
+        poles = self.poles_matrix(n_outputs, n_inputs)
+        zeros = self.zeros_matrix(n_outputs, n_inputs)
+        denominators = poles[0][0] if self.shared else sum(map(sum, poles))
+        numerators = sum(map(sum, zeros)) + n_outputs * n_inputs
+        return denominators + numerators + (n_inputs if self.delay == "free" else 0)
+
+    def split(
+        self, theta: ArrayLike, n_outputs: int = 1, n_inputs: int = 1
+    ) -> tuple[list[list[FloatArray]], list[list[FloatArray]]]:
+        """Cut a parameter vector into numerators and monic denominators.
+
+        Parameters
+        ----------
+        theta : array_like, shape (n_parameters,)
+            Coefficients in the order of `names`; free delays at its end are passed over.
+        n_outputs, n_inputs : int
+            Numbers of channels.
+
+        Returns
+        -------
+        num, den : list of list of ndarray, ``[output][input]``
+            Descending powers, lengths zeros + 1 and poles + 1.
+
+        Raises
+        ------
+        ChannelCountError
+            `theta` has another length, or nested orders are for other numbers of channels.
+
+        Examples
+        --------
+        >>> num, den = Structure(2, 0).split([1.0, 3.0, 0.5])
+        >>> num[0][0], den[0][0]
+        (array([0.5]), array([1., 1., 3.]))
+        """
+        values = np.asarray(theta, dtype=np.float64)
+        expected = self.n_parameters(n_outputs, n_inputs)
+        if values.shape != (expected,):
+            raise ChannelCountError(
+                f"found theta of shape {values.shape}; expected ({expected},) for {n_outputs} "
+                f"outputs and {n_inputs} inputs; order it as names() does"
+            )
+        poles = self.poles_matrix(n_outputs, n_inputs)
+        zeros = self.zeros_matrix(n_outputs, n_inputs)
+        position = poles[0][0] if self.shared else 0
+        common = values[:position]
+        num: list[list[FloatArray]] = [[] for _ in range(n_outputs)]
+        den: list[list[FloatArray]] = [[] for _ in range(n_outputs)]
+        for i in range(n_outputs):
+            for j in range(n_inputs):
+                own = 0 if self.shared else poles[i][j]
+                lower = common if self.shared else values[position : position + own]
+                den[i].append(np.concatenate(([1.0], lower)))
+                position += own
+                num[i].append(values[position : position + zeros[i][j] + 1].copy())
+                position += zeros[i][j] + 1
+        return num, den
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give plain numbers, text and lists, ready for JSON.
+
+        Returns
+        -------
+        dict
+
+        Examples
+        --------
+        >>> Structure.from_dict(Structure(2, 1).to_dict()) == Structure(2, 1)
+        True
+        """
+
+        def plain(value: object) -> object:
+            return [list(row) for row in value] if isinstance(value, tuple) else value
+
+        return {
+            "poles": plain(self.poles),
+            "zeros": plain(self.zeros),
+            "delay": plain(self.delay),
+            "offset": self.offset,
+            "drift": self.drift,
+            "initial_state": self.initial_state,
+            "fixed": dict(self._fixed),
+            "bounds": {name: list(pair) for name, pair in self._bounds.items()},
+        }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> Structure:
+        """Undo `to_dict`.
+
+        Parameters
+        ----------
+        content : mapping
+            What `to_dict` gave.
+
+        Returns
+        -------
+        Structure
+
+        Raises
+        ------
+        StructureError
+            Keys are missing or unknown, or the values make no structure.
+
+        Examples
+        --------
+        >>> Structure.from_dict({"poles": 2, "zeros": 1}).poles
+        2
+        """
+        try:
+            return cls(**content)
+        except TypeError as error:
+            if isinstance(error, StructureError):
+                raise
+            raise StructureError(
+                f"found the keys {shown(sorted(content), 80)}; expected those of to_dict(), poles "
+                "and zeros at least; restore the file"
+            ) from error
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Structure.from_dict, (self.to_dict(),)

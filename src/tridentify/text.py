@@ -1,0 +1,172 @@
+"""Plain-text layout of results: values with errors, tables, polynomials, and units as products."""
+
+from __future__ import annotations
+
+import html
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+
+_SUPPORTED_UNIT = re.compile(r"[^\s/*^0-9()]+(\^-?\d+)?([*/][^\s/*^0-9()]+(\^-?\d+)?)*")
+
+
+def format_value(value: float, std: float = 0.0) -> str:
+    """A value to the digits that its standard error leaves meaningful (two of the error).
+
+    Examples
+    --------
+    >>> format_value(3.14159, 0.023), format_value(-12345.678, 210.0), format_value(0.5)
+    ('3.142', '-12350', '0.5')
+    >>> format_value(1.23e-4, 0.02), format_value(1.2345e-9, 2e-12)
+    ('0.0001', '1.2345e-09')
+    """
+    if not (math.isfinite(value) and math.isfinite(std)) or std <= 0 or value == 0:
+        return f"{value:.6g}"
+    first = math.floor(math.log10(abs(value)))
+    # two digits of the error, but one of the value at least and ten at most
+    last = max(min(math.floor(math.log10(std)) - 1, first), first - 9)
+    if abs(value) < 1e7 and -10 < last < 7 and (first > -5 or last > -7):
+        return f"{round(value, -last):.{max(-last, 0)}f}"
+    return f"{value:.{first - last}e}"
+
+
+def format_std(std: float) -> str:
+    """A standard error to two digits; empty for zero (not estimated).
+
+    Examples
+    --------
+    >>> format_std(0.0234), format_std(0.0), format_std(math.nan)
+    ('0.023', '', 'nan')
+    """
+    if std == 0:
+        return ""
+    if math.isfinite(std) and 1e-4 <= std < 1e7:
+        digits = 1 - math.floor(math.log10(std))
+        return f"{round(std, digits):.{max(digits, 0)}f}"
+    return f"{std:.1e}"
+
+
+def format_polynomial(coefficients: Iterable[float], std: Iterable[float]) -> str:
+    """A polynomial in s with +/- one standard deviation on each coefficient.
+
+    Examples
+    --------
+    >>> format_polynomial([1.0, 1.02, -3.0], [0.0, 0.04, 0.0])
+    's^2 + (1.020 +/- 0.040) s - 3'
+    """
+    text = ""
+    pairs = list(zip(coefficients, std, strict=True))
+    for k, (value, error) in enumerate(pairs, 1):
+        power = len(pairs) - k
+        factor = "" if power == 0 else "s" if power == 1 else f"s^{power}"
+        if error:
+            number = f"({format_value(value, error)} +/- {format_std(error)})"
+            sign = "+"
+        else:
+            number = format_value(abs(value))
+            number = "" if number == "1" and factor else number
+            sign = "-" if value < 0 else "+"
+        term = " ".join(filter(None, (number, factor)))
+        text += f" {sign} {term}" if text else ("-" if sign == "-" else "") + term
+    return text
+
+
+def format_table(
+    titles: Sequence[str], rows: Sequence[Sequence[str]], *, width: int = 78
+) -> list[str]:
+    """Lines of a table: first column to the left, the last (a unit) too, numbers to the right.
+
+    Examples
+    --------
+    >>> for line in format_table(("name", "value", "unit"), [("a0", "3", "1/s^2")], width=22):
+    ...     print(line.rstrip())
+    name      value  unit
+    ----------------------
+    a0            3  1/s^2
+    """
+    columns = list(zip(titles, *rows, strict=True))
+    sizes = [max(map(len, column)) for column in columns]
+    inner = range(1, len(sizes) - 1)
+    spare = max(width - sum(sizes) - 2 * (len(sizes) - 1), 0)
+    for k in inner:
+        sizes[k] += min(spare // max(len(inner), 1), 12 - sizes[k]) if sizes[k] < 12 else 0
+    lines = []
+    for row in (titles, *rows):
+        cells = [row[0].ljust(sizes[0])]
+        cells += [row[k].rjust(sizes[k]) for k in inner]
+        lines.append("  ".join((*cells, row[-1])).rstrip())
+    return [lines[0], "-" * width, *lines[1:]]
+
+
+def html_table(titles: Sequence[str], rows: Sequence[Sequence[str]], caption: str = "") -> str:
+    """An HTML table; everything in it is escaped.
+
+    Examples
+    --------
+    >>> html_table(("a", "b"), [("<1>", "2")])
+    '<table><tr><th>a</th><th>b</th></tr><tr><td>&lt;1&gt;</td><td>2</td></tr></table>'
+    """
+
+    def line(tag: str, cells: Sequence[str]) -> str:
+        inner = "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in cells)
+        return f"<tr>{inner}</tr>"
+
+    head = f"<caption>{html.escape(caption)}</caption>" if caption else ""
+    body = "".join(line("td", row) for row in rows)
+    return f"<table>{head}{line('th', titles)}{body}</table>"
+
+
+def unit_ratio(above: str, below: str, power: int = 0) -> str:
+    """The unit of a ratio, divided by seconds to a power; "-" where nothing is left.
+
+    Examples
+    --------
+    >>> unit_ratio("rad/s", "rad", 2), unit_ratio("m/s^2", "deg"), unit_ratio("rad", "rad")
+    ('1/s^3', 'm/(s^2 deg)', '-')
+    """
+    factors = unit_factors(above)
+    for symbol, exponent in unit_factors(below).items():
+        factors[symbol] = factors.get(symbol, 0) - exponent
+    factors["s"] = factors.get("s", 0) - power
+    return unit_product(factors)
+
+
+def unit_factors(unit: str) -> dict[str, int]:
+    """Split ``"m/s^2"`` into exponents; what is not a product of powers stays one symbol.
+
+    Examples
+    --------
+    >>> unit_factors("m/s^2"), unit_factors("-"), unit_factors("deg C")
+    ({'m': 1, 's': -2}, {}, {'deg C': 1})
+    """
+    unit = unit.strip()
+    if unit in ("", "-", "1"):
+        return {}
+    if not _SUPPORTED_UNIT.fullmatch(unit.removeprefix("1/")):
+        return {unit: 1}
+    factors: dict[str, int] = {}
+    text = unit.removeprefix("1") if unit.startswith("1/") else "*" + unit
+    for operation, symbol, power in re.findall(r"([*/])([^/*^]+)(?:\^(-?\d+))?", text):
+        exponent = int(power or 1) * (1 if operation == "*" else -1)
+        factors[symbol] = factors.get(symbol, 0) + exponent
+    return factors
+
+
+def unit_product(factors: Mapping[str, int]) -> str:
+    """Write exponents as a unit; a ratio of equal units is "-".
+
+    Examples
+    --------
+    >>> unit_product({"m": 1, "s": -2, "deg": -1}), unit_product({"s": -1}), unit_product({})
+    ('m/(s^2 deg)', '1/s', '-')
+    """
+
+    def side(sign: int) -> list[str]:
+        powers = [(name, sign * power) for name, power in factors.items() if sign * power > 0]
+        return [name if power == 1 else f"{name}^{power}" for name, power in powers]
+
+    above, below = side(1), side(-1)
+    if not below:
+        return " ".join(above) or "-"
+    denominator = below[0] if len(below) == 1 else f"({' '.join(below)})"
+    return f"{' '.join(above) or '1'}/{denominator}"

@@ -1,0 +1,137 @@
+"""How an estimate was reached: the passes, their steps, the starts tried, and how it ended.
+
+One pass goes through the steps of the strategy (parallel, series-parallel, series model) or one
+step on the output error. The records here are values for people, plots and reports to read.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+def freeze_arrays(noun: object) -> None:
+    """Replace each field annotated ``Array`` of a frozen dataclass by a read-only float64 copy."""
+    for field in dataclasses.fields(noun):  # type: ignore[arg-type]
+        if field.type == "Array":
+            array = np.array(getattr(noun, field.name), dtype=np.float64)
+            array.setflags(write=False)
+            object.__setattr__(noun, field.name, array)
+
+
+class Status(enum.Enum):
+    """How an estimation ended; each member carries a message, a remedy and whether it is usable.
+
+    Examples
+    --------
+    >>> Status.MAX_PASSES.ok, Status.CONVERGED.ok
+    (False, True)
+    >>> Status.MAX_PASSES.remedy
+    'allow more passes, or try fewer poles or zeros'
+    """
+
+    CONVERGED = "converged"
+    MAX_PASSES = "max passes"
+    AT_STABILITY_LIMIT = "at stability limit"
+    WEAKLY_IDENTIFIABLE = "weakly identifiable"
+    STALLED = "stalled"
+
+    @property
+    def message(self) -> str:
+        """What happened, in one line."""
+        return _STATUS[self][0]
+
+    @property
+    def remedy(self) -> str:
+        """What to do about it; empty when nothing needs doing."""
+        return _STATUS[self][1]
+
+    @property
+    def ok(self) -> bool:
+        """Whether the coefficients are usable (with the caution that `message` states)."""
+        return self not in (Status.MAX_PASSES, Status.STALLED)
+
+
+_STATUS = {
+    Status.CONVERGED: ("converged to a stationary point of the output-error cost", ""),
+    Status.MAX_PASSES: (
+        "the passes ran out before the coefficients stopped moving",
+        "allow more passes, or try fewer poles or zeros",
+    ),
+    Status.AT_STABILITY_LIMIT: (
+        "converged, but a pole lies at the limit of stability",
+        "look for a drift or an integration in the record; allow drift=True, or use fewer poles",
+    ),
+    Status.WEAKLY_IDENTIFIABLE: (
+        "converged, but the record hardly determines some of the coefficients",
+        "record longer, excite nearer to the natural frequency, use fewer poles or zeros, "
+        "or fix a coefficient that is known",
+    ),
+    Status.STALLED: (
+        "no step lowers the output-error cost any further, yet its gradient is not zero",
+        "rescale the record, try another starting model, or use fewer poles or zeros",
+    ),
+}
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Step:
+    """One linear step of a pass: "parallel", "series-parallel", "series" or "output error"."""
+
+    name: str
+    coefficients: Array
+    cost: float
+    condition: float
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Pass:
+    """One pass over the steps: ``theta`` after it, and how far it is from settled.
+
+    ``cost`` is the weighted mean-square output error, ``beta_distance`` the largest
+    ``|beta - (1, 0, ..., 0)|`` of the series model, ``gradient`` the share of the residual that
+    lies along the score directions; the latter two are ``nan`` where not computed.
+    """
+
+    number: int
+    steps: tuple[Step, ...]
+    theta: Array
+    cost: float
+    beta_distance: float = math.nan
+    gradient: float = math.nan
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Start:
+    """A starting point that was tried, with its output-error cost."""
+
+    name: str
+    theta: Array
+    cost: float
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trace:
+    """The way to an estimate: passes, starts tried, decisions taken, and why it stopped."""
+
+    passes: tuple[Pass, ...]
+    starts: tuple[Start, ...] = ()
+    decisions: tuple[str, ...] = ()
+    stopped: str = ""

@@ -1,0 +1,487 @@
+"""Linear continuous-time models as ratios of polynomials in the differential operator p.
+
+``y_i = sum_j num[i][j](p) / den[i][j](p) u_j(t - delay[i][j])``, coefficients in descending powers,
+every denominator monic, no numerator of a higher degree than its denominator.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tridentify.checks.coefficients import (
+    channel_delays,
+    is_flat,
+    monic,
+    nested_coefficients,
+    stripped,
+)
+from tridentify.checks.samples import channel_names
+from tridentify.errors import (
+    ChannelCountError,
+    MissingDependencyError,
+    OptionError,
+    StructureError,
+    UnsupportedError,
+    shown,
+)
+from tridentify.numerics.rational import rational_response
+from tridentify.text import format_polynomial
+
+__all__ = ["TransferFunction"]
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+Polynomials = tuple[tuple[FloatArray, ...], ...]
+
+
+@dataclass(frozen=True, eq=False, init=False, repr=False)
+class TransferFunction:
+    """A matrix of proper rational transfer functions with delays.
+
+    Parameters
+    ----------
+    num, den : array_like or nested sequence of array_like
+        Coefficients in descending powers: one-dimensional for a single channel, nested
+        ``num[output][input]`` for several. A one-dimensional `den` with nested `num` is a common
+        denominator. Denominators are made monic, numerators scaled along.
+    delay : float or nested sequence of float
+        Dead time [s], zero or more; one number, or ``delay[output][input]``.
+    input_names, output_names : sequence of str, optional
+        One name per channel; ``u`` or ``u1, u2, ...`` and likewise ``y`` by default.
+
+    Attributes
+    ----------
+    num, den : tuple of tuple of ndarray, ``[output][input]``
+        Read-only coefficients, descending powers.
+    delay : ndarray, shape (n_outputs, n_inputs)
+        Dead times [s].
+
+    Raises
+    ------
+    CoefficientError
+        Coefficients are empty or not finite, or a denominator is zero.
+    ChannelCountError
+        Nested entries do not fit each other.
+    ImproperModelError
+        A numerator has a higher degree than its denominator.
+    OptionError
+        A delay is negative or not finite.
+    ChannelNameError
+        Names are repeated, blank or not as many as the channels.
+
+    Examples
+    --------
+    >>> from tridentify import TransferFunction
+    >>> model = TransferFunction([0.5], [1.0, 1.0, 3.0])
+    >>> print(model)
+         0.5
+    -------------
+    s^2 + s + 3
+    >>> model.natural_frequency.round(4), model.damping.round(4)
+    (array([1.7321, 1.7321]), array([0.2887, 0.2887]))
+    """
+
+    num: Polynomials
+    den: Polynomials
+    delay: FloatArray
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+
+    def __init__(
+        self,
+        num: Any,
+        den: Any,
+        *,
+        delay: float | ArrayLike = 0.0,
+        input_names: Sequence[str] | None = None,
+        output_names: Sequence[str] | None = None,
+    ) -> None:
+        numerators = nested_coefficients("num", num)
+        shape = (len(numerators), len(numerators[0]))
+        denominators = nested_coefficients("den", den)
+        if is_flat(den):
+            denominators = [denominators[0] * shape[1]] * shape[0]
+        if (len(denominators), len(denominators[0])) != shape:
+            raise ChannelCountError(
+                f"found den for {len(denominators)} outputs x {len(denominators[0])} inputs; "
+                f"expected {shape[0]} x {shape[1]} as in num; nest them alike"
+            )
+        pairs = [
+            [monic(n, d) for n, d in zip(row_n, row_d, strict=True)]
+            for row_n, row_d in zip(numerators, denominators, strict=True)
+        ]
+        fields = {
+            "num": tuple(tuple(pair[0] for pair in row) for row in pairs),
+            "den": tuple(tuple(pair[1] for pair in row) for row in pairs),
+            "delay": channel_delays(delay, shape),
+            "input_names": channel_names(input_names, shape[1], "u"),
+            "output_names": channel_names(output_names, shape[0], "y"),
+        }
+        for key, value in fields.items():
+            object.__setattr__(self, key, value)
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of input channels."""
+        return len(self.input_names)
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of output channels."""
+        return len(self.output_names)
+
+    @property
+    def is_siso(self) -> bool:
+        """Whether there is one input and one output."""
+        return self.n_inputs == self.n_outputs == 1
+
+    def channel(self, output: int, source: int) -> TransferFunction:
+        """Give the model from one input to one output.
+
+        Parameters
+        ----------
+        output, source : int
+            Numbers of the output and of the input, from zero.
+
+        Returns
+        -------
+        TransferFunction
+            With one input and one output.
+
+        Raises
+        ------
+        IndexError
+            There is no such channel.
+
+        Examples
+        --------
+        >>> TransferFunction([[[1.0], [2.0]]], [1.0, 3.0]).channel(0, 1).num[0][0]
+        array([2.])
+        """
+        return TransferFunction(
+            self.num[output][source],
+            self.den[output][source],
+            delay=float(self.delay[output, source]),
+            input_names=(self.input_names[source],),
+            output_names=(self.output_names[output],),
+        )
+
+    @property
+    def common_denominator(self) -> FloatArray | None:
+        """The denominator that all channels share, or None where they differ."""
+        first = self.den[0][0]
+        same = all(np.array_equal(first, den) for row in self.den for den in row)
+        return first if same else None
+
+    @property
+    def poles(self) -> Any:
+        """Poles [rad/s]: a complex array (SISO), or lists ``[output][input]`` of such arrays."""
+        return _roots(self.den)
+
+    @property
+    def zeros(self) -> Any:
+        """Zeros [rad/s]: a complex array (SISO), or lists ``[output][input]`` of such arrays."""
+        return _roots(self.num)
+
+    @property
+    def dc_gain(self) -> FloatArray:
+        """Steady-state gain, shape (n_outputs, n_inputs); infinite for an integrator."""
+        gain: FloatArray = self.frequency_response([0.0])[0].real.copy()
+        return gain
+
+    def _common_poles(self) -> ComplexArray:
+        den = self.common_denominator
+        if den is None:
+            raise UnsupportedError(
+                "found different denominators in the channels; expected a common one; ask "
+                "channel(output, input) for the modes of each"
+            )
+        return _sorted_roots(den)
+
+    @property
+    def natural_frequency(self) -> FloatArray:
+        """Natural frequency [rad/s] of every pole of the common denominator, shape (n_poles,)."""
+        magnitude: FloatArray = np.abs(self._common_poles())
+        return magnitude
+
+    @property
+    def damping(self) -> FloatArray:
+        """Damping ratio of every pole of the common denominator; nan for a pole at zero."""
+        poles = self._common_poles()
+        with np.errstate(invalid="ignore"):
+            ratio: FloatArray = -poles.real / np.abs(poles)
+        return ratio
+
+    @property
+    def is_stable(self) -> bool:
+        """Whether every pole has a negative real part."""
+        return all(bool(np.all(_sorted_roots(den).real < 0.0)) for row in self.den for den in row)
+
+    def frequency_response(self, omega: ArrayLike) -> ComplexArray:
+        """Evaluate the model on the imaginary axis.
+
+        Parameters
+        ----------
+        omega : array_like, shape (n_omega,)
+            Angular frequencies [rad/s].
+
+        Returns
+        -------
+        ndarray of complex, shape (n_omega, n_outputs, n_inputs)
+            Infinite where a pole lies on the axis.
+
+        Raises
+        ------
+        OptionError
+            A frequency is not a finite real number.
+
+        Notes
+        -----
+        Above 1 rad/s the polynomials are evaluated in ``1/s``, so that no power overflows.
+
+        Examples
+        --------
+        >>> TransferFunction([1.0], [1.0, 1.0]).frequency_response([0.0, 1.0]).ravel()
+        array([1. +0.j , 0.5-0.5j])
+        """
+        frequency = np.atleast_1d(np.asarray(omega))
+        if (
+            frequency.ndim != 1
+            or frequency.dtype.kind not in "fiu"
+            or not np.isfinite(frequency).all()
+        ):
+            raise OptionError(
+                f"found omega={shown(omega)}; expected finite real frequencies [rad/s] in one "
+                "dimension; correct omega"
+            )
+        s = 1j * frequency.astype(np.complex128)
+        response = np.empty((s.size, self.n_outputs, self.n_inputs), dtype=np.complex128)
+        for i in range(self.n_outputs):
+            for j in range(self.n_inputs):
+                ratio = rational_response(self.num[i][j], self.den[i][j], s)
+                # a complex infinity turns into nan when it is multiplied
+                finite = np.isfinite(ratio)
+                ratio[finite] *= np.exp(-s[finite] * self.delay[i, j])
+                response[:, i, j] = ratio
+        return response
+
+    def to_control(self) -> Any:
+        """Convert to a `control.TransferFunction`.
+
+        Returns
+        -------
+        control.TransferFunction
+
+        Raises
+        ------
+        MissingDependencyError
+            python-control is not installed.
+        UnsupportedError
+            The model has a delay, which python-control cannot hold.
+
+        Examples
+        --------
+        >>> TransferFunction([0.5], [1.0, 1.0, 3.0]).to_control().den[0][0]
+        array([1., 1., 3.])
+        """
+        control = _import_control()
+        self._refuse_delay("python-control")
+        return control.TransferFunction(
+            [[np.array(item) for item in row] for row in self.num],
+            [[np.array(item) for item in row] for row in self.den],
+            inputs=list(self.input_names),
+            outputs=list(self.output_names),
+        )
+
+    @classmethod
+    def from_control(cls, system: Any) -> TransferFunction:
+        """Convert from a continuous-time `control.TransferFunction`.
+
+        Parameters
+        ----------
+        system : control.TransferFunction
+            Model in continuous time.
+
+        Returns
+        -------
+        TransferFunction
+            Channels keep the names they were given.
+
+        Raises
+        ------
+        MissingDependencyError
+            python-control is not installed.
+        UnsupportedError
+            `system` is another kind of model, or one in discrete time.
+
+        Examples
+        --------
+        >>> import control
+        >>> TransferFunction.from_control(control.tf([2.0], [2.0, 4.0])).den[0][0]
+        array([1., 2.])
+        """
+        control = _import_control()
+        if not isinstance(system, control.TransferFunction) or system.isdtime(strict=True):
+            raise UnsupportedError(
+                f"found {shown(type(system).__name__)} with time step "
+                f"{getattr(system, 'dt', None)}; expected a continuous-time "
+                "control.TransferFunction; convert it with control.tf first"
+            )
+        labels = {
+            "input_names": list(system.input_labels),
+            "output_names": list(system.output_labels),
+        }
+        made_up = re.compile(r"[uy]\[\d+\]")
+        names = {k: v for k, v in labels.items() if not all(made_up.fullmatch(n) for n in v)}
+        rows = range(system.noutputs)
+        return cls(
+            [[system.num[i][j] for j in range(system.ninputs)] for i in rows],
+            [[system.den[i][j] for j in range(system.ninputs)] for i in rows],
+            **names,
+        )
+
+    def to_scipy(self) -> Any:
+        """Convert to a `scipy.signal.TransferFunction`.
+
+        Returns
+        -------
+        scipy.signal.TransferFunction
+
+        Raises
+        ------
+        UnsupportedError
+            The model has several channels or a delay, which SciPy cannot hold.
+
+        Examples
+        --------
+        >>> TransferFunction([1.0], [2.0, 4.0]).to_scipy().num
+        array([0.5])
+        """
+        from scipy.signal import TransferFunction as ScipyTransferFunction
+
+        self._refuse_delay("scipy")
+        if not self.is_siso:
+            raise UnsupportedError(
+                f"found {self.n_outputs} outputs and {self.n_inputs} inputs; expected one of each "
+                "for scipy; convert channel(output, input)"
+            )
+        num = stripped(self.num[0][0])
+        return ScipyTransferFunction(np.array(num), np.array(self.den[0][0]))
+
+    def _refuse_delay(self, package: str) -> None:
+        if np.any(self.delay > 0.0):
+            raise UnsupportedError(
+                f"found a delay of {self.delay.max():.6g} s; expected none, since {package} cannot "
+                "hold it; build the model again without delay, or with a Pade approximation"
+            )
+
+    def _channels(self) -> list[tuple[int, int, str]]:
+        return [
+            (i, j, "" if self.is_siso else f"{self.output_names[i]} <- {self.input_names[j]}")
+            for i in range(self.n_outputs)
+            for j in range(self.n_inputs)
+        ]
+
+    def __str__(self) -> str:
+        blocks = []
+        for i, j, label in self._channels():
+            fraction = _fraction_text(self.num[i][j], self.den[i][j], float(self.delay[i, j]))
+            blocks.append(f"{label}:\n{fraction}" if label else fraction)
+        return "\n\n".join(blocks)
+
+    def __repr__(self) -> str:
+        content = self.to_dict()
+        num, den = (content[k][0][0] if self.is_siso else content[k] for k in ("num", "den"))
+        delay = f", delay={content['delay']}" if np.any(self.delay) else ""
+        return f"TransferFunction({num}, {den}{delay})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give plain numbers, text and lists, ready for JSON.
+
+        Returns
+        -------
+        dict
+
+        Examples
+        --------
+        >>> TransferFunction([1.0], [1.0, 2.0]).to_dict()["den"]
+        [[[1.0, 2.0]]]
+        """
+        return {
+            "num": [[item.tolist() for item in row] for row in self.num],
+            "den": [[item.tolist() for item in row] for row in self.den],
+            "delay": self.delay.tolist(),
+            "input_names": list(self.input_names),
+            "output_names": list(self.output_names),
+        }
+
+    @classmethod
+    def from_dict(cls, content: Mapping[str, Any]) -> TransferFunction:
+        """Undo `to_dict`.
+
+        Parameters
+        ----------
+        content : mapping
+            What `to_dict` gave.
+
+        Returns
+        -------
+        TransferFunction
+
+        Raises
+        ------
+        StructureError
+            Keys are missing or unknown, or the values make no model.
+
+        Examples
+        --------
+        >>> model = TransferFunction([1.0], [1.0, 2.0], delay=0.1)
+        >>> TransferFunction.from_dict(model.to_dict())
+        TransferFunction([1.0], [1.0, 2.0], delay=[[0.1]])
+        """
+        try:
+            return cls(**content)
+        except TypeError as error:
+            if isinstance(error, StructureError):
+                raise
+            raise StructureError(
+                f"found the keys {shown(sorted(content), 80)}; expected those of to_dict(), num "
+                "and den at least; restore the file"
+            ) from error
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return TransferFunction.from_dict, (self.to_dict(),)
+
+
+def _fraction_text(num: FloatArray, den: FloatArray, delay: float) -> str:
+    top, bottom = (format_polynomial(p.tolist(), [0.0] * p.size) for p in (num, den))
+    width = max(len(top), len(bottom)) + 2
+    front = f"exp(-{delay:.6g} s) " if delay > 0.0 else ""
+    margin = " " * len(front)
+    lines = (margin + top.center(width), front + "-" * width, margin + bottom.center(width))
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _sorted_roots(coefficients: FloatArray) -> ComplexArray:
+    return np.sort_complex(np.roots(coefficients).astype(np.complex128))
+
+
+def _roots(polynomials: Polynomials) -> Any:
+    roots = [[_sorted_roots(item) for item in row] for row in polynomials]
+    return roots[0][0] if len(roots) == len(roots[0]) == 1 else roots
+
+
+def _import_control() -> Any:
+    try:
+        import control
+    except ImportError as error:
+        raise MissingDependencyError(
+            "found no python-control; expected it for this conversion; pip install control"
+        ) from error
+    return control

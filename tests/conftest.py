@@ -1,0 +1,40 @@
+"""What every test may use."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+# The same examples on every run and no deadline: a first call may compile a kernel.
+# HYPOTHESIS_PROFILE=explore looks for new examples.
+hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True)
+hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
+hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
+
+REPOSITORY = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session")
+def repository() -> Path:
+    """The folder of this checkout."""
+    return REPOSITORY
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder with the public records, which are not part of this repository.
+
+    It is `../shared/data` beside the checkout, or what TRIDENTIFY_SHARED_DATA names.
+    """
+    named = os.environ.get("TRIDENTIFY_SHARED_DATA")
+    folder = Path(named) if named else REPOSITORY.parent / "shared" / "data"
+    if not folder.is_dir():
+        if named:
+            pytest.fail(f"TRIDENTIFY_SHARED_DATA names {named}, which is not a folder")
+        pytest.skip("no ../shared/data beside the repository; TRIDENTIFY_SHARED_DATA may name it")
+    return folder

@@ -1,0 +1,53 @@
+"""`import tridentify` stays light: what is heavy is loaded by the call that needs it.
+
+A list of modules, not a stopwatch: it gives the same answer on every machine.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+HEAVY = (
+    "control",
+    "jinja2",
+    "jsbsim",
+    "matplotlib",
+    "numba",
+    "pandas",
+    "polars",
+    "rich",
+    "scipy.integrate",
+    "scipy.optimize",
+    "scipy.signal",
+    "scipy.stats",
+    "typer",
+)
+
+
+def loaded_after(statement: str) -> set[str]:
+    """The modules that a fresh interpreter holds after `statement`."""
+    program = f"{statement}\nimport json, sys\nprint(json.dumps(sorted(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return set(json.loads(done.stdout.splitlines()[-1]))
+
+
+@pytest.mark.parametrize(
+    "statement",
+    ["import tridentify", "from tridentify import Record, Structure, TransferFunction"],
+)
+def test_nothing_heavy_is_loaded(statement: str) -> None:
+    loaded = loaded_after(statement)
+    assert "tridentify" in loaded
+    assert sorted(loaded.intersection(HEAVY)) == []

@@ -1,0 +1,199 @@
+"""The house: imports point downward, without a circle, and only the command line speaks.
+
+import-linter checks the contracts of pyproject.toml; a graph of our own, read from the sources
+alone, checks the same thing by another route.
+"""
+
+from __future__ import annotations
+
+import ast
+import graphlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import pytest
+
+PACKAGE = "tridentify"
+MAY_SPEAK = ("tridentify.cli", "tridentify.__main__")
+EXITS = {
+    "print",
+    "exit",
+    "quit",
+    "sys.exit",
+    "os._exit",
+    "sys.stdout.write",
+    "sys.stderr.write",
+    "SystemExit",
+}
+
+
+# ------------------------------------------------------------------------------ our own graph
+def read_modules(source: Path) -> dict[str, tuple[bool, ast.Module]]:
+    """Module name -> (is a package, parsed source), for every module below `source`."""
+    modules = {}
+    for path in sorted((source / PACKAGE).rglob("*.py")):
+        parts = path.relative_to(source).with_suffix("").parts
+        is_package = parts[-1] == "__init__"
+        name = ".".join(parts[:-1] if is_package else parts)
+        modules[name] = (is_package, ast.parse(path.read_text(encoding="utf-8")))
+    return modules
+
+
+def imported_names(name: str, is_package: bool, tree: ast.Module) -> Iterator[tuple[str, str]]:
+    """(module, name in it or "") of every import statement, inside functions too."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from ((alias.name, "") for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            base = node.module or ""
+            if node.level:
+                parts = name.split(".")
+                keep = len(parts) - node.level + (1 if is_package else 0)
+                base = ".".join([*parts[:keep], *([node.module] if node.module else [])])
+            yield from ((base, alias.name) for alias in node.names)
+
+
+def import_graph(modules: Mapping[str, tuple[bool, ast.Module]]) -> dict[str, set[str]]:
+    """Module -> the modules of the package it imports."""
+    graph: dict[str, set[str]] = {}
+    for name, (is_package, tree) in modules.items():
+        targets = set()
+        for base, inner in imported_names(name, is_package, tree):
+            submodule = f"{base}.{inner}"
+            target = submodule if submodule in modules else base
+            if target in modules and target != name:
+                targets.add(target)
+        graph[name] = targets
+    return graph
+
+
+def find_circle(graph: Mapping[str, set[str]]) -> list[str]:
+    """The modules of one import circle, or nothing."""
+    try:
+        graphlib.TopologicalSorter(graph).prepare()
+    except graphlib.CycleError as error:
+        return list(error.args[1])
+    return []
+
+
+def find_speech(name: str, tree: ast.Module) -> list[str]:
+    """`module:line name` of every print and exit."""
+    found = []
+    for node in ast.walk(tree):
+        called = ""
+        if isinstance(node, ast.Call):
+            called = ast.unparse(node.func)
+        elif isinstance(node, ast.Raise) and isinstance(node.exc, ast.Name):
+            called = node.exc.id
+        if called in EXITS:
+            found.append(f"{name}:{node.lineno} {called}")
+    return found
+
+
+@pytest.fixture(scope="module")
+def modules(repository: Path) -> dict[str, tuple[bool, ast.Module]]:
+    return read_modules(repository / "src")
+
+
+def test_no_module_is_in_an_import_circle(modules: dict[str, tuple[bool, ast.Module]]) -> None:
+    graph = import_graph(modules)
+    assert sum(map(len, graph.values())) > len(graph) / 2, "the graph lost its imports"
+    assert find_circle(graph) == []
+
+
+def test_only_the_command_line_prints_or_exits(
+    modules: dict[str, tuple[bool, ast.Module]],
+) -> None:
+    found = [
+        speech
+        for name, (_, tree) in modules.items()
+        if not name.startswith(MAY_SPEAK)
+        for speech in find_speech(name, tree)
+    ]
+    assert found == []
+
+
+def test_a_circle_and_a_print_would_be_found(tmp_path: Path) -> None:
+    folder = tmp_path / PACKAGE / "room"
+    folder.mkdir(parents=True)
+    (folder.parent / "__init__.py").write_text("")
+    (folder / "__init__.py").write_text("")
+    (folder / "a.py").write_text("def f():\n    from . import b\n")
+    (folder / "b.py").write_text("from ..c import x\nprint(x)\nraise SystemExit\n")
+    (folder.parent / "c.py").write_text("import tridentify.room.a\nx = 1\n")
+    modules = read_modules(tmp_path)
+    assert set(find_circle(import_graph(modules))) == {
+        "tridentify.room.a",
+        "tridentify.room.b",
+        "tridentify.c",
+    }
+    _, tree = modules["tridentify.room.b"]
+    assert sorted(find_speech("b", tree)) == ["b:2 print", "b:3 SystemExit"]
+
+
+def test_the_readme_shows_every_room(repository: Path) -> None:
+    readme = (repository / "README.md").read_text(encoding="utf-8")
+    (picture,) = re.findall(r"^    src/tridentify/\n((?:      .*\n)+)", readme, flags=re.MULTILINE)
+    shown = set(re.findall(r"\b([a-z_]+)(?:\.py|/)(?=[ ,])", picture))
+    rooms = {
+        path.stem
+        for path in (repository / "src" / PACKAGE).iterdir()
+        if (path.suffix == ".py" or path.is_dir()) and not path.name.startswith("_")
+    }
+    assert shown == rooms
+
+
+# --------------------------------------------------------------------------- the contracts
+def lint_imports(folder: Path) -> subprocess.CompletedProcess[str]:
+    """Run import-linter on the package below `folder`/src, with the contracts beside it."""
+    command = (
+        "import sys; from importlinter.cli import lint_imports; "
+        "sys.exit(lint_imports('pyproject.toml', no_cache=True))"
+    )
+    return subprocess.run(
+        [sys.executable, "-c", command],
+        cwd=folder,
+        env={**os.environ, "PYTHONPATH": str(folder / "src")},
+        stdin=subprocess.DEVNULL,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def test_contracts_are_kept(repository: Path) -> None:
+    done = lint_imports(repository)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.parametrize(
+    ("module", "statement", "contract"),
+    [
+        ("errors.py", "from tridentify import record", "An import never points upward"),
+        ("simulate.py", "def f():\n    import tridentify.cli", "An import never points upward"),
+        ("unheard_of.py", "", "An import never points upward"),
+        ("identify.py", "def f():\n    import matplotlib.pyplot", "plotting library"),
+        ("record.py", "import rich.table", "Only the command line knows the terminal"),
+    ],
+)
+def test_a_broken_contract_would_be_found(
+    repository: Path, tmp_path: Path, module: str, statement: str, contract: str
+) -> None:
+    shutil.copy(repository / "pyproject.toml", tmp_path)
+    shutil.copytree(
+        repository / "src" / PACKAGE,
+        tmp_path / "src" / PACKAGE,
+        ignore=shutil.ignore_patterns("__pycache__", "data"),
+    )
+    with (tmp_path / "src" / PACKAGE / module).open("a", encoding="utf-8") as file:
+        file.write(f"\n{statement}\n")
+    done = lint_imports(tmp_path)
+    broken = [line for line in done.stdout.splitlines() if line.rstrip().endswith("BROKEN")]
+    assert done.returncode != 0
+    assert any(contract in line for line in broken), done.stdout + done.stderr

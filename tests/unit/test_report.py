@@ -1,0 +1,222 @@
+"""The report: complete, self-contained, honest about doubts, and never half-written."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from html.parser import HTMLParser
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from tridentify.errors import OptionError, OutputPathError
+from tridentify.estimate import Status, Trace
+from tridentify.record import Record
+from tridentify.report import save_figures, write_report
+from tridentify.report.html import warnings_about
+
+FIGURES = ("record", "fit", "residual", "bode", "pole-zero", "convergence")
+
+
+class _Page(HTMLParser):
+    """Headings, outside addresses and unclosed tags of a page."""
+
+    VOID = frozenset({"meta", "link", "img", "br"})
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.headings, self.addresses, self.scripts = [], [], [], 0
+        self.feed(text)
+
+    def handle_starttag(self, tag, attrs):
+        if tag not in self.VOID:
+            self.open.append(tag)
+        self.scripts += tag in ("script", "link", "iframe", "img")
+        links = (v for k, v in attrs if k in ("href", "src", "xlink:href") and v)
+        self.addresses += [link for link in links if not link.startswith("#")]
+
+    def handle_startendtag(self, tag, attrs):
+        pass
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] in ("h1", "h2", "h3"):
+            self.headings.append(data.strip())
+
+
+@pytest.fixture(scope="module")
+def page(double, tmp_path_factory):
+    path = write_report(
+        double.estimate, double.record, tmp_path_factory.mktemp("report") / "report.html"
+    )
+    return path.read_text(encoding="utf-8")
+
+
+def test_page_is_well_formed_and_needs_nothing_from_outside(page):
+    parsed = _Page(page)
+    assert not parsed.open
+    assert parsed.addresses == []
+    assert parsed.scripts == 0
+    assert "url(http" not in page
+    assert "@import" not in page
+
+
+def test_page_has_every_section(page):
+    headings = _Page(page).headings
+    assert headings[0] == "short period"
+    for wanted in (
+        "Coefficients",
+        "Natural frequency, damping, gain",
+        "Estimated along",
+        "Fit",
+        "Record and model response",
+        "Residual",
+        "Frequency response",
+        "Poles and zeros",
+        "Convergence of the passes",
+        "Passes",
+        "Coefficients after each pass",
+        "Starts tried",
+        "Settings and data",
+    ):
+        assert wanted in headings
+    assert page.index("Usable: converged") < page.index("Coefficients")
+
+
+def test_page_states_the_numbers(page, double):
+    estimate = double.estimate
+    for name, parameter in estimate.parameters.items():
+        row = re.search(rf"<td class=\"text\">{re.escape(name)}</td>(.*?)</tr>", page, re.DOTALL)
+        cells = re.findall(r"<td[^>]*>(.*?)</td>", row[1])
+        assert float(cells[0]) == pytest.approx(parameter.value, abs=0.6 * parameter.std)
+        assert float(cells[1]) == pytest.approx(parameter.std, rel=0.06)
+        assert cells[-1] == parameter.unit
+    for text in ("93.21", estimate.record_fingerprint, "8 Laguerre functions", "AICc lower by"):
+        assert text in page
+
+
+def test_every_inline_figure_is_valid_svg_that_scales(page):
+    drawings = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+    assert len(drawings) == 5
+    clips = []
+    for drawing in drawings:
+        root = ElementTree.fromstring(drawing)
+        assert root.get("viewBox")
+        assert root.get("width") is None
+        assert root.get("aria-label")
+        clips += re.findall(r'<clipPath id="(.*?)"', drawing)
+        for reference in re.findall(r"url\(#(.*?)\)", drawing):
+            assert f'id="{reference}"' in drawing
+    assert len(clips) == len(set(clips))
+
+
+def test_foreign_text_is_escaped(single, tmp_path):
+    names = {"input_names": ["<i>"], "output_names": ["a&b"]}
+    record = Record(single.record.u, single.record.y, dt=0.02, name="<script>x", **names)
+    estimate = dataclasses.replace(
+        single.estimate, input_names=("<i>",), output_names=("a&b",), method="<b>", units={}
+    )
+    text = write_report(estimate, record, tmp_path / "r.html").read_text()
+    assert _Page(text).scripts == 0
+    assert "<i>" not in text
+    assert "<b>" not in text
+    assert "&lt;script&gt;x" in text
+    for drawing in re.findall(r"<svg.*?</svg>", text, re.DOTALL):
+        ElementTree.fromstring(drawing)
+
+
+@pytest.mark.parametrize(
+    ("status", "words"),
+    [
+        (Status.CONVERGED, "Usable:"),
+        (Status.WEAKLY_IDENTIFIABLE, "Usable with caution:"),
+        (Status.STALLED, "Not usable:"),
+    ],
+)
+def test_verdict_and_remedy_come_first(single, tmp_path, status, words):
+    estimate = dataclasses.replace(single.estimate, status=status)
+    text = write_report(estimate, single.record, tmp_path / "r.html", title="Test").read_text()
+    assert f"<strong>{words}" in text
+    assert ("What to do" in text) == bool(status.remedy)
+    assert status.remedy in text
+    assert "<h1>Test</h1>" in text
+
+
+def test_sound_estimate_has_no_warnings(single, double):
+    assert warnings_about(single.estimate, [single.record]) == []
+    assert warnings_about(double.estimate, [double.record]) == []
+
+
+def test_doubts_are_named(single):
+    y = np.array(single.record.y)
+    y[:, 0] += 1e-3 * np.sin(single.record.t)
+    y[20:25] = np.nan
+    doubtful = Record(single.record.u, y, dt=0.02, output_names=["q"])
+    vague = dataclasses.replace(single.estimate, cov=np.diag([4.0, 0.01, 0.01]))
+    found = warnings_about(vague, [doubtful])
+    assert [text.split(":")[0] for text in found[:1]] == ["Standard error above half of the value"]
+    assert "a1." in found[0]
+    assert "a0" not in found[0]
+    assert found[1].startswith("5 output samples are missing;")
+    assert found[2].startswith("The residual of q is not white:")
+
+
+def test_several_experiments_each_get_their_figures(single, tmp_path):
+    estimate = dataclasses.replace(single.estimate, nuisance=single.estimate.nuisance * 2)
+    records = [single.record, single.record]
+    text = write_report(estimate, records, tmp_path / "r.html").read_text()
+    assert "Residual, experiment 2" in _Page(text).headings
+    names = {path.name for path in save_figures(estimate, records, tmp_path / "figures")}
+    assert {"fit-1.png", "fit-2.png", "bode.png"} < names
+
+
+def test_estimate_without_trace_or_covariance_has_a_report(single, tmp_path):
+    bare = dataclasses.replace(
+        single.estimate,
+        trace=Trace(()),
+        cov=np.full((3, 3), np.nan),
+        nuisance=single.estimate.nuisance,
+        gradient=float("nan"),
+    )
+    text = write_report(bare, single.record, tmp_path / "r.html").read_text()
+    assert "nan" in text
+
+
+def test_long_record_makes_a_small_page(single, tmp_path):
+    t = np.arange(60_000) * 0.02
+    u = np.sign(np.sin(t))
+    y = np.random.default_rng(0).standard_normal(t.size)
+    record = Record(u, y, dt=0.02, input_names=["elevator"], output_names=["q"])
+    path = write_report(single.estimate, record, tmp_path / "r.html")
+    assert path.stat().st_size < 1_500_000
+
+
+def test_figures_are_written_in_the_asked_formats(single, tmp_path):
+    paths = save_figures(single.estimate, single.record, tmp_path / "f", formats=("png", "svg"))
+    expected = [f"{stem}.{form}" for stem in FIGURES for form in ("png", "svg")]
+    assert [path.name for path in paths] == expected
+    assert sorted(item.name for item in (tmp_path / "f").iterdir()) == sorted(expected)
+    assert paths[0].read_bytes().startswith(b"\x89PNG")
+    with pytest.raises(OptionError, match="found the figure format 'bmp'"):
+        save_figures(single.estimate, single.record, tmp_path / "g", formats=("bmp",))
+    assert not (tmp_path / "g").exists()
+
+
+def test_unwritable_place_leaves_nothing_behind(single, tmp_path):
+    (tmp_path / "taken").write_text("")
+    with pytest.raises(OutputPathError, match="choose another output path"):
+        write_report(single.estimate, single.record, tmp_path / "taken" / "report.html")
+    with pytest.raises(OutputPathError):
+        save_figures(single.estimate, single.record, tmp_path / "taken")
+    assert [item.name for item in tmp_path.iterdir()] == ["taken"]
+
+
+def test_report_replaces_an_older_one(single, tmp_path):
+    path = tmp_path / "report.html"
+    path.write_text("old")
+    assert write_report(single.estimate, single.record, path) == path
+    assert path.read_text().startswith("<!DOCTYPE html>")
+    assert [item.name for item in tmp_path.iterdir()] == ["report.html"]
