@@ -39,6 +39,7 @@ class Status(enum.Enum):
     CONVERGED = "converged"
     MAX_PASSES = "max passes"
     AT_STABILITY_LIMIT = "at stability limit"
+    AT_SAMPLING_LIMIT = "at sampling limit"
     WEAKLY_IDENTIFIABLE = "weakly identifiable"
     STALLED = "stalled"
 
@@ -67,6 +68,10 @@ _STATUS = {
     Status.AT_STABILITY_LIMIT: (
         "converged, but a pole lies at the limit of stability",
         "look for a drift or an integration in the record; allow drift=True, or use fewer poles",
+    ),
+    Status.AT_SAMPLING_LIMIT: (
+        "converged, but a pole is faster than the sampling can show",
+        "use fewer poles, or sample faster",
     ),
     Status.WEAKLY_IDENTIFIABLE: (
         "converged, but the record hardly determines some of the coefficients",

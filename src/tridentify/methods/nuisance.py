@@ -109,13 +109,28 @@ def _affordable(
     return tuple(sorted(kept, key=unknowns))
 
 
-def build(records: Sequence[Record], structure: Structure, nuisances: Nuisances) -> Problem:
-    """The problem for one choice of nuisance terms."""
+def build(
+    records: Sequence[Record],
+    structure: Structure,
+    nuisances: Nuisances,
+    *,
+    shift: bool = True,
+) -> Problem:
+    """The problem for one choice of nuisance terms.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : Structure
+    nuisances : Nuisances
+    shift : bool
+        Whether the input counts from its reference (`reference_of`) or as recorded.
+    """
     first = records[0]
     experiments = []
     for record in records:
         u = np.asarray(record.u)
-        reference = reference_of(record, nuisances)
+        reference = reference_of(record, nuisances) if shift else np.zeros(record.n_inputs)
         assert record.dt is not None
         experiments.append(
             Experiment(
@@ -163,17 +178,18 @@ def build_base(
     variants : tuple of Variant
         In the order of ``choices``.
     """
+    only_shifted = all(c.initial_state == "equilibrium" for c in choices)
+    free = any(c.initial_state == "free" for c in choices)
     fullest = Nuisances(
-        "free" if any(c.initial_state == "free" for c in choices) else choices[-1].initial_state,
+        "equilibrium" if only_shifted else "free" if free else "rest",
         any(c.offset for c in choices),
         any(c.drift for c in choices),
     )
-    base = build(records, structure, fullest)
+    base = build(records, structure, fullest, shift=only_shifted)
     variants = []
     for choice in choices:
-        constants = tuple(
-            reference_of(record, fullest) - reference_of(record, choice) for record in records
-        )
+        shifted = choice.initial_state == "equilibrium" and not only_shifted
+        constants = tuple(-np.asarray(record.u[0]) if shifted else None for record in records)
         variants.append(
             Variant(choice.initial_state == "free", choice.offset, choice.drift, constants)
         )

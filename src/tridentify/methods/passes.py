@@ -15,27 +15,29 @@ coefficients move by far less than their standard errors.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimate import Pass, Status, Step
-from tridentify.methods.point import Point, evaluate
-from tridentify.methods.problem import Problem, Variant
+from tridentify.methods.point import Point, evaluate_variant
+from tridentify.methods.problem import REFLECTED, TOO_FAST, Problem, Variant
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
 from tridentify.models.series_parallel import fit_series_parallel
-from tridentify.numerics.realization import Complex, cascade, denominator, numerators
-from tridentify.regression import regress
+from tridentify.numerics.realization import Complex, denominator, numerators
 
 Array = NDArray[np.float64]
 
 SETTLED = 1e-7
-ROUNDING = 1e-24
+ROUNDING = 1e-22
 ENOUGH = 0.5
 MOST_ADAPTED = 12
-MOST_STEPS = 40
+MOST_STEPS = 60
+NEARLY = 1e-3
+IDLE = 1e-6
 
 
 @dataclass(eq=False)
@@ -99,14 +101,12 @@ def adapt(
     most : int
         Most passes.
     """
-    problem = variant.problem(base)
+    problem = base
     best: Point | None = None
     worse = 0
     note = ""
     for _ in range(most):
-        bank = cascade(np.tile(poles, 3))
-        whole = tuple(regress(e, bank) for e in base.experiments)
-        point = evaluate(problem, poles, 3, variant.regressions(whole, bank))
+        point = evaluate_variant(base, variant, poles, 3)
         parallel = parallel_model(point)
         step = fit_series_parallel(
             point.regressions,
@@ -180,47 +180,71 @@ def at_rounding(point: Point) -> bool:
 
 
 def finish(
-    problem: Problem, start: Point | Complex, recorder: Recorder, most: int = MOST_STEPS
+    at: Callable[[Complex], Point], point: Point, recorder: Recorder, most: int = MOST_STEPS
 ) -> tuple[Point, Status, str]:
     """Levenberg-Marquardt on the reduced output-error cost.
+
+    Parameters
+    ----------
+    at : callable
+        Evaluates the cost at admissible poles.
+    point : Point
+        Where to begin.
+    recorder : Recorder
+        Is told every step that is taken.
+    most : int
+        Most steps tried.
 
     Returns
     -------
     point : Point
     status : Status
-        `Status.CONVERGED`, `Status.AT_STABILITY_LIMIT`, `Status.MAX_PASSES` or `Status.STALLED`.
+        Any but `Status.WEAKLY_IDENTIFIABLE`.
     why : str
         In words.
     """
-    point = start if isinstance(start, Point) else evaluate(problem, start)
-    damping, held = 0.0, ""
-    exact = 0
+    problem = point.problem
+    damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
     for _ in range(most):
-        poles, predicted = point.step(damping)
-        if predicted < SETTLED and damping < 1e-3:
+        if point.step(0.0)[1] < SETTLED:
             return point, _settled(held), "the next step would lower -2 log L by less than 1e-7"
+        poles, predicted = point.step(damping)
         poles, note = problem.admissible(poles)
-        trial = evaluate(problem, poles)
+        trial = at(poles)
         gain = point.objective - trial.objective
-        if at_rounding(trial):
-            exact += 1
+        exact += at_rounding(trial)
         if exact and (gain < 0.5 * point.counts.sum() or exact > 3):
             best = trial if gain > 0 else point
             return best, Status.CONVERGED, "the residual is down to rounding"
-        if gain > -1e-9 * abs(point.objective):
-            point, held = trial, note
-            recorder.add(point, (_error_step(point, damping),), np.nan, note)
-            damping = 0.0 if damping < 1e-6 else damping * (0.1 if gain > 0.25 * predicted else 2.0)
+        if gain <= 0:
+            damping = max(damping * growth, 1e-3)
+            growth *= 2.0
+            if damping > 1e8:
+                break
             continue
-        damping = max(10.0 * damping, 1e-3)
-        if damping > 1e8:
-            status = Status.CONVERGED if predicted < 1e-3 else Status.STALLED
-            return point, _settled(held) if held else status, "no smaller step lowers the cost"
+        recorder.add(trial, (_error_step(trial, damping),), np.nan, note)
+        point, held = trial, note
+        ratio = gain / predicted
+        damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
+        damping = 0.0 if damping < 1e-6 else damping
+        growth = 2.0
+        idle = idle + 1 if gain < IDLE else 0
+        if idle > 2:
+            break
+    left = point.step(0.0)[1]
+    if held:
+        return point, _settled(held), held
+    if left < NEARLY:
+        return point, Status.CONVERGED, f"a further step would lower -2 log L by {left:.1e}"
+    if idle > 2 or damping > 1e8:
+        return point, Status.STALLED, "no further step lowers the cost"
     return point, Status.MAX_PASSES, f"{most} steps on the output error"
 
 
 def _settled(held: str) -> Status:
-    return Status.AT_STABILITY_LIMIT if held else Status.CONVERGED
+    if not held or held == REFLECTED:
+        return Status.CONVERGED
+    return Status.AT_SAMPLING_LIMIT if held == TOO_FAST else Status.AT_STABILITY_LIMIT
 
 
 def _error_step(point: Point, damping: float) -> Step:

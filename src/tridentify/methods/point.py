@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.methods.problem import Problem
+from tridentify.methods.problem import Problem, Variant
 from tridentify.models.response import (
     Columns,
     FilteredResponse,
@@ -266,3 +266,10 @@ def evaluate(
     return Point(
         problem, poles, bank, inner, basis, regressions, tuple(fits), Response(rows, direct, free)
     )
+
+
+def evaluate_variant(base: Problem, variant: Variant, poles: Complex, repeats: int = 2) -> Point:
+    """As `evaluate`, for a choice of nuisance terms of a problem that has more of them."""
+    bank = cascade(np.tile(poles, repeats))
+    whole = tuple(regress(e, bank) for e in base.experiments)
+    return evaluate(variant.problem(base), poles, repeats, variant.regressions(whole, bank))

@@ -18,6 +18,10 @@ SLOWEST = 1e-3
 FASTEST = 30.0
 LEAST_DAMPED = 1e-6
 
+REFLECTED = "reflected an unstable pole"
+TOO_FAST = "held a pole at the fastest the sampling can show"
+TOO_SLOW = "held a pole at the slowest decay the record can show"
+
 
 @dataclass(frozen=True, eq=False)
 class Problem:
@@ -114,15 +118,15 @@ class Problem:
         imag = np.where(np.isfinite(poles.imag), poles.imag, 0.0)
         note = ""
         if np.any(real > 0):
-            note = "reflected an unstable pole"
+            note = REFLECTED
         real = -np.abs(real)
         factor = np.where(size > self.fastest, self.fastest / np.maximum(size, 1e-300), 1.0)
         if np.any(factor < 1):
-            note = "held a pole at the fastest the sampling can show"
+            note = TOO_FAST
         real, imag = real * factor, imag * factor
         floor = np.maximum(self.slowest, LEAST_DAMPED * np.abs(imag))
         if np.any(-real < floor):
-            note = note or "held a pole at the slowest decay the record can show"
+            note = TOO_SLOW
         real = -np.maximum(-real, floor)
         return sort_poles(real + 1j * imag), note
 

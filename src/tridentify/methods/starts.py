@@ -1,109 +1,144 @@
-"""Where the passes begin: parallel models on Laguerre functions, over a grid of their pole.
+"""Where the passes begin: parallel models on fixed operators, reduced to the order asked for.
 
-For each ``gamma`` on a logarithmic grid from the slowest to the fastest rate the record can
-show, the record is filtered once through ``L + n + 1`` Laguerre functions. Functions are
-nested, so the residuals of all orders ``1 .. L`` follow from one triangle, and AICc picks the
-order; its value at that order ranks the grid. The orthonormal functions with the filter's poles
-appended are again Laguerre functions with the same ``gamma``, so Step 2 with ``c = (p +
-gamma)^(n + 1)`` needs no further pass over the samples.
+*Laguerre.* For each ``gamma`` on a logarithmic grid from the slowest to the fastest rate the
+record can show, the record is filtered once through ``L + n + 1`` Laguerre functions. Functions
+are nested, so the residuals of all orders ``1 .. L`` follow from one triangle, and AICc picks
+the order; its value at that order ranks the grid.
 
-A grid point costs one pass; nothing here is iterative and every problem is convex.
+*Spread.* Where one ``gamma`` cannot serve (poles decades apart, light damping), the operators
+are the orthonormal functions on poles spread over the whole band, real or in lightly damped
+pairs.
+
+Either parallel model is then turned into poles of ``a`` in two ways, both convex or direct:
+
+1. Step 2 with the paper's kind of filter, ``c = (p + gamma)^(n + 1)``; its functions are the
+next ones of
+   the same bank, so it needs no further pass over the samples.
+2. Balanced truncation. The controllability Gramian of the bank is the identity, so with ``Q`` the
+   observability Gramian of the fitted weights and ``V`` its ``n`` leading eigenvectors (the
+   Hankel singular values are the roots of the eigenvalues) the reduced model has the poles
+   ``eig(V' A V)``: always stable, whatever the noise (Moore 1981; Antoulas 2005, section 7.2).
+
+The one with the lower output-error cost is followed. A grid point costs one pass over the
+samples; nothing here is iterative.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from tridentify.methods.problem import Problem, Variant
-from tridentify.models.parallel import fit_parallel
+from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series_parallel import fit_series_parallel
 from tridentify.numerics.least_squares import triangle
-from tridentify.numerics.realization import Cascade, Complex, cascade
+from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
 from tridentify.regression import Regression, regress
 
 Array = NDArray[np.float64]
 
 PER_DECADE = 4.0
 MOST_FUNCTIONS = 12
+MOST_SPREAD = 30
 SLOW_EDGE = 3.0
 FAST_EDGE = 0.7
+SPREAD_DAMPING = (1.0, 0.3, 0.05)
 
 
 @dataclass(frozen=True, eq=False)
 class ParallelStart:
-    """A parallel model on Laguerre functions, fitted but for its weights.
+    """A parallel model on fixed operators, fitted but for its weights.
 
     Attributes
     ----------
+    name : str
+        In words.
     problem : Problem
         With the nuisance terms that were estimated along; its experiments are those of the base.
     base : Problem
         The problem whose experiments are filtered.
     variant : Variant
         How to get from one to the other.
-    gamma : float
-        [rad/s]
     order : int
-        Number of functions.
+        Number of operators.
     criterion : float
         AICc.
+    rate : float
+        Typical pole of the operators [rad/s].
+    filter_poles : (k,) complex array
+        Poles of the bank that follow the operators: the filter ``c`` of Step 2 (none: no Step 2).
     bank : Cascade
     regressions : tuple of Regression
         On ``bank``.
     """
 
+    name: str
     problem: Problem
     base: Problem
     variant: Variant
-    gamma: float
     order: int
     criterion: float
+    rate: float
+    filter_poles: Complex
     bank: Cascade
     regressions: tuple[Regression, ...]
 
-    @property
-    def name(self) -> str:
-        """In words."""
-        return f"Laguerre {self.gamma:.3g} rad/s, order {self.order}"
-
-    def poles(self) -> Complex:
-        """Steps 1 and 2: admissible roots of ``a``."""
-        problem, n = self.problem, self.problem.n_poles
+    @cached_property
+    def fit(self) -> ParallelFit:
+        """Step 1."""
         rows = np.eye(self.order, self.bank.order)
         direct = np.zeros(self.order)
-        if problem.biproper:
+        free_rows = rows
+        if self.problem.biproper:
             rows = np.vstack([rows, np.zeros(self.bank.order)])
             direct = np.append(direct, 1.0)
-        parallel = fit_parallel(
-            self.regressions, rows, direct, free_rows=np.eye(self.order, self.bank.order)
-        )
-        samples = sum(e.n_samples for e in problem.experiments)
-        weights = 1.0 / np.sqrt(parallel.cost / samples + 1e-30 * problem.power)
-        filter_bank = cascade(np.full(n + 1, -self.gamma, dtype=np.complex128))
+        return fit_parallel(self.regressions, rows, direct, free_rows=free_rows)
+
+    def filtered_poles(self) -> Complex | None:
+        """Step 2 on the parallel model's output: admissible roots of ``a``."""
+        if self.filter_poles.size == 0:
+            return None
         step = fit_series_parallel(
             self.regressions,
             self.bank,
-            parallel.response,
-            filter_bank,
-            n,
-            problem.n_zeros,
-            weights,
+            self.fit.response,
+            cascade(self.filter_poles),
+            self.problem.n_poles,
+            self.problem.n_zeros,
+            self._weights(),
         )
-        return problem.admissible(step.poles)[0]
+        return self.problem.admissible(step.poles)[0]
+
+    def reduced_poles(self) -> Complex | None:
+        """Balanced truncation of the parallel model: admissible poles."""
+        n, k = self.problem.n_poles, self.order
+        if k < n:
+            return None
+        a = self.bank.a[:k, :k]
+        c = (self.fit.response.rows[:, :, :k] * self._weights()[:, None, None]).reshape(-1, k)
+        gramian = scipy.linalg.solve_continuous_lyapunov(a.T, -(c.T @ c))
+        vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))[1][:, -n:]
+        poles = np.linalg.eigvals(vectors.T @ a @ vectors).astype(np.complex128)
+        return self.problem.admissible(sort_poles(poles))[0]
+
+    def _weights(self) -> Array:
+        problem = self.problem
+        samples = sum(e.n_samples for e in problem.experiments)
+        return np.asarray(1.0 / np.sqrt(self.fit.cost / samples + 1e-30 * problem.size))
 
 
-def gamma_grid(problem: Problem) -> Array:
-    """Laguerre poles to try [rad/s]: from 3 / T to 0.7 / dt."""
+def rate_limits(problem: Problem) -> tuple[float, float]:
+    """Slowest and fastest rate that the record can show [rad/s]: 3 / T and 0.7 / dt."""
     low = SLOW_EDGE / max(e.duration for e in problem.experiments)
     high = FAST_EDGE / min(e.dt for e in problem.experiments)
-    if high <= low:
-        return np.array([np.sqrt(low * high)])
-    count = max(4, int(np.ceil(PER_DECADE * np.log10(high / low))) + 1)
-    return np.geomspace(low, high, count)
+    if high > low:
+        return low, high
+    return float(np.sqrt(low * high)) * 0.99, float(np.sqrt(low * high)) * 1.01
 
 
 def laguerre_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelStart]:
@@ -121,31 +156,114 @@ def laguerre_starts(base: Problem, variants: Sequence[Variant]) -> list[Parallel
     list of ParallelStart
         One per grid point and variant.
     """
-    samples = sum(e.n_samples for e in base.experiments)
-    n = base.n_poles
-    most = max(n + 1, min(MOST_FUNCTIONS, samples // (3 * base.n_inputs)))
+    low, high = rate_limits(base)
+    count = max(4, int(np.ceil(PER_DECADE * np.log10(high / low))) + 1)
+    most = _most(base, MOST_FUNCTIONS)
     found = []
-    for gamma in gamma_grid(base):
-        bank = cascade(np.full(most + n + 1, -gamma, dtype=np.complex128))
-        whole = tuple(regress(e, bank) for e in base.experiments)
-        for variant in variants:
-            problem = variant.problem(base)
-            regressions = variant.regressions(whole, bank)
-            order, criterion = _order(problem, regressions, most, samples)
-            found.append(
-                ParallelStart(
-                    problem, base, variant, float(gamma), order, criterion, bank, regressions
-                )
+    for gamma in np.geomspace(low, high, count):
+        poles = np.full(most, -gamma, dtype=np.complex128)
+        after = np.full(base.n_poles + 1, -gamma, dtype=np.complex128)
+        found += _starts(f"Laguerre {gamma:.3g} rad/s", base, variants, poles, after, gamma)
+    return sorted(found, key=lambda start: start.criterion)
+
+
+def spread_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelStart]:
+    """Parallel models on poles spread over the whole band, the best by AICc first.
+
+    Parameters and result as for `laguerre_starts`.
+    """
+    none = np.zeros(0, dtype=np.complex128)
+    low, high = rate_limits(base)
+    found = []
+    for damping in SPREAD_DAMPING:
+        poles = _spread(base, damping, _most(base, MOST_SPREAD))
+        name = f"poles spread over the band, damping {damping:g}"
+        found += _starts(name, base, variants, poles, none, float(np.sqrt(low * high)), whole=True)
+    return sorted(found, key=lambda start: start.criterion)
+
+
+def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> list[ParallelStart]:
+    """Parallel models on known poles, twice each, and a spread: what the known ones still miss.
+
+    Parameters
+    ----------
+    base : Problem
+    variant : Variant
+        Choice of nuisance terms.
+    poles : (n,) complex array
+        The best so far; also the filter of Step 2.
+
+    Returns
+    -------
+    list of ParallelStart
+        The best by AICc first.
+    """
+    low, high = rate_limits(base)
+    found = []
+    for damping in SPREAD_DAMPING:
+        spread = _spread(base, damping, _most(base, MOST_SPREAD) // 2)
+        operators = np.concatenate([poles, poles, spread])
+        name = f"the poles so far and a spread, damping {damping:g}"
+        rate = float(np.sqrt(low * high))
+        found += _starts(name, base, [variant], operators, poles, rate, whole=True)
+    return sorted(found, key=lambda start: start.criterion)
+
+
+def _spread(base: Problem, damping: float, count: int) -> Complex:
+    low, high = rate_limits(base)
+    if damping == 1.0:
+        return -np.geomspace(low, 3.0 * high, count).astype(np.complex128)
+    frequencies = np.geomspace(low, 3.0 * high, max(count // 2, 1))
+    turn = -damping + 1j * np.sqrt(1.0 - damping**2)
+    return sort_poles(np.concatenate([frequencies * turn, frequencies * turn.conjugate()]))
+
+
+def _most(base: Problem, limit: int) -> int:
+    samples = sum(e.n_samples for e in base.experiments)
+    return max(base.n_poles + 1, min(limit, samples // (3 * base.n_inputs)))
+
+
+def _starts(
+    name: str,
+    base: Problem,
+    variants: Sequence[Variant],
+    poles: Complex,
+    after: Complex,
+    rate: float,
+    *,
+    whole: bool = False,
+) -> list[ParallelStart]:
+    """One bank, every choice of nuisance terms."""
+    bank = cascade(np.concatenate([poles, after]))
+    regressions = tuple(regress(e, bank) for e in base.experiments)
+    found = []
+    for variant in variants:
+        problem = variant.problem(base)
+        own = variant.regressions(regressions, bank)
+        order, criterion = _order(problem, own, poles.size, poles.size if whole else None)
+        found.append(
+            ParallelStart(
+                f"{name}, order {order}",
+                problem,
+                base,
+                variant,
+                order,
+                criterion,
+                rate,
+                after,
+                bank,
+                own,
             )
-    found.sort(key=lambda start: start.criterion)
+        )
     return found
 
 
 def _order(
-    problem: Problem, regressions: Sequence[Regression], most: int, samples: int
+    problem: Problem, regressions: Sequence[Regression], most: int, only: int | None
 ) -> tuple[int, float]:
     """Number of functions by AICc, summed over the outputs, and its value."""
-    fewest = min(problem.n_poles + 1, most)
+    fewest = min(problem.n_poles + 1, most) if only is None else only
+    samples = sum(e.n_samples for e in problem.experiments)
     total = np.zeros(most)
     for i in range(problem.n_outputs):
         rss = sum((_nested(r, i, most, problem.biproper) for r in regressions), np.zeros(most))

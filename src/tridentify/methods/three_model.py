@@ -23,44 +23,27 @@ needs is decided by AICc among the choices that the structure leaves open.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from tridentify.estimate import Estimate, Start, Step, Trace
+from tridentify.estimate import Estimate, Step, Trace
 from tridentify.methods.base import Progress, check
 from tridentify.methods.nuisance import Nuisances, build, build_base, candidates
 from tridentify.methods.paper import PaperThreeModel
-from tridentify.methods.passes import (
-    Recorder,
-    adapt,
-    coefficients,
-    finish,
-    mean_square,
-    series_model,
-)
+from tridentify.methods.passes import Recorder, at_rounding, finish, series_model
 from tridentify.methods.point import Point, evaluate
 from tridentify.methods.problem import Problem, Variant
 from tridentify.methods.result import estimate_from
-from tridentify.methods.starts import ParallelStart, laguerre_starts
-from tridentify.methods.thin import averaged, free_variant, is_large, window
+from tridentify.methods.search import Search, criterion
 from tridentify.numerics.realization import Complex, cascade
 from tridentify.record import Record
 from tridentify.regression import regress
 from tridentify.structure import Structure
 
-INDISTINGUISHABLE = 1e-24
-ALLOWANCE = 6.0
 MOST_DECISIONS = 3
-
-
-@dataclass(eq=False)
-class Search:
-    """What the search for starting poles found."""
-
-    recorder: Recorder = field(default_factory=Recorder)
-    starts: list[Start] = field(default_factory=list)
-    seeds: list[Complex] = field(default_factory=list)
+TRUSTED = np.log(4.0)
 
 
 @dataclass(frozen=True)
@@ -93,7 +76,7 @@ class ThreeModel:
     """
 
     starts: int = 4
-    max_passes: int = 40
+    max_passes: int = 60
 
     @classmethod
     def paper(
@@ -179,14 +162,17 @@ class ThreeModel:
         choices = candidates(records, structure)
         base, variants = build_base(records, structure, choices)
         say("Steps 1 to 4 from several starts")
-        search = self._search(base, variants)
+        search = Search(self.starts)
+        search.run(base, variants)
         say("which offsets and initial states the record needs")
         chosen, point, table = self._decide(base, variants, search.seeds)
         problem = build(records, structure, choices[chosen])
         for _ in range(MOST_DECISIONS):
             say(f"output error ({choices[chosen].label})")
-            point, status, why = finish(problem, point, search.recorder, self.max_passes)
-            if len(choices) == 1 or criterion(point) < table[chosen] + 1.0:
+            at = partial(evaluate, problem)
+            point, status, why = finish(at, point, search.recorder, self.max_passes)
+            settled = criterion(point) < table[chosen] + 1.0 and not at_rounding(point)
+            if len(choices) == 1 or settled:
                 break
             again, other, table = self._decide(base, variants, [point.poles])
             if again == chosen:
@@ -205,61 +191,23 @@ class ThreeModel:
             point, records, structure, choices[chosen], status, trace, self.name, table[chosen]
         )
 
-    def _search(self, base: Problem, variants: Sequence[Variant]) -> Search:
-        """Poles to begin with: from the record, or from stand-ins for a long one."""
-        search = Search()
-        if not is_large(base):
-            self._follow(base, variants, search)
-            return search
-        piece = window(base)
-        self._follow(piece, [free_variant(piece)], search, "window of the record: ")
-        self._follow(averaged(base), variants, search, "record averaged: ")
-        return search
-
-    def _follow(
-        self, base: Problem, variants: Sequence[Variant], search: Search, where: str = ""
-    ) -> None:
-        """Adapted passes from the best parallel models until the record is explained.
-
-        The parallel model's AICc tells what a linear model of any order can reach, so a point
-        that reaches it needs no rival; while none does, the next start is tried.
-        """
-        extremes = [variants[0]] if len(variants) == 1 else [variants[0], variants[-1]]
-        parallel = laguerre_starts(base, extremes)
-        reachable = parallel[0].criterion + ALLOWANCE
-        best: Point | None = None
-        for start in _distinct(parallel, self.starts):
-            own = Recorder()
-            own.passes = search.recorder.passes if best is None else []
-            point = adapt(start.base, start.variant, start.poles(), own)
-            search.starts.append(Start(where + start.name, coefficients(point), mean_square(point)))
-            if best is None or point.objective < best.objective:
-                best = point
-            if criterion(best) < reachable:
-                break
-        assert best is not None
-        search.seeds.append(best.poles)
-
     def _decide(
         self, base: Problem, variants: Sequence[Variant], seeds: Sequence[Complex]
     ) -> tuple[int, Point, list[float]]:
-        """The variant with the lowest AICc, predicted one Gauss-Newton step ahead of a seed."""
-        table = [np.inf] * len(variants)
-        best: Point | None = None
-        chosen = 0
+        """The variant with the lowest AICc, predicted one step ahead of the best seed."""
+        found = []
         for poles in seeds:
             bank = cascade(np.tile(poles, 2))
             whole = tuple(regress(e, bank) for e in base.experiments)
-            for k, variant in enumerate(variants):
-                problem = variant.problem(base)
-                point = evaluate(problem, poles, 2, variant.regressions(whole, bank))
-                value = criterion(point, point.step(0.0)[1])
-                if value < table[k]:
-                    table[k] = value
-                if best is None or value <= min(table):
-                    best, chosen = point, k
-        assert best is not None
-        return chosen, best, table
+            points = [
+                evaluate(v.problem(base), poles, 2, v.regressions(whole, bank)) for v in variants
+            ]
+            found.append(points)
+        points = min(found, key=lambda some: min(point.objective for point in some))
+        trusted = TRUSTED * float(points[0].counts.sum())
+        table = [criterion(point, min(point.step(0.0)[1], trusted)) for point in points]
+        chosen = int(np.argmin(table))
+        return chosen, points[chosen], table
 
     def _certify(self, point: Point, recorder: Recorder) -> None:
         """Step 3 at the end: the weights must be (1, 0, ..., 0)."""
@@ -273,38 +221,6 @@ class ThreeModel:
         )
         note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
         recorder.add(point, (step,), series.distance, note)
-
-
-def criterion(point: Point, decrease: float = 0.0) -> float:
-    """AICc, with residuals below rounding counted as equal.
-
-    Parameters
-    ----------
-    point : Point
-    decrease : float
-        Expected fall of ``-2 log L`` by a further step.
-
-    Returns
-    -------
-    float
-        ``sum_i N_i log(RSS_i / N_i) + 2 k + 2 k (k + 1) / (N - k - 1)``.
-    """
-    problem = point.problem
-    n = point.counts
-    fall = np.exp(-decrease / n.sum())
-    likelihood = float(n @ np.log(fall * point.rss / n + INDISTINGUISHABLE * problem.size))
-    k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
-    room = max(float(n.sum()) - k - 1.0, 0.5)
-    return likelihood + 2.0 * k + 2.0 * k * (k + 1.0) / room
-
-
-def _distinct(parallel: Sequence[ParallelStart], count: int) -> list[ParallelStart]:
-    """The best starts with operators' poles at least a factor of two apart."""
-    kept: list[ParallelStart] = []
-    for start in parallel:
-        if all(not 0.5 < start.gamma / other.gamma < 2.0 for other in kept):
-            kept.append(start)
-    return kept[:count]
 
 
 def _decisions(

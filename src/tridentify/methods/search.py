@@ -1,0 +1,200 @@
+"""The search for starting poles: several convex starts, and a test that tells when to stop.
+
+A start is a parallel model turned into poles (`methods.starts`) and taken through the adapted
+passes (`methods.passes`). Whether it is good enough is not a matter of taste: the parallel
+model on the poles found, twice each, and on a spread over the whole band contains the model,
+everything near it, and much that is far from it. If it explains the record better than the
+model does, by AICc, then the order allows more, or the poles are wrong, and that same parallel
+model is the next start. Otherwise the search ends. What is tried in turn:
+
+1. Laguerre models, the best of the grid by AICc;
+2. the best poles so far enriched by the spread, as long as that lowers the cost;
+3. models on the spread alone;
+4. the same with numerators of full degree, which are easier to fit, before the wanted degree is
+imposed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from tridentify.estimate import Start
+from tridentify.methods.passes import (
+    Recorder,
+    adapt,
+    at_rounding,
+    coefficients,
+    finish,
+    mean_square,
+)
+from tridentify.methods.point import Point, evaluate_variant
+from tridentify.methods.problem import Problem, Variant
+from tridentify.methods.starts import (
+    ParallelStart,
+    enriched_starts,
+    laguerre_starts,
+    spread_starts,
+)
+from tridentify.methods.thin import averaged, free_variant, is_large, window
+from tridentify.numerics.realization import Complex
+
+INDISTINGUISHABLE = 1e-22
+ALLOWANCE = 6.0
+MOST_ENRICHED = 8
+MOST_TRIED = 12
+
+
+def criterion(point: Point, decrease: float = 0.0) -> float:
+    """AICc, with residuals below rounding counted as equal.
+
+    Parameters
+    ----------
+    point : Point
+    decrease : float
+        Expected fall of ``-2 log L`` by a further step.
+
+    Returns
+    -------
+    float
+        ``sum_i N_i log(RSS_i / N_i) + 2 k + 2 k (k + 1) / (N - k - 1)``.
+    """
+    problem = point.problem
+    n = point.counts
+    fall = np.exp(-decrease / n.sum())
+    likelihood = float(n @ np.log(fall * point.rss / n + INDISTINGUISHABLE * problem.size))
+    k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
+    room = max(float(n.sum()) - k - 1.0, 0.5)
+    return likelihood + 2.0 * k + 2.0 * k * (k + 1.0) / room
+
+
+@dataclass(eq=False)
+class Search:
+    """Collects passes, starts and seeds while it looks for poles.
+
+    Attributes
+    ----------
+    n_starts : int
+        Most starts of a kind that are followed.
+    recorder : Recorder
+        Passes of the best start.
+    starts : list of Start
+        All starts with the cost they led to.
+    seeds : list of (n,) complex arrays
+        Poles to finish from.
+    """
+
+    n_starts: int
+    recorder: Recorder = field(default_factory=Recorder)
+    starts: list[Start] = field(default_factory=list)
+    seeds: list[Complex] = field(default_factory=list)
+
+    def run(self, base: Problem, variants: Sequence[Variant]) -> None:
+        """Find poles from the record, or from stand-ins for a long one."""
+        if not is_large(base):
+            self.seeds.append(self.follow(base, variants).poles)
+            return
+        piece = window(base)
+        self.seeds.append(self.follow(piece, [free_variant(piece)], "window of the record: ").poles)
+        self.seeds.append(self.follow(averaged(base), variants, "record averaged: ").poles)
+
+    def follow(self, base: Problem, variants: Sequence[Variant], where: str = "") -> Point:
+        """Follow starts until the model explains the record as well as the parallel model does."""
+        extremes = [variants[0]] if len(variants) == 1 else [variants[0], variants[-1]]
+        laguerre = laguerre_starts(base, extremes)
+        variant = laguerre[0].variant
+        reachable = laguerre[0].criterion + ALLOWANCE
+        best = self._best_of(_distinct(laguerre, self.n_starts), reachable, None, where)
+        further = ["spread", "relaxed"]
+        for _ in range(MOST_ENRICHED):
+            if at_rounding(best):
+                break
+            enriched = enriched_starts(base, variant, best.poles)
+            reachable = enriched[0].criterion + ALLOWANCE
+            if criterion(best) < reachable:
+                break
+            before = criterion(best)
+            best = self._best_of(enriched[:2], reachable, best, where)
+            if criterion(best) < before - 1.0:
+                continue
+            if not further:
+                break
+            if further.pop(0) == "spread":
+                starts = spread_starts(base, extremes)[: self.n_starts]
+                best = self._best_of(starts, reachable, best, where)
+            else:
+                best = self._relaxed(base, extremes, reachable, best, where)
+        return best
+
+    def _best_of(
+        self, parallel: Sequence[ParallelStart], reachable: float, best: Point | None, where: str
+    ) -> Point:
+        """Follow starts until one reaches the criterion; the best point."""
+        for start in parallel:
+            found = [start.filtered_poles(), start.reduced_poles()]
+            firsts = [
+                evaluate_variant(start.base, start.variant, poles)
+                for poles in found
+                if poles is not None
+            ]
+            first = min(firsts, key=lambda point: point.objective)
+            best = self._adapted(
+                start.base, start.variant, first.poles, reachable, best, where + start.name
+            )
+            if criterion(best) < reachable:
+                break
+        assert best is not None
+        return best
+
+    def _adapted(
+        self,
+        base: Problem,
+        variant: Variant,
+        poles: Complex,
+        reachable: float,
+        best: Point | None,
+        name: str,
+    ) -> Point:
+        """Adapted passes and, where they do not reach the criterion, steps on the cost."""
+        own = Recorder()
+        point = adapt(base, variant, poles, own)
+        if criterion(point) >= reachable:
+            at = partial(evaluate_variant, base, variant)
+            point = finish(at, evaluate_variant(base, variant, point.poles), own, MOST_TRIED)[0]
+        self.starts.append(Start(name, coefficients(point), mean_square(point)))
+        if best is not None and criterion(best) <= criterion(point):
+            return best
+        self.recorder.passes[:] = own.passes
+        return point
+
+    def _relaxed(
+        self,
+        base: Problem,
+        variants: Sequence[Variant],
+        reachable: float,
+        best: Point,
+        where: str,
+    ) -> Point:
+        """Poles from numerators of full degree, then the wanted degree."""
+        n = base.n_poles
+        zeros = tuple(tuple(max(m, n - 1) for m in row) for row in base.n_zeros)
+        if zeros == base.n_zeros:
+            return best
+        relaxed = replace(base, n_zeros=zeros)
+        point = Search(self.n_starts).follow(relaxed, variants)
+        for variant in variants:
+            name = where + "numerators of full degree first"
+            best = self._adapted(base, variant, point.poles, reachable, best, name)
+        return best
+
+
+def _distinct(parallel: Sequence[ParallelStart], count: int) -> list[ParallelStart]:
+    """The best starts with operators' poles at least a factor of two apart."""
+    kept: list[ParallelStart] = []
+    for start in parallel:
+        if all(not 0.5 < start.rate / other.rate < 2.0 for other in kept):
+            kept.append(start)
+    return kept[:count]
