@@ -158,6 +158,14 @@ class ZeroOutputError(DataError):
     """An output is zero throughout, so that there is nothing to explain."""
 
 
+class ConstantOutputError(DataError):
+    """An output never changes, so that there is no response to explain."""
+
+
+class ScaleError(DataError):
+    """The numbers are so large or so small that their squares leave the range of a float."""
+
+
 class UnreadableFileError(DataError, OSError):
     """The file is missing, a directory, not permitted, or not UTF-8 text."""
 

@@ -120,6 +120,16 @@ class Estimate:
     cost, gradient, condition : float
         Weighted mean-square output error, its relative gradient at the end, and the condition
         number of the scaled score columns.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, identify, simulate
+    >>> u = np.sign(np.sin(np.arange(200) ** 1.5))
+    >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(u, u, dt=0.02))
+    >>> estimate = identify(Record(u, y, dt=0.02), Structure(poles=1, zeros=0))
+    >>> estimate.names, estimate.theta.round(6).tolist(), estimate.status.value
+    (('a0', 'b0'), [4.0, 2.0], 'converged')
     """
 
     model: TransferFunction

@@ -5,10 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 
-from tridentify.errors import ConvergenceError
-from tridentify.estimate import Estimate
+from tridentify.errors import (
+    ConvergenceError,
+    OptionError,
+    SampleTypeError,
+    UnsupportedOrderError,
+)
+from tridentify.estimate import Estimate, Status
 from tridentify.methods.base import Method, Progress
 from tridentify.methods.three_model import ThreeModel
+from tridentify.numerics.threads import one_blas_thread
 from tridentify.record import Record
 from tridentify.structure import Structure
 
@@ -62,12 +68,37 @@ def identify(
     >>> identify(Record(u, y, dt=0.02), Structure(1, 0)).parameters["a0"].value
     4.0
     """
-    listed = [records] if isinstance(records, Record) else list(records)
+    listed = _listed(records)
+    if not isinstance(structure, Structure):
+        raise OptionError(
+            f"found structure={type(structure).__name__}; expected a Structure; write for example "
+            "Structure(poles=2, zeros=1)"
+        )
     chosen: Method = ThreeModel() if method is None else method
-    estimate = chosen.estimate(listed, structure, progress)
+    with one_blas_thread():
+        estimate = chosen.estimate(listed, structure, progress)
+    if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
+        raise UnsupportedOrderError(
+            f"found a pole that runs away from the record with {structure.poles} poles: "
+            f"{estimate.status.message}; expected poles that leave a trace between the samples; "
+            f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
+        )
     if throw and not estimate.status.ok:
         raise ConvergenceError(
             f"{chosen.name} ended without a usable estimate: {estimate.status.message}; "
             f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
         )
     return estimate
+
+
+def _listed(records: Record | Sequence[Record]) -> list[Record]:
+    if isinstance(records, Record):
+        return [records]
+    found = list(records) if isinstance(records, Sequence) else [records]
+    wrong = [type(item).__name__ for item in found if not isinstance(item, Record)]
+    if wrong:
+        raise SampleTypeError(
+            f"found {wrong[0]} in place of a record; expected a Record or a list of them; write "
+            "Record(u, y, dt=...)"
+        )
+    return found

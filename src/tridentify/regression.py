@@ -28,7 +28,7 @@ from tridentify.numerics.realization import Cascade
 
 Array = NDArray[np.float64]
 
-BLOCK = 2048
+BLOCK = 1024
 NEGLIGIBLE = 1e-30
 
 

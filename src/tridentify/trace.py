@@ -40,6 +40,7 @@ class Status(enum.Enum):
     MAX_PASSES = "max passes"
     AT_STABILITY_LIMIT = "at stability limit"
     AT_SAMPLING_LIMIT = "at sampling limit"
+    SETTLED = "settled"
     WEAKLY_IDENTIFIABLE = "weakly identifiable"
     STALLED = "stalled"
 
@@ -56,7 +57,7 @@ class Status(enum.Enum):
     @property
     def ok(self) -> bool:
         """Whether the coefficients are usable (with the caution that `message` states)."""
-        return self not in (Status.MAX_PASSES, Status.STALLED)
+        return self not in (Status.MAX_PASSES, Status.STALLED, Status.AT_SAMPLING_LIMIT)
 
 
 _STATUS = {
@@ -68,6 +69,10 @@ _STATUS = {
     Status.AT_STABILITY_LIMIT: (
         "converged, but a pole lies at the limit of stability",
         "look for a drift or an integration in the record; allow drift=True, or use fewer poles",
+    ),
+    Status.SETTLED: (
+        "the passes stand still, but the series model still corrects the output",
+        "use more operators or another gamma, or ThreeModel(), which has no such remainder",
     ),
     Status.AT_SAMPLING_LIMIT: (
         "converged, but a pole is faster than the sampling can show",
@@ -134,7 +139,14 @@ class Start:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trace:
-    """The way to an estimate: passes, starts tried, decisions taken, and why it stopped."""
+    """The way to an estimate: passes, starts tried, decisions taken, and why it stopped.
+
+    Examples
+    --------
+    >>> trace = Trace((Pass(1, (), np.array([1.0, 3.0]), cost=0.2),), stopped="one pass")
+    >>> trace.passes[-1].cost, trace.stopped
+    (0.2, 'one pass')
+    """
 
     passes: tuple[Pass, ...]
     starts: tuple[Start, ...] = ()

@@ -124,7 +124,8 @@ class ResultFolder:
         return [folder for folder in chain if not folder.exists()]
 
     def _refusal(self, error: OSError) -> OutputPathError:
-        reason = error.strerror or str(error)
+        cause = error.__cause__ if isinstance(error.__cause__, OSError) else error
+        reason = cause.strerror or str(cause)
         return OutputPathError(
             f"found no way to write the folder {str(self.target)!r} ({reason}); expected a folder "
             "that can be made and written; choose another one with --out"

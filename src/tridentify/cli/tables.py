@@ -9,6 +9,7 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
+from tridentify.cli.terminal import paragraph
 from tridentify.estimate import Estimate, Parameter
 from tridentify.record import Record
 from tridentify.report.html import warnings_about
@@ -19,7 +20,7 @@ HELD = {"zoh": "held between samples (zoh)", "foh": "joined by lines between sam
 
 
 def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]]) -> Table:
-    """Lay out rows: the first and the last column to the left, numbers to the right.
+    """Lay out rows: the first column and units to the left, numbers to the right.
 
     Parameters
     ----------
@@ -31,9 +32,15 @@ def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]])
     -------
     rich.table.Table
     """
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold", show_edge=False)
+    table = Table(
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+        show_edge=False,
+        header_style="bold",
+    )
     for number, title in enumerate(titles):
-        text = number in (0, len(titles) - 1)
+        text = number == 0 or title == "unit"
         table.add_column(title, justify="left" if text else "right", no_wrap=True)
     for group in groups:
         table.add_section()
@@ -77,22 +84,28 @@ def fits(estimate: Estimate) -> list[dict[str, Any]]:
 
 
 def describe_record(record: Record) -> str:
-    """Say in one line what was identified from what."""
+    """Say what was identified from what."""
     step = "steps not uniform" if record.dt is None else f"step {record.dt:.6g} s"
     outputs, inputs = ", ".join(record.output_names), ", ".join(record.input_names)
-    return (
+    return paragraph(
         f"{record.name}: {outputs} from {inputs}; {record.n_samples:,} samples, "
         f"{record.t[0]:.6g} to {record.t[-1]:.6g} s, {step}; input {HELD[record.intersample]}"
     )
 
 
 def describe_status(estimate: Estimate, record: Record) -> str:
-    """Say how the estimation ended and what to beware of, one line each."""
-    lines = [f"{estimate.method}: {estimate.status.message}"]
+    """Say how the estimation ended, and what to beware of."""
+    lines = [paragraph(f"{estimate.method}: {estimate.status.message}")]
     if estimate.status.remedy:
-        lines.append(f"  what to do: {estimate.status.remedy}")
-    lines += [f"  caution: {text}" for text in warnings_about(estimate, [record])]
+        lines.append(paragraph(estimate.status.remedy, "  what to do: ", "    "))
+    lines += [paragraph(text, "  caution: ", "    ") for text in warnings_about(estimate, [record])]
     return "\n".join(lines)
+
+
+def describe_notes(estimate: Estimate) -> list[str]:
+    """List what was decided on the way, in one block; nothing if nothing was."""
+    lines = [paragraph(note, "- ") for note in notes(estimate)]
+    return ["\n".join(lines)] if lines else []
 
 
 def notes(estimate: Estimate) -> list[str]:

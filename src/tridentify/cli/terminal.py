@@ -6,6 +6,7 @@ import json
 import math
 import os
 import sys
+import textwrap
 import time
 import traceback
 import warnings
@@ -14,52 +15,82 @@ from contextlib import contextmanager
 from types import TracebackType
 from typing import Any, TextIO
 
-from rich.console import Console, RenderableType
+from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.progress import TimeElapsedColumn as Elapsed
+from rich.table import Table
 
 from tridentify.errors import DataWarning
 
 PROGRAM = "tridentify"
-PIPE_WIDTH = 100
-"""Width of text in a pipe or a file, where no terminal says one."""
+TEXT_WIDTH = 78
+UNLIMITED = 10_000
+
+
+class ReaderGoneError(Exception):
+    """Standard output was closed by who reads it, as ``head`` does when it has seen enough."""
 
 
 class _Console(Console):
     """A console that takes names with brackets as they are, and leaves a closed pipe to `main`."""
 
     def __init__(self, stream: TextIO) -> None:
-        plain = not stream.isatty() and "COLUMNS" not in os.environ
-        super().__init__(
-            file=stream,
-            markup=False,
-            emoji=False,
-            highlight=False,
-            width=PIPE_WIDTH if plain else None,
-        )
+        super().__init__(file=stream, markup=False, emoji=False, highlight=False)
 
     def on_broken_pipe(self) -> None:
-        raise BrokenPipeError
+        raise ReaderGoneError
 
 
-def show(*blocks: RenderableType) -> None:
-    """Print blocks on standard output, each with an empty line above.
+def show(*blocks: str | Table) -> None:
+    """Print blocks on standard output, with an empty line between them.
 
     Parameters
     ----------
-    *blocks : rich renderable
-        A block that is wider than the terminal is left to the terminal to wrap: a number is never
-        cut.
+    *blocks : str or rich.table.Table
+        What is wider than the terminal is left to the terminal to wrap: no number is cut.
     """
     console = _Console(sys.stdout)
-    for number, block in enumerate(blocks):
-        if number:
-            console.print()
-        if isinstance(block, str):
-            console.print(block, soft_wrap=True)
-        else:
-            needed = console.measure(block, options=console.options.update(max_width=1000)).maximum
-            console.print(block, width=max(needed, console.width), crop=False, no_wrap=True)
+    with _to_the_reader():
+        for number, block in enumerate(blocks):
+            if number:
+                console.print()
+            if isinstance(block, str):
+                console.print(block, soft_wrap=True)
+            else:
+                console.width = UNLIMITED
+                console.width = console.measure(block).maximum
+                console.print(block)
+
+
+def paragraph(text: str, first: str = "", rest: str | None = None) -> str:
+    """Wrap a text to the width of a small terminal.
+
+    Parameters
+    ----------
+    text : str
+        Its line breaks do not count.
+    first, rest : str
+        What the first and the other lines begin with; by default blanks as long as `first`.
+
+    Returns
+    -------
+    str
+
+    Examples
+    --------
+    >>> print(paragraph("one fact " * 10, "- "))
+    - one fact one fact one fact one fact one fact one fact one fact one fact one
+      fact one fact
+    """
+    below = " " * len(first) if rest is None else rest
+    return textwrap.fill(
+        " ".join(text.split()),
+        TEXT_WIDTH,
+        initial_indent=first,
+        subsequent_indent=below,
+        break_long_words=False,
+        break_on_hyphens=False,
+    )
 
 
 def show_json(document: Mapping[str, Any]) -> None:
@@ -70,7 +101,32 @@ def show_json(document: Mapping[str, Any]) -> None:
     document : mapping
         Plain values; nan becomes null, an infinity the text "inf" or "-inf".
     """
-    print(json.dumps(plain(document), indent=1, allow_nan=False, ensure_ascii=False))
+    with _to_the_reader():
+        print(json.dumps(plain(document), indent=1, allow_nan=False))
+
+
+@contextmanager
+def _to_the_reader() -> Iterator[None]:
+    """Write to standard output for good, or close it so that nothing complains at the end."""
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError as error:
+        _close_stdout()
+        raise ReaderGoneError from error
+    except OSError:
+        _close_stdout()
+        raise
+
+
+def _close_stdout() -> None:
+    try:
+        number = sys.stdout.fileno()
+    except (OSError, ValueError):
+        return
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, number)
+    os.close(nowhere)
 
 
 def plain(value: Any) -> Any:

@@ -13,8 +13,10 @@ from numpy.typing import NDArray
 
 from tridentify.errors import (
     ChannelCountError,
+    ConstantOutputError,
     DataError,
     NonUniformTimeError,
+    ScaleError,
     TooFewSamplesError,
     UnsupportedError,
     ZeroInputError,
@@ -26,6 +28,8 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
+
+LARGEST = 1e100
 
 
 @runtime_checkable
@@ -65,9 +69,10 @@ def check(records: Sequence[Record], structure: Structure, method: str) -> None:
             steps = np.diff(record.t)
             raise NonUniformTimeError(
                 f"found time steps between {steps.min():.6g} and {steps.max():.6g} s; {method} "
-                "expects a uniform step; resample the record to one step first"
+                "expects a uniform step; interpolate the record onto a uniform grid first"
             )
     _check_support(structure, method)
+    _check_scale(records)
     for j, name in enumerate(first.input_names):
         if not any(np.any(record.u[:, j]) for record in records):
             raise ZeroInputError(
@@ -80,6 +85,11 @@ def check(records: Sequence[Record], structure: Structure, method: str) -> None:
                 f"found output {name!r} zero throughout; expected a response to the input; choose "
                 "another channel"
             )
+        if all(_constant(record.y[:, i]) for record in records):
+            raise ConstantOutputError(
+                f"found output {name!r} constant throughout; expected a response to the input; "
+                "choose another channel, or excite the system"
+            )
     n_parameters = len(structure.names(first.input_names, first.output_names))
     samples = sum(int(np.isfinite(record.y).sum()) for record in records)
     if samples <= n_parameters:
@@ -87,6 +97,23 @@ def check(records: Sequence[Record], structure: Structure, method: str) -> None:
             f"found {samples} output samples for {n_parameters} coefficients; expected more "
             "samples than unknowns; record longer or lower the orders"
         )
+
+
+def _constant(values: Array) -> bool:
+    seen = values[np.isfinite(values)]
+    return bool(seen.size == 0 or seen.min() == seen.max())
+
+
+def _check_scale(records: Sequence[Record]) -> None:
+    """Values whose squares overflow or vanish are no measurements in sensible units."""
+    for record in records:
+        largest = max(float(np.abs(record.u).max()), float(np.nanmax(np.abs(record.y))))
+        smallest = min(float(np.abs(record.u).max()), float(np.nanmax(np.abs(record.y))))
+        if largest > LARGEST or 0 < smallest < 1.0 / LARGEST:
+            raise ScaleError(
+                f"found values of the order {largest if largest > LARGEST else smallest:.0e}; "
+                f"expected between {1 / LARGEST:.0e} and {LARGEST:.0e}; choose other units"
+            )
 
 
 def _check_support(structure: Structure, method: str) -> None:

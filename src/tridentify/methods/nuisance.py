@@ -144,7 +144,7 @@ def build(
             )
         )
     zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
-    return Problem(tuple(experiments), poles_of(structure), zeros)
+    return Problem.of(experiments, poles_of(structure), zeros)
 
 
 def reference_of(record: Record, nuisances: Nuisances) -> Array:

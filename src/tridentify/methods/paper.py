@@ -49,6 +49,8 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 
+REACHED = 1e-3
+
 
 @dataclass(frozen=True)
 class PaperThreeModel:
@@ -181,6 +183,7 @@ class _Run:
         self.operator_bank = cascade(self.operators.poles)
         self.filter_bank = cascade(sort_poles(np.roots(options.filter).astype(np.complex128)))
         self.passes: list[Pass] = []
+        self.samples = float(sum(np.isfinite(e.y).sum() for e in problem.experiments))
         self.weights = np.ones(problem.n_outputs) / np.sqrt(np.maximum(problem.power, 1e-300))
 
     def estimate(
@@ -202,7 +205,12 @@ class _Run:
             step = self._step_2(bank, regressions, series.response)
             steps = (
                 *steps,
-                Step("series", series.beta.ravel(), float(series.cost.sum()), series.condition),
+                Step(
+                    "series",
+                    series.beta.ravel(),
+                    float(series.cost.sum()) / self.samples,
+                    series.condition,
+                ),
             )
             self._add(number, steps, model, rest, series.distance, note)
             before = model.theta()
@@ -212,7 +220,8 @@ class _Run:
                 np.max(np.abs(model.theta() - before) / np.maximum(np.abs(before), 1e-12))
             )
             if series.distance < self.options.tolerance or moved < self.options.tolerance:
-                status = Status.CONVERGED
+                reached = series.distance < REACHED
+                status = Status.CONVERGED if reached else Status.SETTLED
                 why = (
                     f"beta is within {series.distance:.1e} of (1, 0, ..., 0), the coefficients "
                     f"moved by {moved:.1e}"
@@ -251,7 +260,7 @@ class _Run:
         first = Step(
             "parallel",
             parallel.beta.ravel(),
-            float(parallel.cost.sum()),
+            float(parallel.cost.sum()) / self.samples,
             parallel.condition,
             f"{self.options.operators}, gamma {self.options.gamma:g} rad/s",
         )
@@ -286,7 +295,7 @@ class _Run:
 
     def _described(self, step: SeriesParallelFit, note: str) -> Step:
         theta = _Model(step.poles, step.b).theta()
-        return Step("series-parallel", theta, step.cost, step.condition, note)
+        return Step("series-parallel", theta, step.cost / self.samples, step.condition, note)
 
     def _output(
         self, bank: Cascade, regressions: list[Regression], model: _Model

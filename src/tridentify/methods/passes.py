@@ -123,14 +123,14 @@ def adapt(
                 Step(
                     "parallel",
                     parallel.beta.ravel(),
-                    float(parallel.cost.sum()),
+                    float(parallel.cost.sum() / point.counts.sum()),
                     parallel.condition,
                     f"{parallel.beta.shape[2]} orthonormal functions on the poles of a, twice each",
                 ),
                 Step(
                     "series-parallel",
                     denominator(step.poles)[1:],
-                    step.cost,
+                    step.cost / float(point.counts.sum()),
                     step.condition,
                     "filter 1/a of the pass before",
                 ),
@@ -171,6 +171,7 @@ def series_model(point: Point) -> SeriesFit:
         np.eye(n),
         np.zeros(n),
         free_rows=np.eye(n, point.bank.order),
+        weights=point.weights,
     )
 
 
@@ -251,5 +252,9 @@ def _error_step(point: Point, damping: float) -> Step:
     condition = max(fit.solution.condition for fit in point.fits)
     note = f"damping {damping:.1e}" if damping else ""
     return Step(
-        "output error", denominator(point.poles)[1:], float(point.rss.sum()), condition, note
+        "output error",
+        denominator(point.poles)[1:],
+        float(point.rss.sum() / point.counts.sum()),
+        condition,
+        note,
     )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +16,7 @@ Array = NDArray[np.float64]
 SLOWEST = 1e-3
 FASTEST = 30.0
 LEAST_DAMPED = 1e-6
+BELOW_NYQUIST = 0.98
 
 REFLECTED = "reflected an unstable pole"
 TOO_FAST = "held a pole at the fastest the sampling can show"
@@ -34,11 +34,43 @@ class Problem:
         Degree of the shared denominator.
     n_zeros : tuple of tuples of int
         Degrees of the numerators, ``[output][input]``.
+    power : (n_outputs,) array
+        Mean squares of the outputs about their means.
+    size : (n_outputs,) array
+        Mean squares of the outputs as recorded: what rounding is relative to.
     """
 
     experiments: tuple[Experiment, ...]
     n_poles: int
     n_zeros: tuple[tuple[int, ...], ...]
+    power: Array
+    size: Array
+
+    @classmethod
+    def of(
+        cls,
+        experiments: Sequence[Experiment],
+        n_poles: int,
+        n_zeros: tuple[tuple[int, ...], ...],
+    ) -> Problem:
+        """A problem with the scales of its outputs."""
+        spread = np.zeros(len(n_zeros))
+        size = np.zeros(len(n_zeros))
+        count = np.zeros(len(n_zeros))
+        for e in experiments:
+            y = e.y
+            n = np.full(len(n_zeros), float(e.n_samples))
+            if np.isnan(y.sum()):
+                n = np.maximum(np.isfinite(y).sum(axis=0), 1.0)
+                y = np.where(np.isfinite(y), y, np.nansum(y, axis=0) / n)
+            squares = np.einsum("ij,ij->j", y, y)
+            # centred on the first value, so that a large trim does not drown the movement
+            moved = y - y[0]
+            about = np.einsum("ij,ij->j", moved, moved)
+            spread += np.maximum(about - moved.sum(axis=0) ** 2 / y.shape[0], 0.0)
+            size = np.maximum(size, squares / y.shape[0])
+            count += n
+        return cls(tuple(experiments), n_poles, n_zeros, spread / count, size)
 
     @property
     def n_outputs(self) -> int:
@@ -77,27 +109,6 @@ class Problem:
         """Fastest pole that leaves a trace between two samples [rad/s]."""
         return FASTEST / min(e.dt for e in self.experiments)
 
-    @cached_property
-    def size(self) -> Array:
-        """(n_outputs,) mean squares of the outputs as recorded: what rounding is relative to."""
-        return np.array(
-            [
-                max(float(np.nanmean(np.square(e.y[:, i]))) for e in self.experiments)
-                for i in range(self.n_outputs)
-            ]
-        )
-
-    @cached_property
-    def power(self) -> Array:
-        """(n_outputs,) mean squares of the outputs about their means."""
-        spread = np.zeros(self.n_outputs)
-        count = np.zeros(self.n_outputs)
-        for e in self.experiments:
-            seen = np.isfinite(e.y)
-            spread += np.nanvar(e.y, axis=0) * seen.sum(axis=0)
-            count += seen.sum(axis=0)
-        return np.asarray(spread / count)
-
     def admissible(self, poles: Complex) -> tuple[Complex, str]:
         """Reflect unstable poles and keep all of them where the record can see them.
 
@@ -124,6 +135,10 @@ class Problem:
         if np.any(factor < 1):
             note = TOO_FAST
         real, imag = real * factor, imag * factor
+        nyquist = BELOW_NYQUIST * np.pi / min(e.dt for e in self.experiments)
+        if np.any(np.abs(imag) > nyquist):
+            note = TOO_FAST
+            imag = np.clip(imag, -nyquist, nyquist)
         floor = np.maximum(self.slowest, LEAST_DAMPED * np.abs(imag))
         if np.any(-real < floor):
             note = TOO_SLOW

@@ -22,7 +22,7 @@ from tridentify.errors import UnsupportedOrderError
 from tridentify.estimate import Estimate, Nuisance, Status, Trace
 from tridentify.methods.base import poles_of
 from tridentify.methods.nuisance import Nuisances, reference_of
-from tridentify.methods.passes import coefficients, mean_square
+from tridentify.methods.passes import ROUNDING, coefficients, mean_square
 from tridentify.methods.point import Point
 from tridentify.methods.problem import Problem
 from tridentify.models.response import Response, nuisance_blocks
@@ -68,6 +68,7 @@ def estimate_from(
             "the number of poles or zeros, or excite the system more richly"
         )
     transform = _transform(point, keys, inverse.shape[0])
+    _refuse_invisible(point, structure, theta, transform, noise)
     cov = transform @ inverse @ transform.T
     cov = 0.5 * (cov + cov.T)
     std = np.sqrt(np.diag(cov))
@@ -100,6 +101,23 @@ def estimate_from(
         dt=first.dt,
         record_fingerprint=fingerprint(records),
     )
+
+
+def _refuse_invisible(
+    point: Point, structure: Structure, theta: Array, transform: Array, noise: Array
+) -> None:
+    """Refuse poles that only rounding determines, as superfluous ones are without noise."""
+    floor = ROUNDING * point.problem.size
+    if np.all(noise > floor):
+        return
+    inverse = _covariance(point, np.maximum(noise, floor))[0]
+    n = point.problem.n_poles
+    std = np.sqrt(np.diag(transform @ inverse @ transform.T))[:n]
+    if np.any(std > 0.5 * np.abs(theta[:n])):
+        raise UnsupportedOrderError(
+            f"found a record without noise that does not determine {poles_of(structure)} poles; "
+            "expected an order that the record needs; lower the number of poles"
+        )
 
 
 def degrees_of_freedom(point: Point) -> Array:

@@ -9,8 +9,9 @@ model is the next start. Otherwise the search ends. What is tried in turn:
 
 1. Laguerre models, the best of the grid by AICc;
 2. the best poles so far enriched by the spread, as long as that lowers the cost;
-3. models on the spread alone;
-4. the same with numerators of full degree, which are easier to fit, before the wanted degree is
+3. discrete-time least squares on the raw record;
+4. models on the spread alone;
+5. the same with numerators of full degree, which are easier to fit, before the wanted degree is
 imposed.
 """
 
@@ -35,6 +36,7 @@ from tridentify.methods.point import Point, evaluate_variant
 from tridentify.methods.problem import Problem, Variant
 from tridentify.methods.starts import (
     ParallelStart,
+    discrete_poles,
     enriched_starts,
     laguerre_starts,
     spread_starts,
@@ -44,6 +46,7 @@ from tridentify.numerics.realization import Complex
 
 INDISTINGUISHABLE = 1e-22
 ALLOWANCE = 6.0
+CLEARLY = 10.0
 MOST_ENRICHED = 8
 MOST_TRIED = 12
 
@@ -71,6 +74,25 @@ def criterion(point: Point, decrease: float = 0.0) -> float:
     return likelihood + 2.0 * k + 2.0 * k * (k + 1.0) / room
 
 
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where a search ended: the point, the nuisance terms it was made with, and the verdict.
+
+    ``settled`` says that a richer parallel model had nothing to add; ``reachable`` is the AICc
+    to be met.
+    """
+
+    base: Problem
+    point: Point
+    variant: Variant
+    reachable: float
+    settled: bool
+
+    def at(self, poles: Complex) -> Point:
+        """The cost elsewhere."""
+        return evaluate_variant(self.base, self.variant, poles)
+
+
 @dataclass(eq=False)
 class Search:
     """Collects passes, starts and seeds while it looks for poles.
@@ -95,39 +117,62 @@ class Search:
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
         if not is_large(base):
-            self.seeds.append(self.follow(base, variants).poles)
+            self.seeds.append(self.follow(base, variants).point.poles)
             return
         piece = window(base)
-        self.seeds.append(self.follow(piece, [free_variant(piece)], "window of the record: ").poles)
-        self.seeds.append(self.follow(averaged(base), variants, "record averaged: ").poles)
+        first = self.follow(piece, [free_variant(piece)], "window of the record: ")
+        whole = averaged(base)
+        if first.settled:
+            second = self.begin(whole, variants, "record averaged: ")
+        else:
+            second = self.follow(whole, variants, "record averaged: ")
+        # what each loses where the other was found
+        seeds = first.point.poles, second.point.poles
+        window_loss = first.at(seeds[1]).objective - first.point.objective
+        whole_loss = second.at(seeds[0]).objective - second.point.objective
+        if window_loss < CLEARLY * whole_loss:
+            self.seeds.append(seeds[1])
+        if whole_loss < CLEARLY * window_loss or not self.seeds:
+            self.seeds.append(seeds[0])
 
-    def follow(self, base: Problem, variants: Sequence[Variant], where: str = "") -> Point:
-        """Follow starts until the model explains the record as well as the parallel model does."""
-        extremes = [variants[0]] if len(variants) == 1 else [variants[0], variants[-1]]
-        laguerre = laguerre_starts(base, extremes)
-        variant = laguerre[0].variant
+    def begin(self, base: Problem, variants: Sequence[Variant], where: str = "") -> Found:
+        """Laguerre starts only."""
+        laguerre = laguerre_starts(base, _extremes(variants))
         reachable = laguerre[0].criterion + ALLOWANCE
-        best = self._best_of(_distinct(laguerre, self.n_starts), reachable, None, where)
-        further = ["spread", "relaxed"]
+        starts = _distinct(laguerre, self.n_starts)
+        best = self._best_of(starts, reachable, None, where)
+        return Found(base, best, laguerre[0].variant, reachable, False)
+
+    def follow(self, base: Problem, variants: Sequence[Variant], where: str = "") -> Found:
+        """Follow starts until the model explains the record as well as the parallel model does."""
+        found = self.begin(base, variants, where)
+        best, variant, reachable = found.point, found.variant, found.reachable
+        extremes = _extremes(variants)
+        further = ["discrete", "spread", "relaxed"]
         for _ in range(MOST_ENRICHED):
             if at_rounding(best):
-                break
+                return Found(base, best, variant, reachable, True)
             enriched = enriched_starts(base, variant, best.poles)
             reachable = enriched[0].criterion + ALLOWANCE
             if criterion(best) < reachable:
-                break
+                return Found(base, best, variant, reachable, True)
             before = criterion(best)
             best = self._best_of(enriched[:2], reachable, best, where)
             if criterion(best) < before - 1.0:
                 continue
             if not further:
                 break
-            if further.pop(0) == "spread":
+            kind = further.pop(0)
+            if kind == "discrete":
+                poles = discrete_poles(base)
+                name = where + "discrete-time least squares"
+                best = self._adapted(base, variant, poles, reachable, best, name)
+            elif kind == "spread":
                 starts = spread_starts(base, extremes)[: self.n_starts]
                 best = self._best_of(starts, reachable, best, where)
             else:
                 best = self._relaxed(base, extremes, reachable, best, where)
-        return best
+        return Found(base, best, variant, reachable, False)
 
     def _best_of(
         self, parallel: Sequence[ParallelStart], reachable: float, best: Point | None, where: str
@@ -184,11 +229,17 @@ class Search:
         if zeros == base.n_zeros:
             return best
         relaxed = replace(base, n_zeros=zeros)
-        point = Search(self.n_starts).follow(relaxed, variants)
+        point = Search(self.n_starts).follow(relaxed, variants).point
         for variant in variants:
             name = where + "numerators of full degree first"
             best = self._adapted(base, variant, point.poles, reachable, best, name)
         return best
+
+
+def _extremes(variants: Sequence[Variant]) -> Sequence[Variant]:
+    """The leanest choice, the fullest, and a start in equilibrium where that is one."""
+    shifted = [v for v in variants[1:-1] if any(c is not None for c in v.constants)][:1]
+    return variants if len(variants) == 1 else (variants[0], *shifted, variants[-1])
 
 
 def _distinct(parallel: Sequence[ParallelStart], count: int) -> list[ParallelStart]:

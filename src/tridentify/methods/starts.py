@@ -31,18 +31,19 @@ from functools import cached_property
 
 import numpy as np
 import scipy.linalg
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tridentify.methods.problem import Problem, Variant
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series_parallel import fit_series_parallel
-from tridentify.numerics.least_squares import triangle
+from tridentify.numerics.least_squares import solve, triangle
 from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
 from tridentify.regression import Regression, regress
 
 Array = NDArray[np.float64]
 
-PER_DECADE = 4.0
+PER_DECADE = 3.0
 MOST_FUNCTIONS = 12
 MOST_SPREAD = 30
 SLOW_EDGE = 3.0
@@ -130,6 +131,50 @@ class ParallelStart:
         problem = self.problem
         samples = sum(e.n_samples for e in problem.experiments)
         return np.asarray(1.0 / np.sqrt(self.fit.cost / samples + 1e-30 * problem.size))
+
+
+def discrete_poles(base: Problem) -> Complex:
+    """Poles of a discrete-time least-squares model of the raw record.
+
+    ``y_k + sum_i a_i y_{k-i} = sum_i b_i u_{k-i} + e`` with one ``a`` for all outputs, solved
+    by QR; ``log(z) / dt`` of its roots. Biased by any noise, and useless for much of it, but
+    exact without: what the other starts may miss on a clean record of high order, this one
+    finds.
+
+    Parameters
+    ----------
+    base : Problem
+
+    Returns
+    -------
+    (n,) complex array
+        Admissible poles [rad/s].
+    """
+    n, n_outputs = base.n_poles, base.n_outputs
+    scale = np.sqrt(np.where(base.power > 0, base.power, 1.0))
+    parts = []
+    for e in base.experiments:
+        if e.n_samples <= 2 * n + 2:
+            continue
+        lags = sliding_window_view(e.u, n + 1, axis=0)[:, :, ::-1]
+        inputs = np.column_stack([lags.reshape(lags.shape[0], -1), np.ones(lags.shape[0])])
+        for i in range(n_outputs):
+            y = sliding_window_view(e.y[:, i] / scale[i], n + 1)[:, ::-1]
+            seen = np.isfinite(y).all(axis=1)
+            block = np.zeros((int(seen.sum()), inputs.shape[1] * n_outputs))
+            block[:, i * inputs.shape[1] : (i + 1) * inputs.shape[1]] = inputs[seen]
+            parts.append(np.column_stack([block, y[seen, 1:], y[seen, :1]]))
+    if not parts:
+        return base.admissible(-np.geomspace(*rate_limits(base), n).astype(np.complex128))[0]
+    r = triangle(np.vstack(parts))
+    corner = r[-n - 1 :, -n - 1 :]
+    a = solve(corner[:, :-1], -corner[:, -1]).x
+    z = np.roots(np.concatenate([[1.0], a])).astype(np.complex128)
+    z = np.where(z.imag == 0, np.abs(z) + 0j, z)
+    z = np.where(np.abs(z) < 1e-12, 1e-12 + 0j, z)
+    return base.admissible(
+        sort_poles(np.asarray(np.log(z) / base.experiments[0].dt, dtype=np.complex128))
+    )[0]
 
 
 def rate_limits(problem: Problem) -> tuple[float, float]:
@@ -266,7 +311,7 @@ def _order(
     samples = sum(e.n_samples for e in problem.experiments)
     total = np.zeros(most)
     for i in range(problem.n_outputs):
-        rss = sum((_nested(r, i, most, problem.biproper) for r in regressions), np.zeros(most))
+        rss = np.sum([_nested(r, i, most, problem.biproper) for r in regressions], axis=0)
         total += samples * np.log(rss / samples + 1e-30 * problem.size[i])
     layout = regressions[0].layout
     per_order = problem.n_outputs * (layout.n_inputs + layout.free * len(regressions))

@@ -34,7 +34,8 @@ def averaged(problem: Problem) -> Problem:
     """Every experiment with blocks of samples averaged, to about ``SMALL`` samples in all."""
     total = sum(e.n_samples for e in problem.experiments)
     block = -(-total // SMALL)
-    return replace(problem, experiments=tuple(_averaged(e, block) for e in problem.experiments))
+    experiments = [_averaged(e, block) for e in problem.experiments]
+    return Problem.of(experiments, problem.n_poles, problem.n_zeros)
 
 
 def _averaged(e: Experiment, block: int) -> Experiment:
@@ -65,7 +66,7 @@ def window(problem: Problem) -> Problem:
     start = starts[int(np.argmax(movement))]
     part = slice(start, start + length)
     piece = replace(e, u=np.ascontiguousarray(e.u[part]), y=e.y[part].copy(), free=True)
-    return replace(problem, experiments=(piece,))
+    return Problem.of([piece], problem.n_poles, problem.n_zeros)
 
 
 def free_variant(problem: Problem) -> Variant:

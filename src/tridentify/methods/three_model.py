@@ -166,10 +166,12 @@ class ThreeModel:
         search.run(base, variants)
         say("which offsets and initial states the record needs")
         chosen, point, table = self._decide(base, variants, search.seeds)
-        problem = build(records, structure, choices[chosen])
         for _ in range(MOST_DECISIONS):
             say(f"output error ({choices[chosen].label})")
+            problem = build(records, structure, choices[chosen])
             at = partial(evaluate, problem)
+            if not _same_input(problem, base, variants[chosen]):
+                point = at(point.poles)
             point, status, why = finish(at, point, search.recorder, self.max_passes)
             settled = criterion(point) < table[chosen] + 1.0 and not at_rounding(point)
             if len(choices) == 1 or settled:
@@ -178,7 +180,6 @@ class ThreeModel:
             if again == chosen:
                 break
             chosen, point = again, other
-            problem = build(records, structure, choices[chosen])
         table[chosen] = criterion(point)
         self._certify(point, search.recorder)
         trace = Trace(
@@ -215,12 +216,23 @@ class ThreeModel:
         step = Step(
             "series",
             series.beta.ravel(),
-            float(series.cost.sum()),
+            float(series.cost.sum() / point.counts.sum()),
             series.condition,
             "W_0 = 1 and the orthonormal functions on the poles of a",
         )
         note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
         recorder.add(point, (step,), series.distance, note)
+
+
+def _same_input(problem: Problem, base: Problem, variant: Variant) -> bool:
+    """Whether the variant's points are the problem's: both count the input from one value."""
+    for own, whole, constants in zip(
+        problem.experiments, base.experiments, variant.constants, strict=True
+    ):
+        shift = np.zeros(own.u.shape[1]) if constants is None else constants
+        if not np.array_equal(own.u[0], whole.u[0] + shift):
+            return False
+    return True
 
 
 def _decisions(
@@ -229,5 +241,5 @@ def _decisions(
     if len(choices) == 1:
         return ()
     others = sorted((k for k in range(len(choices)) if k != chosen), key=lambda k: table[k])
-    listed = "; ".join(f"{choices[k].label} +{table[k] - table[chosen]:.1f}" for k in others)
+    listed = "; ".join(f"{choices[k].label} {table[k] - table[chosen]:+.1f}" for k in others)
     return (f"{choices[chosen].label}: lowest AICc ({listed})",)

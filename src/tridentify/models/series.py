@@ -66,6 +66,7 @@ def fit_series(
     operator_direct: Array,
     *,
     free_rows: Array | None = None,
+    weights: Array | None = None,
 ) -> SeriesFit:
     """Fit the weights of operators connected in series with a model.
 
@@ -84,6 +85,9 @@ def fit_series(
         ``W_i = operator_rows[i] X_s + operator_direct[i]``, ``i = 1 .. k``; ``W_0 = 1`` is added.
     free_rows : (n, q) array, optional
         Functions for a re-estimated free response (rows on ``bank``).
+    weights : (n_outputs,) array, optional
+        With weights the outputs share one ``beta``, as they share one ``a``; without, each has
+        its own.
 
     Returns
     -------
@@ -96,26 +100,35 @@ def fit_series(
     cost = np.zeros(n_outputs)
     condition = 1.0
     free_correction = np.zeros_like(response.free)
-    for i in range(n_outputs):
+    together = weights is not None
+    scale = np.ones(n_outputs) if weights is None else weights
+    for group in [range(n_outputs)] if together else [[i] for i in range(n_outputs)]:
         columns = Columns()
-        for e, regression in enumerate(regressions):
-            y_0 = response.signal(regression, e, i)
-            block = states.signals(regression, e, i) @ operator_rows.T
-            block += np.outer(y_0, operator_direct)
-            blocks: dict[object, Array] = {"beta": np.column_stack([y_0, block])}
-            if regression.layout.free and free_rows is not None:
-                blocks["free", e] = regression.impulse_signal(i, free_rows.T)
-            blocks |= nuisance_blocks(regression, e, i)
-            columns.add(blocks, regression.targets[i])
+        for i in group:
+            for e, regression in enumerate(regressions):
+                y_0 = response.signal(regression, e, i)
+                block = states.signals(regression, e, i) @ operator_rows.T
+                block += np.outer(y_0, operator_direct)
+                blocks: dict[object, Array] = {"beta": np.column_stack([y_0, block])}
+                if regression.layout.free and free_rows is not None:
+                    blocks["free", e, i] = regression.impulse_signal(i, free_rows.T)
+                blocks |= nuisance_blocks(regression, e, i)
+                scaled = {key: scale[i] * block for key, block in blocks.items()}
+                columns.add(scaled, scale[i] * regression.targets[i])
         matrix, target = columns.assemble()
         solution = solve(matrix, target)
-        beta[i] = columns.pick(solution.x, "beta")
-        cost[i] = solution.cost
+        residual = target - matrix @ solution.x
+        at = 0
         condition = max(condition, solution.condition)
-        if free_rows is not None:
+        for i in group:
+            beta[i] = columns.pick(solution.x, "beta")
             for e, regression in enumerate(regressions):
-                if regression.layout.free:
-                    free_correction[e, i] = columns.pick(solution.x, ("free", e)) @ free_rows
+                rows = regression.targets[i].size
+                cost[i] += float(np.sum((residual[at : at + rows] / scale[i]) ** 2))
+                at += rows
+                if regression.layout.free and free_rows is not None:
+                    c_0 = columns.pick(solution.x, ("free", e, i))
+                    free_correction[e, i] = c_0 @ free_rows
     corrected = _corrected(response, states.rows, states.free, beta, operator_rows, operator_direct)
     corrected = Response(corrected.rows, corrected.direct, corrected.free + free_correction)
     return SeriesFit(corrected, beta, cost, condition)

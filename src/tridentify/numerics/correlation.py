@@ -21,8 +21,8 @@ def autocorrelation(series: npt.ArrayLike, n_lags: int) -> tuple[Real, int]:
     Returns
     -------
     correlation : ndarray, shape (n_lags + 1,)
-        ``r(0) = 1``; all zero for a constant series. The biased estimate: sums of products over the
-        sum of squares.
+        ``r(0) = 1``; all zero for a constant series. The biased estimate: sums of products over
+        the sum of squares.
     n_present : int
         Samples that are not missing. Of white noise, ``r(k)`` has the standard deviation
         ``1 / sqrt(n_present)`` for k > 0.

@@ -13,7 +13,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 from scipy.linalg import lapack
 
@@ -42,9 +41,7 @@ def triangle(rows: Array) -> Array:
     >>> bool(np.allclose(r.T @ r, [[25.0, 20.0], [20.0, 25.0]]))
     True
     """
-    return np.asarray(scipy.linalg.qr(rows, mode="r", check_finite=False)[0], dtype=np.float64)[
-        : min(rows.shape)
-    ]
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 class Accumulator:
@@ -69,33 +66,33 @@ class Accumulator:
     """
 
     def __init__(self, n_columns: int, block: int) -> None:
-        self._work = np.zeros((n_columns, n_columns + block))
-        self._n = n_columns
-        self._workspace = max(1, 32 * n_columns)
+        self._buffer = np.zeros((n_columns, block))
+        self._r = np.zeros((n_columns, n_columns), order="F")
+        self._panel = min(n_columns, 2 if n_columns <= 8 else 4 if n_columns <= 20 else 8)
 
     @property
     def buffer(self) -> Array:
-        """(n_columns, block) view to be filled, one row a column of the matrix."""
-        return self._work[:, self._n :]
+        """(n_columns, block) array to be filled, one row a column of the matrix."""
+        return self._buffer
 
     def absorb(self, count: int, first: int = 0) -> None:
-        """Fold ``count`` samples in; columns before ``first`` are known to be zero there."""
-        n = self._n
-        part = self._work[first:, first : n + count].T
-        if part.flags.f_contiguous and n + count == self._work.shape[1] and first == 0:
-            lapack.dgeqrf(part, lwork=self._workspace, overwrite_a=1)
-        else:
-            factor, *_ = lapack.dgeqrf(
-                np.asfortranarray(part), lwork=self._workspace, overwrite_a=1
-            )
-            self._work[first:, first:n] = factor[: n - first].T
-        for j in range(first, n):
-            self._work[j, j + 1 : n] = 0.0
+        """Fold ``count`` samples in; columns before ``first`` are known to be zero there.
+
+        A triangle on top of a block is what LAPACK's ``tpqrt`` factors: it leaves the zeros of
+        the triangle alone, and its narrow panels stay on one thread, which a block of this size
+        needs.
+        """
+        rows = self._buffer[first:, :count].T
+        block = rows if rows.flags.f_contiguous else np.asfortranarray(rows)
+        corner = np.asfortranarray(self._r[first:, first:])
+        panel = min(self._panel, corner.shape[0])
+        updated, *_ = lapack.dtpqrt(0, panel, corner, block, overwrite_a=1, overwrite_b=1)
+        self._r[first:, first:] = np.triu(updated)
 
     @property
     def r(self) -> Array:
         """(n_columns, n_columns) upper triangle."""
-        return np.ascontiguousarray(self._work[:, : self._n].T)
+        return np.ascontiguousarray(self._r)
 
 
 def solve(matrix: Array, target: Array, *, cutoff: float = 1e-13) -> Solution:

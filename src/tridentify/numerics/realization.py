@@ -35,6 +35,7 @@ gives its roots without ever being expanded (`roots_of`).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -115,23 +116,24 @@ def cascade(poles: Complex) -> Cascade:
     q = poles.size
     a = np.zeros((q, q))
     b = np.zeros(q)
+    listed = poles.tolist()
     i = 0
     while i < q:
-        z = poles[i]
+        z = listed[i]
         if z.imag == 0:
             a[i, i] = z.real
-            b[i] = np.sqrt(-2.0 * z.real)
+            b[i] = math.sqrt(-2.0 * z.real)
             i += 1
             continue
-        if i + 1 >= q or poles[i + 1] != z.conjugate():
+        if i + 1 >= q or listed[i + 1] != z.conjugate():
             raise ValueError("conjugate poles must stand side by side")
         damping, frequency = -2.0 * z.real, abs(z)
         a[i, i], a[i, i + 1], a[i + 1, i] = -damping, -frequency, frequency
-        b[i] = np.sqrt(2.0 * damping)
+        b[i] = math.sqrt(2.0 * damping)
         i += 2
-    section = np.cumsum(np.r_[1, poles.imag[1:] >= 0]) if q else np.zeros(0)
+    section = np.cumsum(poles.imag >= 0)
     lower = section[:, None] > section[None, :]
-    a -= np.where(lower, np.outer(b, b), 0.0)
+    a -= lower * np.outer(b, b)
     return Cascade(a, b, poles)
 
 

@@ -1,0 +1,162 @@
+"""The commands put together, and the way from an exception to one line and an exit code."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from types import FrameType
+from typing import Annotated, Any
+
+import typer
+from typer.main import get_command
+
+from tridentify.cli import demo_command, identify_command, study_command, terminal
+from tridentify.errors import (
+    ConvergenceError,
+    IdentifiabilityError,
+    TridentifyError,
+)
+
+DONE = 0
+NO_ANSWER = 1
+BAD_INPUT = 2
+FAULT = 70
+INTERRUPTED = 130
+
+EXIT_CODES = (
+    "Exit codes: 0 done; 1 the data do not allow an answer; 2 bad input or usage; 70 a fault of "
+    "this program; 130 interrupted. Results go to standard output, progress and errors to "
+    "standard error."
+)
+
+app = typer.Typer(
+    name=terminal.PROGRAM,
+    help="Physical coefficients of continuous-time models from sampled, noisy records.",
+    epilog=EXIT_CODES,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.command("identify")(identify_command.identify)
+app.command("demo")(demo_command.demo)
+app.command("study")(study_command.study)
+
+
+def _show_version(asked: bool) -> None:
+    if asked:
+        from tridentify import __version__
+
+        terminal.show(f"{terminal.PROGRAM} {__version__}")
+        raise typer.Exit()
+
+
+@app.callback(invoke_without_command=True)
+def start(
+    context: typer.Context,
+    version: Annotated[
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Say which version."),
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option("--debug", help="Show the traceback of an error, with any command.")
+    ] = False,
+) -> None:
+    """Physical coefficients of continuous-time models from sampled, noisy records."""
+    if context.invoked_subcommand is None:
+        terminal.show(context.get_help())
+        raise typer.Exit(BAD_INPUT)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        What stands after the name of the program; by default that of this process.
+
+    Returns
+    -------
+    int
+        0 done; 1 the data do not allow an answer; 2 bad input or usage; 70 a fault of the program;
+        130 interrupted.
+
+    Examples
+    --------
+    >>> main(["--version"])
+    tridentify ...
+    0
+    """
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    options = given[: given.index("--")] if "--" in given else given
+    debug = "--debug" in options
+    if debug:
+        given.remove("--debug")
+    with terminal.patient_streams(), _termination_as_interrupt():
+        try:
+            code = get_command(app).main(given, prog_name=terminal.PROGRAM, standalone_mode=False)
+        except terminal.ReaderGoneError:
+            return DONE
+        except (Exception, KeyboardInterrupt) as error:
+            if debug:
+                terminal.complain_in_full(error)
+            return _explain(error)
+    if code == INTERRUPTED:  # newer versions of typer turn an interrupt into this code themselves
+        return _explain(KeyboardInterrupt())
+    return code if isinstance(code, int) else DONE
+
+
+def _explain(error: BaseException) -> int:
+    """Write one line about what went wrong and give the exit code."""
+    if isinstance(error, (KeyboardInterrupt, typer.Abort)):
+        terminal.say("interrupted")
+        return INTERRUPTED
+    if isinstance(error, TridentifyError):
+        terminal.complain(str(error))
+        refused = isinstance(error, (IdentifiabilityError, ConvergenceError))
+        return NO_ANSWER if refused else BAD_INPUT
+    # typer's usage errors share no public base class over the versions that are supported
+    usage: Any = error
+    if hasattr(usage, "format_message"):
+        path = getattr(getattr(usage, "ctx", None), "command_path", terminal.PROGRAM)
+        message = usage.format_message().strip().rstrip(".")
+        terminal.complain(f"{message}; see {path} --help")
+        return BAD_INPUT
+    if isinstance(error, OSError):
+        terminal.complain(
+            f"found no way to go on ({error}); expected files and streams that can be read and "
+            "written; free some space or correct the permissions"
+        )
+        return BAD_INPUT
+    terminal.complain(
+        f"stopped by an unforeseen {type(error).__name__}: {error}; run it again with --debug and "
+        "report what it shows"
+    )
+    return FAULT
+
+
+@contextmanager
+def _termination_as_interrupt() -> Iterator[None]:
+    """Let a polite request to end, as `timeout` or a closing terminal sends, tidy up as Ctrl-C."""
+
+    def interrupt(_number: int, _frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    names = ("SIGTERM", "SIGHUP")
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    before = {number: signal.getsignal(number) for number in numbers}
+    # a signal that is ignored, as under nohup, stays ignored
+    handled = [number for number in numbers if before[number] is signal.SIG_DFL]
+    for number in handled:
+        signal.signal(number, interrupt)
+    try:
+        yield
+    finally:
+        for number in handled:
+            signal.signal(number, signal.SIG_DFL)

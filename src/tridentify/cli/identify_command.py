@@ -1,0 +1,361 @@
+"""``tridentify identify``: a file and a structure in, coefficients with standard errors out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from tridentify.checks.samples import Intersample
+from tridentify.cli import tables
+from tridentify.cli.results import ResultFolder
+from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.errors import (
+    ChannelCountError,
+    ConvergenceError,
+    OptionError,
+    OrderError,
+    SamplingError,
+    shown,
+)
+from tridentify.estimate import Estimate
+from tridentify.formats.csv import read_record
+from tridentify.formats.text_table import open_table
+from tridentify.record import Record
+from tridentify.structure import Structure
+
+TIME_NAMES = ("t", "time")
+
+_record = partial(typer.Option, rich_help_panel="The record")
+_model = partial(typer.Option, rich_help_panel="The model")
+_result = partial(typer.Option, rich_help_panel="The result")
+
+
+class Between(StrEnum):
+    """What the input does between samples."""
+
+    ZOH = "zoh"
+    FOH = "foh"
+
+
+class Choice(StrEnum):
+    """Whether a nuisance term is estimated along."""
+
+    AUTO = "auto"
+    YES = "yes"
+    NO = "no"
+
+    @property
+    def answer(self) -> bool | Literal["auto"]:
+        """As `Structure` wants it."""
+        return "auto" if self is Choice.AUTO else self is Choice.YES
+
+
+class Beginning(StrEnum):
+    """How the record begins."""
+
+    AUTO = "auto"
+    REST = "rest"
+    EQUILIBRIUM = "equilibrium"
+    FREE = "free"
+
+
+@dataclass(frozen=True)
+class Source:
+    """Which part of which file is the record."""
+
+    file: Path
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    time: str | None = None
+    dt: float | None = None
+    intersample: Intersample = "zoh"
+    start: float | None = None
+    stop: float | None = None
+
+
+def identify(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV file with a header line.")],
+    inputs: Annotated[
+        list[str], _record("--input", metavar="NAME", help="Column of an input; may be repeated.")
+    ],
+    outputs: Annotated[
+        list[str], _record("--output", metavar="NAME", help="Column of an output; may be repeated.")
+    ],
+    poles: Annotated[
+        int, _model(metavar="N", help="Degree of the denominator, shared by all channels.")
+    ],
+    zeros: Annotated[
+        list[str],
+        _model(
+            metavar="M",
+            help="Degree of the numerators: once for all channels, or once for each output in "
+            "their order (--zeros 1 --zeros 0); with several inputs also a number for each of "
+            "them (--zeros 1,0).",
+        ),
+    ],
+    time: Annotated[
+        str | None,
+        _record(metavar="NAME", help="Column of time; by default the one called t or time."),
+    ] = None,
+    dt: Annotated[
+        float | None,
+        _record(
+            metavar="SECONDS",
+            help="Uniform sampling interval; with --time, which must agree to 5 percent, or alone.",
+        ),
+    ] = None,
+    intersample: Annotated[
+        Between,
+        _record(
+            metavar="HOW",
+            help="What the input does between samples: zoh (held) or foh (joined by lines).",
+        ),
+    ] = Between.ZOH,
+    start: Annotated[
+        float | None, _record("--from", metavar="SECONDS", help="Leave out what is before.")
+    ] = None,
+    stop: Annotated[
+        float | None, _record("--to", metavar="SECONDS", help="Leave out what is after.")
+    ] = None,
+    offset: Annotated[
+        Choice,
+        _model(metavar="HOW", help="A constant on every output: yes, no, or auto (by AICc)."),
+    ] = Choice.AUTO,
+    drift: Annotated[
+        Choice,
+        _model(metavar="HOW", help="A slope in time on every output: yes, no, or auto (by AICc)."),
+    ] = Choice.NO,
+    initial_state: Annotated[
+        Beginning,
+        _model(
+            metavar="HOW",
+            help="State at the first sample: rest (all zero), equilibrium (steady under the first "
+            "input value, as in trim), free (any), or auto (by AICc).",
+        ),
+    ] = Beginning.AUTO,
+    method: Annotated[
+        str, _model(metavar="NAME", help="Estimation method; a wrong name lists them.")
+    ] = "three-model",
+    out: Annotated[
+        Path | None,
+        _result(
+            metavar="DIR", help="Write model.json, report.html and the figures into this folder."
+        ),
+    ] = None,
+    title: Annotated[str | None, _result(metavar="TEXT", help="Heading of the report.")] = None,
+    as_json: Annotated[
+        bool, _result("--json", help="Print one JSON object instead of tables.")
+    ] = False,
+) -> None:
+    """Identify the coefficients of a model from a record in a CSV file.
+
+    Example: tridentify identify flight.csv --input elevator --output q --poles 2 --zeros 1
+    """
+    source = Source(
+        file,
+        tuple(inputs),
+        tuple(outputs),
+        time,
+        dt,
+        intersample.value,
+        start,
+        stop,
+    )
+    structure = Structure(
+        poles,
+        nested_zeros(zeros, len(outputs), len(inputs)),
+        offset=offset.answer,
+        drift=drift.answer,
+        initial_state=initial_state.value,
+    )
+    check_method(method)
+    written: Sequence[Path] = ()
+    with ExitStack() as stack:
+        results = None if out is None else stack.enter_context(ResultFolder(out))
+        activity = stack.enter_context(Activity())
+        record = load(source, activity)
+        load_sample_loop(activity)
+        estimate = estimate_model(record, structure, method, activity.stage)
+        if results is not None:
+            write_results(estimate, record, results.draft, activity, title)
+            written = results.publish()
+    if as_json:
+        document = tables.estimate_document(estimate, record)
+        show_json(document | {"files": [str(path) for path in written]})
+    else:
+        show_estimate(estimate, record, written)
+
+
+def nested_zeros(given: Sequence[str], n_outputs: int, n_inputs: int) -> int | list[list[int]]:
+    """Read the numbers of zeros.
+
+    Parameters
+    ----------
+    given : sequence of str
+        One number; or for each output a number, or a number for each input with commas between.
+    n_outputs, n_inputs : int
+
+    Returns
+    -------
+    int or list of list of int, ``[output][input]``
+
+    Raises
+    ------
+    OrderError, ChannelCountError
+        Something else is given, or for other numbers of channels.
+
+    Examples
+    --------
+    >>> nested_zeros(["1"], 2, 1), nested_zeros(["1", "0"], 2, 1), nested_zeros(["1,0"], 1, 2)
+    (1, [[1], [0]], [[1, 0]])
+    """
+    rows = []
+    for text in given:
+        if not re.fullmatch(r"\s*\d{1,4}\s*(,\s*\d{1,4}\s*)*", text):
+            raise OrderError(
+                f"found --zeros {shown(text)}; expected a whole number such as 1, or one for each "
+                "input such as 1,0; correct it"
+            )
+        rows.append([int(number) for number in text.split(",")])
+    if len(rows) == 1 and len(rows[0]) == 1:
+        return rows[0][0]
+    if len(rows) == 1:
+        rows = rows * n_outputs
+    if len(rows) != n_outputs or any(len(row) not in (1, n_inputs) for row in rows):
+        raise ChannelCountError(
+            f"found --zeros {' --zeros '.join(given)} for {n_outputs} outputs and {n_inputs} "
+            "inputs; expected it once, or once for each output, with one number or one for each "
+            "input; correct it"
+        )
+    return [row * n_inputs if len(row) == 1 else row for row in rows]
+
+
+def check_method(name: str) -> None:
+    """Refuse a method that does not exist, with the names of those that do."""
+    from tridentify.identify import METHODS
+
+    if name not in METHODS:
+        raise OptionError(
+            f"found --method {shown(name)}; expected one of {', '.join(METHODS)}; choose one"
+        )
+
+
+def load(source: Source, activity: Activity) -> Record:
+    """Read the record; without a stated sampling, look for a column of time by its name.
+
+    Raises
+    ------
+    DataError
+        The file or the record in it cannot be used.
+    """
+    activity.stage(f"reading {source.file.name}")
+    time = source.time
+    if time is None and source.dt is None:
+        time = find_time(source.file)
+        activity.note(f"taking column {time!r} as time, by its name")
+    return read_record(
+        source.file,
+        time=time,
+        dt=source.dt,
+        inputs=source.inputs,
+        outputs=source.outputs,
+        intersample=source.intersample,
+        start=source.start,
+        stop=source.stop,
+    )
+
+
+def find_time(file: Path) -> str:
+    """Find the column that is called t or time, in any case, with or without a unit in brackets.
+
+    Raises
+    ------
+    SamplingError
+        There is none, or more than one.
+    """
+    names = [name for name in open_table(file).names if name]
+    found = [n for n in names if re.sub(r"\s*[\[(].*", "", n).casefold() in TIME_NAMES]
+    if len(found) != 1:
+        what = f"the columns {' and '.join(found)}" if found else "no column called t or time"
+        raise SamplingError(
+            f"found {what} in {shown(file.name)}, and neither --time nor --dt; expected to know "
+            f"the sampling; give --time NAME (of {shown(', '.join(names), 200)[1:-1]}) or "
+            "--dt SECONDS"
+        )
+    return found[0]
+
+
+def load_sample_loop(activity: Activity) -> None:
+    """Load the compiled recursion over samples; the first time on a machine it is compiled."""
+    from tridentify.numerics.propagate import warm_up
+
+    activity.stage("loading the sample loop (compiled once per machine, which takes seconds)")
+    warm_up()
+
+
+def estimate_model(
+    record: Record,
+    structure: Structure,
+    method: str = "three-model",
+    progress: Callable[[str], None] | None = None,
+) -> Estimate:
+    """Identify one record.
+
+    Raises
+    ------
+    DataError, StructureError, IdentifiabilityError
+        As the method refuses.
+    ConvergenceError
+        The method ended without a usable estimate.
+    """
+    from tridentify.identify import METHODS
+    from tridentify.identify import identify as run
+
+    estimate = run([record], structure, METHODS[method](), throw=False, progress=progress)
+    if not estimate.status.ok:
+        raise ConvergenceError(
+            f"found no usable estimate: {estimate.status.message}; expected a minimum that the "
+            f"data can tell; {estimate.status.remedy}"
+        )
+    return estimate
+
+
+def write_results(
+    estimate: Estimate, record: Record, folder: Path, activity: Activity, title: str | None
+) -> None:
+    """Write model.json, report.html and the figures into a folder."""
+    from tridentify.report import save_figures, write_report
+
+    activity.stage("writing the report and the figures")
+    estimate.save(folder / "model.json")
+    write_report(estimate, record, folder / "report.html", title=title)
+    save_figures(estimate, record, folder)
+
+
+def show_estimate(estimate: Estimate, record: Record, written: Sequence[Path]) -> None:
+    """Print the tables."""
+    show(
+        tables.describe_record(record),
+        tables.describe_status(estimate, record),
+        estimate.model_text(),
+        tables.coefficient_table(estimate),
+        tables.fit_table(estimate),
+        *tables.describe_notes(estimate),
+        *describe_files(written),
+    )
+
+
+def describe_files(written: Sequence[Path]) -> list[str]:
+    """Say which files were written, in one line; nothing if none were."""
+    if not written:
+        return []
+    names = ", ".join(path.name for path in written)
+    return [paragraph(f"written to {written[0].parent}: {names}", rest="  ")]

@@ -1,0 +1,130 @@
+"""Picture after the paper's Fig. 5: the aircraft's step response, a noisy record, the fits."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tridentify.plots.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    Real,
+    dress,
+    legend,
+    make_axes,
+)
+from tridentify.record import Record
+from tridentify.simulate import simulate
+from tridentify.studies.aircraft import PLANT
+from tridentify.studies.aircraft_numbers import ESTIMATORS, Condition
+from tridentify.studies.aircraft_result import AircraftResult
+from tridentify.transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+COLOURS = (ORANGE, BLUE, GREEN)
+"""Of the estimators, in the pictures of this study."""
+FINE = 5
+"""Points of a drawn response for each sample of the record."""
+
+
+def plot_step_responses(
+    result: AircraftResult, *, axes: Sequence[Axes] | None = None
+) -> list[Axes]:
+    """Draw the truth with one noisy record, what the estimators make of all draws, and the input.
+
+    Parameters
+    ----------
+    result : AircraftResult
+        Its first record length at the noise ratio nearest to one is drawn.
+    axes : sequence of matplotlib Axes, optional
+        Five: record, one for each estimator, input. A figure is made when left out.
+
+    Returns
+    -------
+    list of matplotlib Axes
+    """
+    drawn = make_axes(axes, [2.2, 1.35, 1.35, 1.35, 0.9], sharex=True)
+    condition = min(result.by_length()[0], key=lambda c: abs(c.ratio - 1.0))
+    x = np.ones(condition.n_samples * FINE)
+    grid = Record(x, x, dt=condition.dt / FINE)
+    truth = simulate(PLANT, grid)[:, 0]
+    example = condition.example
+    drawn[0].plot(
+        example.t,
+        example.y[:, 0],
+        color=GREY,
+        linewidth=0.6,
+        marker=".",
+        markersize=3.5,
+        label="one record",
+    )
+    drawn[0].plot(grid.t, truth, color=BLACK, linewidth=1.6, label="truth")
+    dress(
+        drawn[0],
+        title=f"noise {condition.ratio:g} x RMS of the truth",
+        ylabel="y [units of x]",
+    )
+    legend(drawn[0], columns=2)
+    bands = [response_band(condition, j, grid) for j in range(len(ESTIMATORS))]
+    for ax, colour, name, band in zip(drawn[1:-1], COLOURS, ESTIMATORS, bands, strict=True):
+        _draw_band(ax, grid.t, truth, band, colour, name)
+    low, high = _limits(truth, bands)
+    for ax in drawn[1:-1]:
+        ax.set_ylim(low, high)
+    end = float(grid.t[-1])
+    drawn[-1].plot([-0.05 * end, 0.0, 0.0, end], [0.0, 0.0, 1.0, 1.0], color=BLACK, linewidth=1.2)
+    dress(drawn[-1], xlabel="time [s]", ylabel="x [-]")
+    return drawn
+
+
+def response_band(condition: Condition, estimator: int, grid: Record) -> Real:
+    """Quantiles of the fitted models' responses, instant by instant.
+
+    Parameters
+    ----------
+    condition : Condition
+    estimator : int
+        Place in ``ESTIMATORS``.
+    grid : Record
+        Whose input and times are used.
+
+    Returns
+    -------
+    ndarray, shape (3, n_samples)
+        16, 50 and 84 %; ``nan`` when no draw gave a model.
+    """
+    theta = condition.theta[estimator]
+    found = theta[np.all(np.isfinite(theta), axis=1)]
+    if not found.size:
+        return np.full((3, grid.n_samples), np.nan)
+    with np.errstate(over="ignore", invalid="ignore"):
+        responses = [
+            simulate(TransferFunction([b0], [1.0, a1, a0]), grid)[:, 0] for a1, a0, b0 in found
+        ]
+    return np.asarray(np.quantile(responses, [0.16, 0.5, 0.84], axis=0))
+
+
+def _draw_band(ax: Axes, t: Real, truth: Real, band: Real, colour: str, name: str) -> None:
+    ax.fill_between(t, band[0], band[2], color=colour, alpha=0.25, linewidth=0, label="16-84 %")
+    ax.plot(t, band[1], color=colour, linewidth=1.5, label="median")
+    ax.plot(t, truth, color=BLACK, linewidth=1.0, linestyle="--", label="truth")
+    dress(ax, title=name, ylabel="y [units of x]")
+    legend(ax)
+
+
+def _limits(truth: Real, bands: Sequence[Real]) -> tuple[float, float]:
+    """Of all bands, but at most twice as far as the truth: an unstable median may run away."""
+    values = np.concatenate([np.ravel(band) for band in bands])
+    span = float(np.ptp(truth))
+    inside = values[np.isfinite(values)]
+    low = max(float(np.min(inside, initial=truth.min())), float(truth.min()) - span)
+    high = min(float(np.max(inside, initial=truth.max())), float(truth.max()) + span)
+    room = 0.06 * (high - low)
+    return low - room, high + room

@@ -1,0 +1,307 @@
+"""What the study of the paper's aircraft found, as numbers; `studies.aircraft` is the study."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.special
+from numpy.typing import NDArray
+
+from tridentify.record import Record
+
+Array = NDArray[np.float64]
+
+COEFFICIENTS = ("a1", "a0", "b0")
+"""In the order of ``theta``; ``b0`` is the paper's b."""
+UNITS = ("1/s", "1/s^2", "1/s^2")
+TRUTH = (1.0, 3.0, 0.5)
+ESTIMATORS = ("Step 2 alone", "Steps 1-4", "ThreeModel()")
+PRINTED: Mapping[str, Mapping[float, tuple[float, float, float]]] = MappingProxyType(
+    {
+        "Step 2 alone": MappingProxyType(
+            {
+                0.0: (1.0, 3.0, 0.5),
+                0.5: (1.01, 3.15, 0.517),
+                1.0: (0.71, 2.69, 0.6),
+                2.0: (0.16, 1.56, 0.49),
+                3.0: (0.02, 1.39, 0.53),
+            }
+        ),
+        "Steps 1-4": MappingProxyType(
+            {
+                0.0: (1.0, 3.0, 0.5),
+                0.5: (1.1, 3.1, 0.516),
+                1.0: (1.14, 3.15, 0.52),
+                2.0: (0.96, 2.82, 0.48),
+                3.0: (0.95, 3.22, 0.58),
+            }
+        ),
+    }
+)
+"""The paper's table: estimator -> noise/signal -> coefficients in our order."""
+FAILED, FLAGGED = "failed", "flagged"
+FAR = 5.0
+"""An outlier is farther from the truth than so many standard deviations of the bound."""
+
+
+@dataclass(frozen=True)
+class Event:
+    """A draw on which an estimator failed, or which it flagged: ``reason`` says why."""
+
+    estimator: str
+    draw: int
+    kind: str
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """One estimator at one condition.
+
+    ``median``, ``low``, ``high`` (16 and 84 % quantiles) and ``rmse`` are (3,) arrays over the
+    draws that gave numbers. ``failed`` counts draws without numbers, ``unstable`` those whose
+    model is not stable, ``outliers`` those with a coefficient farther than `FAR` bounds from the
+    truth, and ``flagged`` those which the method itself did not call converged.
+    """
+
+    estimator: str
+    median: Array
+    low: Array
+    high: Array
+    rmse: Array
+    failed: int
+    unstable: int
+    outliers: int
+    flagged: int
+
+
+@dataclass(frozen=True, eq=False)
+class Condition:
+    """One record length at one noise level.
+
+    Parameters
+    ----------
+    example : Record
+        The record of draw 0.
+    ratio : float
+        Noise standard deviation over the root mean square of the noise-free output.
+    noise_std : float
+        In units of the output.
+    information : (3, 3) array
+        Triangle ``R``, ``R' R`` being the information matrix for noise of variance one.
+    theta : (n_estimators, n_draws, 3) array
+        Estimates; ``nan`` where an estimator failed.
+    events : tuple of Event
+        Failures, and what the methods flagged, in the order of the draws.
+    """
+
+    example: Record
+    ratio: float
+    noise_std: float
+    information: Array
+    theta: Array
+    events: tuple[Event, ...]
+
+    @property
+    def n_samples(self) -> int:
+        """Of every record."""
+        return self.example.n_samples
+
+    @property
+    def dt(self) -> float:
+        """Step [s]."""
+        assert self.example.dt is not None
+        return self.example.dt
+
+    @property
+    def n_draws(self) -> int:
+        """Records at this condition."""
+        return int(self.theta.shape[1])
+
+    @property
+    def bound(self) -> Array:
+        """(3,) standard deviations of the Cramer-Rao bound; zero without noise."""
+        inverse = scipy.linalg.solve_triangular(self.information, np.eye(len(TRUTH)))
+        return np.asarray(self.noise_std * np.sqrt(np.sum(inverse**2, axis=1)))
+
+    def distance(self, theta: Array) -> Array:
+        """Distance from the truth in the metric of the bound.
+
+        Parameters
+        ----------
+        theta : (..., 3) array
+
+        Returns
+        -------
+        (...) array
+            Its square is ``(theta - truth)' C^{-1} (theta - truth)`` with ``C`` the bound on the
+            covariance: for an unbiased Gaussian estimator on the bound, chi-square with three
+            degrees of freedom.
+        """
+        error = np.asarray(theta, dtype=np.float64) - np.array(TRUTH)
+        scaled = error @ self.information.T / self.noise_std
+        return np.asarray(np.sqrt(np.sum(scaled**2, axis=-1)))
+
+    def summary(self, estimator: int) -> Summary:
+        """Summarise one estimator.
+
+        Parameters
+        ----------
+        estimator : int
+            Place in `ESTIMATORS`.
+
+        Returns
+        -------
+        Summary
+        """
+        name, every = ESTIMATORS[estimator], self.theta[estimator]
+        found = every[np.all(np.isfinite(every), axis=1)]
+        truth = np.array(TRUTH)
+        rows = found if found.size else np.full((1, truth.size), np.nan)
+        low, median, high = np.quantile(rows, [0.16, 0.5, 0.84], axis=0)
+        far = np.abs(found - truth) > FAR * self.bound
+        return Summary(
+            name,
+            median,
+            low,
+            high,
+            np.sqrt(np.mean((rows - truth) ** 2, axis=0)),
+            failed=len(every) - len(found),
+            unstable=int(np.count_nonzero(np.any(found[:, :2] <= 0, axis=1))),
+            outliers=int(np.count_nonzero(np.any(far, axis=1))) if self.ratio else 0,
+            flagged=sum(event.estimator == name and event.kind == FLAGGED for event in self.events),
+        )
+
+    def summaries(self) -> tuple[Summary, ...]:
+        """One for each estimator."""
+        return tuple(self.summary(j) for j in range(len(ESTIMATORS)))
+
+    def share_as_close(self, estimator: int, distance: float) -> float:
+        """Share of the draws (failures included) that come at least as close to the truth."""
+        every = self.distance(self.theta[estimator])
+        return float(np.count_nonzero(every <= distance)) / self.n_draws
+
+
+@dataclass(frozen=True, eq=False)
+class AircraftNumbers:
+    """All numbers of the study of the paper's aircraft.
+
+    Parameters
+    ----------
+    seed, draws : int
+        As asked for.
+    gamma : float
+        Of the paper's operators [rad/s].
+    passes : int
+        Most repetitions of the paper's Steps 2 to 4.
+    conditions : tuple of Condition
+        Record length by record length, and there ratio by ratio.
+    """
+
+    seed: int
+    draws: int
+    gamma: float
+    passes: int
+    conditions: tuple[Condition, ...]
+
+    def by_length(self) -> tuple[tuple[Condition, ...], ...]:
+        """Group the conditions by the record length, in their order."""
+        groups: dict[tuple[int, float], list[Condition]] = {}
+        for condition in self.conditions:
+            groups.setdefault((condition.n_samples, condition.dt), []).append(condition)
+        return tuple(tuple(group) for group in groups.values())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Numbers for machines.
+
+        Returns
+        -------
+        dict
+            ``conditions`` is a list with one entry for each record length and ratio, and there
+            ``estimators`` a list; a number that does not exist is None.
+        """
+        return {
+            "schema": 1,
+            "study": "aircraft",
+            "seed": self.seed,
+            "draws": self.draws,
+            "gamma": self.gamma,
+            "passes": self.passes,
+            "coefficients": list(COEFFICIENTS),
+            "units": list(UNITS),
+            "truth": list(TRUTH),
+            "conditions": [_condition_dict(condition) for condition in self.conditions],
+        }
+
+
+def closer_by_chance(distances: Sequence[float]) -> float:
+    """How likely an efficient unbiased estimator is to come so close at all levels together.
+
+    Parameters
+    ----------
+    distances : sequence of float
+        From `Condition.distance`, one for each of several independent records.
+
+    Returns
+    -------
+    float
+        Probability that a chi-square variable with three degrees of freedom for each record does
+        not exceed the sum of the squares.
+
+    Examples
+    --------
+    >>> closer_by_chance([np.sqrt(2.366)])
+    0.5
+    """
+    total = sum(distance**2 for distance in distances)
+    return float(scipy.special.chdtr(len(TRUTH) * len(distances), total))
+
+
+def _condition_dict(condition: Condition) -> dict[str, Any]:
+    return {
+        "n_samples": condition.n_samples,
+        "dt": condition.dt,
+        "ratio": condition.ratio,
+        "noise_std": condition.noise_std,
+        "draws": condition.n_draws,
+        "cramer_rao_std": condition.bound.tolist(),
+        "estimators": [
+            {
+                "name": summary.estimator,
+                "median": _numbers(summary.median),
+                "quantile_16": _numbers(summary.low),
+                "quantile_84": _numbers(summary.high),
+                "rmse": _numbers(summary.rmse),
+                "failed": summary.failed,
+                "unstable": summary.unstable,
+                "outliers": summary.outliers,
+                "flagged": summary.flagged,
+                "printed": _printed(summary.estimator, condition.ratio),
+            }
+            for summary in condition.summaries()
+        ],
+        "events": [
+            {
+                "estimator": event.estimator,
+                "draw": event.draw,
+                "kind": event.kind,
+                "reason": event.reason,
+            }
+            for event in condition.events
+        ],
+    }
+
+
+def _numbers(values: Array) -> list[float | None]:
+    return [value if math.isfinite(value) else None for value in values.tolist()]
+
+
+def _printed(estimator: str, ratio: float) -> list[float] | None:
+    printed = PRINTED.get(estimator, {}).get(ratio)
+    return None if printed is None else list(printed)
