@@ -32,6 +32,8 @@ from tridentify.numerics.realization import Complex, denominator, numerators
 Array = NDArray[np.float64]
 
 SETTLED = 1e-7
+SETTLED_LONG = 1e-5
+LONG = 50_000
 ROUNDING = 1e-22
 ENOUGH = 0.5
 MOST_ADAPTED = 12
@@ -205,10 +207,13 @@ def finish(
         In words.
     """
     problem = point.problem
+    settled = SETTLED if point.counts.sum() < LONG else SETTLED_LONG
     damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
     for _ in range(most):
-        if point.step(0.0)[1] < SETTLED:
-            return point, _settled(held), "the next step would lower -2 log L by less than 1e-7"
+        left = point.step(0.0)[1]
+        if left < settled:
+            why = f"the next step would lower -2 log L by {left:.0e}, less than {settled:.0e}"
+            return point, _settled(held), why
         poles, predicted = point.step(damping)
         poles, note = problem.admissible(poles)
         trial = at(poles)

@@ -41,7 +41,7 @@ from tridentify.methods.starts import (
     laguerre_starts,
     spread_starts,
 )
-from tridentify.methods.thin import averaged, free_variant, is_large, window
+from tridentify.methods.thin import SMALL, averaged, free_variant, is_large, window
 from tridentify.numerics.realization import Complex
 
 INDISTINGUISHABLE = 1e-22
@@ -49,6 +49,8 @@ ALLOWANCE = 6.0
 CLEARLY = 10.0
 MOST_ENRICHED = 8
 MOST_TRIED = 12
+MOST_SHARPENING = 3
+LONGER = 24
 
 
 def criterion(point: Point, decrease: float = 0.0) -> float:
@@ -123,7 +125,7 @@ class Search:
         first = self.follow(piece, [free_variant(piece)], "window of the record: ")
         whole = averaged(base)
         if first.settled:
-            second = self.begin(whole, variants, "record averaged: ")
+            second = self.begin(whole, variants, "record averaged: ", most=1)
         else:
             second = self.follow(whole, variants, "record averaged: ")
         # what each loses where the other was found
@@ -133,13 +135,27 @@ class Search:
         if window_loss < CLEARLY * whole_loss:
             self.seeds.append(seeds[1])
         if whole_loss < CLEARLY * window_loss or not self.seeds:
-            self.seeds.append(seeds[0])
+            self.seeds.append(self._sharpened(base, seeds[0]))
 
-    def begin(self, base: Problem, variants: Sequence[Variant], where: str = "") -> Found:
+    def _sharpened(self, base: Problem, poles: Complex) -> Complex:
+        """Steps on a longer window, so that fewer are needed on the whole record."""
+        piece = window(base, LONGER * SMALL)
+        if base.experiments[0].n_samples < 4 * piece.experiments[0].n_samples:
+            return poles
+        at = partial(evaluate_variant, piece, free_variant(piece))
+        return finish(at, at(poles), Recorder(), MOST_SHARPENING)[0].poles
+
+    def begin(
+        self,
+        base: Problem,
+        variants: Sequence[Variant],
+        where: str = "",
+        most: int | None = None,
+    ) -> Found:
         """Laguerre starts only."""
         laguerre = laguerre_starts(base, _extremes(variants))
         reachable = laguerre[0].criterion + ALLOWANCE
-        starts = _distinct(laguerre, self.n_starts)
+        starts = _distinct(laguerre, most or self.n_starts)
         best = self._best_of(starts, reachable, None, where)
         return Found(base, best, laguerre[0].variant, reachable, False)
 

@@ -21,8 +21,8 @@ import numpy as np
 from tridentify.methods.problem import Problem, Variant
 from tridentify.regression import Experiment
 
-LARGE = 12_000
-SMALL = 4_000
+LARGE = 5_000
+SMALL = 2_000
 
 
 def is_large(problem: Problem) -> bool:
@@ -49,18 +49,26 @@ def _averaged(e: Experiment, block: int) -> Experiment:
     )
 
 
-def window(problem: Problem) -> Problem:
-    """A stretch of ``SMALL`` samples of the longest experiment, initial state free."""
+def window(problem: Problem, samples: int = SMALL) -> Problem:
+    """A stretch of the longest experiment where the output moves most, initial state free.
+
+    Parameters
+    ----------
+    problem : Problem
+    samples : int
+        Its length.
+    """
     e = max(problem.experiments, key=lambda one: one.n_samples)
-    length = min(SMALL, e.n_samples)
+    length = min(samples, e.n_samples)
     starts = range(0, e.n_samples - length + 1, max(length // 2, 1))
-    y = np.nan_to_num(e.y / np.sqrt(np.where(problem.power > 0, problem.power, 1.0)))
+    y = np.nan_to_num(e.y) if np.isnan(e.y.sum()) else e.y
+    weights = 1.0 / np.where(problem.power > 0, problem.power, 1.0)
     edges = np.arange(0, e.n_samples + 1, max(length // 2, 1))
     halves = [y[a:b] for a, b in pairwise(edges)]
     first = np.array([half.sum(axis=0) for half in halves])
-    second = np.array([np.square(half).sum(axis=0) for half in halves])
+    second = np.array([np.einsum("ij,ij->j", half, half) for half in halves])
     movement = [
-        float(np.sum(second[k : k + 2].sum(0) - first[k : k + 2].sum(0) ** 2 / length))
+        float(weights @ (second[k : k + 2].sum(0) - first[k : k + 2].sum(0) ** 2 / length))
         for k in range(len(starts))
     ]
     start = starts[int(np.argmax(movement))]

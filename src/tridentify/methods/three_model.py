@@ -205,7 +205,8 @@ class ThreeModel:
             ]
             found.append(points)
         points = min(found, key=lambda some: min(point.objective for point in some))
-        trusted = TRUSTED * float(points[0].counts.sum())
+        exact = any(at_rounding(point) for point in points)
+        trusted = np.inf if exact else TRUSTED * float(points[0].counts.sum())
         table = [criterion(point, min(point.step(0.0)[1], trusted)) for point in points]
         chosen = int(np.argmin(table))
         return chosen, points[chosen], table

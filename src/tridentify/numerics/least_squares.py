@@ -87,12 +87,12 @@ class Accumulator:
         corner = np.asfortranarray(self._r[first:, first:])
         panel = min(self._panel, corner.shape[0])
         updated, *_ = lapack.dtpqrt(0, panel, corner, block, overwrite_a=1, overwrite_b=1)
-        self._r[first:, first:] = np.triu(updated)
+        self._r[first:, first:] = updated
 
     @property
     def r(self) -> Array:
         """(n_columns, n_columns) upper triangle."""
-        return np.ascontiguousarray(self._r)
+        return np.triu(self._r)
 
 
 def solve(matrix: Array, target: Array, *, cutoff: float = 1e-13) -> Solution:
