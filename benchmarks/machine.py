@@ -54,7 +54,7 @@ def describe() -> dict[str, str]:
         "processor": processor(),
         "cores": str(cores),
         "memory": f"{memory():.0f} GB",
-        "system": f"{platform.system()} {platform.release()}",
+        "system": platform.system(),
         "python": f"{platform.python_implementation()} {platform.python_version()}",
     }
     for name in LIBRARIES:

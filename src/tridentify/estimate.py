@@ -155,6 +155,7 @@ class Estimate:
     intersample: str
     dt: float | None
     record_fingerprint: str = ""
+    cautions: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -225,7 +226,7 @@ class Estimate:
                     n, where = len(den) - 1, "" if shared else label
                     poles = delta_method.pole_quantities(den, cov[:n, :n])
                     rows += [(row[0] + where, *row[1:]) for row in poles]
-                unit = self._ratio_unit(output, input_, 0) or "-"
+                unit = self._ratio_unit(output, input_, 0)
                 gains.append(("dc gain" + label, *delta_method.dc_gain(num, den, cov), unit))
         return tuple(rows + gains)
 
@@ -238,10 +239,25 @@ class Estimate:
                 unit = self.units.get(output, "")
                 per_second = unit and unit_ratio(unit, "", 1)
                 rows += [
-                    (f"offset[{output}{where}]", terms.offset[i], terms.offset_std[i], unit),
+                    (
+                        f"offset[{output}{where}]",
+                        terms.offset[i],
+                        terms.offset_std[i],
+                        unit,
+                    ),
                     (f"drift[{output}{where}]", terms.drift[i], terms.drift_std[i], per_second),
                 ]
         return tuple(row for row in rows if row[2] != 0)
+
+    def offset_note(self) -> str:
+        """At which input the offsets are the output; empty when that is zero input."""
+        notes = []
+        for number, terms in enumerate(self.nuisance, 1):
+            if np.any(terms.input_reference):
+                inputs = zip(self.input_names, terms.input_reference.tolist(), strict=True)
+                where = f" (experiment {number})" if len(self.nuisance) > 1 else ""
+                notes.append(", ".join(f"{name} = {value:.6g}" for name, value in inputs) + where)
+        return f"an offset is the output that belongs to {'; '.join(notes)}" if notes else ""
 
     def _unit(self, name: str) -> str:
         match = re.fullmatch(r"([ab])(\d+)(?:\[(.*)\])?", name)
@@ -332,7 +348,9 @@ class Estimate:
             f"AICc {self.aicc:.6g}, condition {self.condition:.3g}, "
             f"relative gradient {self.gradient:.2g}"
         ]
-        for note in (*self.trace.decisions, self.trace.stopped):
+        for caution in self.cautions:
+            lines += textwrap.wrap(caution, _WIDTH, initial_indent="! ", subsequent_indent="  ")
+        for note in (self.offset_note(), *self.trace.decisions, self.trace.stopped):
             if note:
                 lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
         return "\n".join(line.rstrip() for line in (*lines, "=" * _WIDTH))

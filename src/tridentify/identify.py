@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from types import MappingProxyType
 
+from tridentify.cautions import cautions
 from tridentify.errors import (
     ConvergenceError,
     OptionError,
@@ -77,6 +79,7 @@ def identify(
     chosen: Method = ThreeModel() if method is None else method
     with one_blas_thread():
         estimate = chosen.estimate(listed, structure, progress)
+        estimate = replace(estimate, cautions=cautions(estimate, listed))
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
         raise UnsupportedOrderError(
             f"found a pole that runs away from the record with {structure.poles} poles: "

@@ -44,9 +44,9 @@ class OperatorBank(Protocol):
 
 
 def _check(gamma: float, order: int) -> None:
-    if not (np.isfinite(gamma) and gamma > 0):
+    if not (isinstance(gamma, (int, float)) and np.isfinite(gamma) and gamma > 0):
         raise OptionError(f"found gamma={gamma!r}; expected a positive number of rad/s; correct it")
-    if int(order) != order or order < 1:
+    if not isinstance(order, int) or order < 1:
         raise OptionError(f"found order={order!r}; expected a whole number >= 1; correct it")
 
 
@@ -159,8 +159,7 @@ class GeneralizedBasis:
     References
     ----------
     .. [1] B. Ninness, F. Gustafsson, A unifying construction of orthonormal bases for system
-    identification,
-       IEEE Trans. AC 42(4), 1997.
+       identification, IEEE Trans. AC 42(4), 1997.
 
     Examples
     --------
@@ -176,7 +175,10 @@ class GeneralizedBasis:
             raise OptionError(
                 f"found poles {self.pole_list}; expected negative real parts; correct them"
             )
-        if not np.isclose(np.sort(poles.imag).sum(), 0.0, atol=1e-12 * np.abs(poles).max()):
+        mirrored = np.sort_complex(poles.conjugate())
+        if not np.allclose(
+            np.sort_complex(poles), mirrored, rtol=0, atol=1e-12 * np.abs(poles).max()
+        ):
             raise OptionError(
                 f"found poles {self.pole_list}; expected conjugate pairs; add the missing conjugate"
             )
@@ -228,7 +230,7 @@ def apply_operators(bank: OperatorBank, record: Record) -> Array:
     Returns
     -------
     (n_samples, n_inputs, n_operators) array
-        In units of the inputs (times 1/sqrt(s) for orthonormal functions).
+        In units of the inputs (times sqrt(s) for orthonormal functions).
 
     Raises
     ------

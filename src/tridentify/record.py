@@ -317,14 +317,17 @@ class Record:
         if self.dt is None:
             raise ResampleError(
                 "found a time axis that is not uniform; expected a uniform one to keep every k-th "
-                "sample of; interpolate the record to a uniform step first"
+                "sample of; if its jitter is small, make the record with the mean step instead, "
+                f"dt={self.duration / (self.n_samples - 1):.6g}, else interpolate u and y to a "
+                "uniform step before they become a record"
             )
         ratio = dt / self.dt if np.isfinite(dt) else np.nan
         factor = round(ratio) if ratio >= 0.5 and np.isfinite(ratio) else 0
         if factor < 1 or abs(ratio - factor) > 1e-6 * factor or self.n_samples <= factor:
             raise ResampleError(
                 f"found dt={dt:.6g} s; expected a whole multiple of {self.dt:.6g} s below "
-                f"{self.duration:.6g} s; choose such a step or interpolate the record yourself"
+                f"{self.duration:.6g} s; choose such a step, or interpolate u and "
+                "y before they become a record"
             )
         warn_if_input_moves(self.u, factor, self.intersample)
         return self._derive(

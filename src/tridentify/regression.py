@@ -170,6 +170,8 @@ def restricted(
     Regression
     """
     old = regression.layout
+    if constants is not None and np.any(constants) and not (old.free and old.offset):
+        raise ValueError("constants need the impulse states and the constant among the columns")
     new = Layout(old.order, old.n_inputs, free, offset, drift)
     q = old.order
     index = list(range(0 if free else q * old.free, old.states + old.n_inputs))

@@ -68,7 +68,7 @@ _STATUS = {
     ),
     Status.AT_STABILITY_LIMIT: (
         "converged, but a pole lies at the limit of stability",
-        "look for a drift or an integration in the record; allow drift=True, or use fewer poles",
+        "look for a drift or an integration in the record; allow a drift, or use fewer poles",
     ),
     Status.SETTLED: (
         "the passes stand still, but the series model still corrects the output",
@@ -80,8 +80,7 @@ _STATUS = {
     ),
     Status.WEAKLY_IDENTIFIABLE: (
         "converged, but the record hardly determines some of the coefficients",
-        "record longer, excite nearer to the natural frequency, use fewer poles or zeros, "
-        "or fix a coefficient that is known",
+        "record longer, excite nearer to the natural frequency, or use fewer poles or zeros",
     ),
     Status.STALLED: (
         "no step lowers the output-error cost any further, yet its gradient is not zero",

@@ -6,6 +6,7 @@ import io
 import json
 import re
 import shlex
+import sys
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import pytest
 
 from tridentify import Estimate
 from tridentify.cli import demo_command, main
+from tridentify.cli.terminal import own_command
 
 NUMERATORS = [
     "b1 s + b0, with noise",
@@ -111,7 +113,10 @@ def test_every_number_of_the_comparison_is_printed(document, printed):
     for part in ("alpha", "alpha and q"):
         for row in document[part]["comparison"]:
             lines = [line for line in printed.splitlines() if line.startswith(row["name"] + " ")]
-            assert any(f"{row['error_percent']:+.2f}" in line for line in lines)
+            determined = row["std"] <= abs(row["value"])
+            shown = f"{row['error_percent']:+.2f}" if determined else "not determined"
+            assert any(shown in line for line in lines)
+    assert printed.count("not determined") == 3  # b1 of alpha: alone, with q, and in the last table
     assert "6 of 6 coefficients lie within two standard errors" in printed
 
 
@@ -134,6 +139,21 @@ def test_what_it_tells_to_try_next_works(place, printed, run, monkeypatch):
     outcome = run(*shlex.split(command.partition(" --out ")[0]))
     assert outcome.code == 0
     assert "natural frequency" in outcome.out
+
+
+def test_it_names_the_program_as_it_was_called(tmp_path, monkeypatch):
+    program = tmp_path / "bin of mine" / "tridentify"
+    program.parent.mkdir()
+    program.write_text("#!/bin/sh\n")
+    program.chmod(0o755)
+    monkeypatch.setattr("sys.argv", [str(program), "demo"])
+    assert own_command() == f"'{program}'"
+    monkeypatch.setenv("PATH", str(program.parent))
+    assert own_command() == "tridentify"
+    monkeypatch.setattr("sys.argv", ["/elsewhere/tridentify/__main__.py"])
+    assert own_command() == f"{shlex.quote(sys.executable)} -m tridentify"
+    monkeypatch.setattr("sys.argv", ["pytest"])
+    assert own_command() == "tridentify"
 
 
 def test_a_folder_that_cannot_be_written_is_refused(run, tmp_path):

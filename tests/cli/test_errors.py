@@ -105,7 +105,7 @@ CASES = {
         "expected 0.02 s within 5 percent",
         ("--time", "t", "--dt", "0.02"),
     ),
-    "jittered time": Case(rows(t=jittered), errors.NonUniformTimeError, "expects a uniform step"),
+    "jittered time": Case(rows(t=jittered), errors.NonUniformTimeError, "expected a uniform step"),
     "a range without samples": Case(
         rows(), errors.EmptyRangeError, "100", ("--from", "100", "--to", "101")
     ),

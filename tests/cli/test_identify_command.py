@@ -8,6 +8,7 @@ import os
 import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from scipy import signal
 import tridentify
 from tridentify import Estimate
 from tridentify.cli import identify_command, main, terminal
+from tridentify.numerics import propagate
 
 DT = 0.02
 DEN = (1.0, 3.0, 9.0)
@@ -102,6 +104,68 @@ def test_dt_scales_time(run, manoeuvre, question):
     outcome = run("identify", manoeuvre, "--dt", 2 * DT, *question, "--json")
     slower = {"a1": 1.5, "a0": 2.25, "b1": 1.0, "b0": 0.75}
     assert values(answers(outcome.out)) == pytest.approx(slower, rel=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("header", "factor", "dt", "says"),
+    [
+        ("t", 1.0, 0.001, "'t' is not used; its mean step is 0.02 s, not 0.001 s"),
+        ("Time [ms]", 1e3, 0.001, "'Time [ms]' is not used; its mean step is 0.02 s, not 0.001 s"),
+        ("t", 1.0, 0.0204, ""),
+        ("t [ms]", 1e3, 0.02, ""),
+        ("t [frames]", 50.0, 0.001, ""),
+        ("clock", 1.0, 0.001, ""),
+    ],
+)
+def test_a_column_of_time_that_tells_otherwise_is_pointed_out(
+    run, write_table, clean, question, header, factor, dt, says
+):
+    columns = {header: factor * clean["t"], "elevator": clean["elevator"], "q": clean["q"]}
+    outcome = run("identify", write_table("scaled.csv", columns), "--dt", dt, *question, "--json")
+    assert outcome.code == 0
+    cautions = [line for line in outcome.err.splitlines() if "caution" in line]
+    assert cautions == ([f"tridentify: caution: column {says}"] if says else [])
+
+
+def test_an_unused_column_of_time_may_hold_anything(run, write_table, clean, question):
+    path = write_table("text.csv", clean)
+    lines = path.read_text(encoding="utf-8").splitlines()
+    path.write_text("\n".join([*lines[:9], "noon" + lines[9][lines[9].index(",") :], *lines[10:]]))
+    outcome = run("identify", path, "--dt", DT, *question)
+    assert outcome.code == 0
+    assert "caution" not in outcome.err
+
+
+def jittered(clean: dict[str, np.ndarray], size: float) -> dict[str, np.ndarray]:
+    wobble = size * DT * np.random.default_rng(5).uniform(-0.5, 0.5, clean["t"].size)
+    wobble[[0, -1]] = 0.0
+    return clean | {"t": clean["t"] + wobble}
+
+
+@pytest.mark.parametrize("size", [0.02, 0.5])
+def test_what_is_advised_about_uneven_time_can_be_done(run, write_table, clean, question, size):
+    path = write_table("jitter.csv", jittered(clean, size))
+    refused = run("identify", path, *question)
+    assert refused.code == 2
+    (line,) = refused.error_lines
+    assert ("--time t --dt 0.02" in line) == (size < 0.05)
+    advised = re.search(r"give ((?:--time t )?--dt [\d.]+)", line)
+    assert advised
+    assert run("identify", path, *advised[1].split(), *question).code == 0
+
+
+def test_a_cut_of_uneven_time_gets_advice_that_can_be_followed(run, write_table, clean, question):
+    path = write_table("jitter.csv", jittered(clean, 0.02))
+    refused = run("identify", path, *question, "--from", 0.5)
+    assert re.search(r"--dt 0\.0[12]\d*, the mean, without --time", refused.error_lines[0])
+    assert run("identify", path, *question, "--dt", 0.02, "--from", 0.5).code == 0
+
+
+def test_a_folder_in_place_of_a_file_is_named(run, question, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    outcome = run("identify", ".", "--dt", DT, *question)
+    assert outcome.code == 2
+    assert outcome.err.startswith("tridentify: reading .\n")
 
 
 def test_from_and_to_cut_in_seconds(run, manoeuvre, question):
@@ -203,10 +267,15 @@ def test_without_out_nothing_is_written(run, tmp_path, noisy, question, monkeypa
 
 
 # ----------------------------------------------------------------------------------- the streams
-def test_progress_goes_to_stderr_and_names_the_compilation(run, noisy, question):
+@pytest.mark.parametrize(("patience", "named"), [(0.0, True), (60.0, False)])
+def test_progress_goes_to_stderr_and_names_a_long_compilation(
+    run, noisy, question, monkeypatch, patience, named
+):
+    monkeypatch.setattr(terminal, "PATIENCE", patience)
+    monkeypatch.setattr(propagate, "warm_up", lambda: time.sleep(0.2))
     outcome = run("identify", noisy, *question)
     assert "reading noisy.csv" in outcome.err
-    assert "compiled once per machine" in outcome.err
+    assert ("compiled once per machine" in outcome.err) == named
     assert all(line.startswith("tridentify: ") for line in outcome.err.splitlines())
     assert "reading" not in outcome.out
     assert "\x1b" not in outcome.out + outcome.err

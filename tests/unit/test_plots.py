@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import subprocess
 import sys
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from tridentify import plots
-from tridentify.estimate import Start, Step, Trace
+from tridentify.estimate import Pass, Start, Step, Trace
 from tridentify.numerics.correlation import autocorrelation
 from tridentify.plots.bode import default_frequencies
 from tridentify.plots.style import shorten
@@ -175,6 +176,28 @@ def test_convergence_of_hardly_any_pass(single, steps):
     )
     trace = Trace(passes, (Start("only", single.estimate.theta, 1.0),))
     _rendered(plots.plot_convergence(dataclasses.replace(single.estimate, trace=trace))[0])
+
+
+@pytest.mark.parametrize("costs", [(9.0, 0.4, 0.2), (3e5, 2.0, 1.9), (1.02, 1.01, 1.0), (0.5,)])
+def test_tick_labels_of_the_cost_do_not_overlap(single, costs):
+    passes = tuple(Pass(k, (), single.estimate.theta, cost) for k, cost in enumerate(costs, 1))
+    estimate = dataclasses.replace(single.estimate, trace=Trace(passes))
+    ax = plots.plot_convergence(estimate)[1]
+    ax.figure.canvas.draw()
+    low, high = ax.get_ylim()
+    labels = [
+        label.get_window_extent()
+        for which in ("major", "minor")
+        for tick, label in zip(
+            ax.yaxis.get_ticklocs(minor=which == "minor"),
+            ax.yaxis.get_ticklabels(which=which),
+            strict=True,
+        )
+        if label.get_text() and low <= tick <= high
+    ]
+    assert labels
+    labels.sort(key=lambda box: box.y0)
+    assert all(one.y1 <= two.y0 for one, two in itertools.pairwise(labels))
 
 
 def test_long_series_keep_their_extremes():

@@ -162,6 +162,16 @@ def test_doubts_are_named(single):
     assert "a0" not in found[0]
     assert found[1].startswith("5 output samples are missing;")
     assert found[2].startswith("The residual of q is not white:")
+    for remedy in ("--drift auto", "more poles or zeros", "delay"):
+        assert remedy in found[2]
+
+
+def test_a_residual_at_rounding_level_is_not_called_coloured(single):
+    fitted = single.estimate.predict(single.record)
+    for size, doubts in ((1e-12, 0), (1e-6, 1)):
+        y = fitted * (1 + size * np.sin(single.record.t)[:, np.newaxis])
+        record = Record(single.record.u, y, dt=0.02, output_names=["q"])
+        assert len(warnings_about(single.estimate, [record])) == doubts
 
 
 def test_several_experiments_each_get_their_figures(single, tmp_path):

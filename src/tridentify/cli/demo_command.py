@@ -24,7 +24,14 @@ from tridentify.cli.identify_command import (
     write_results,
 )
 from tridentify.cli.results import ResultFolder
-from tridentify.cli.terminal import Activity, listed, paragraph, show, show_json
+from tridentify.cli.terminal import (
+    Activity,
+    listed,
+    own_command,
+    paragraph,
+    show,
+    show_json,
+)
 from tridentify.estimate import Estimate
 from tridentify.formats.csv import read_record
 from tridentify.record import Record
@@ -33,6 +40,7 @@ from tridentify.text import format_std, format_value
 
 STEM = "short_period"
 TITLE = "Short period of an A-4 at 200 m/s and 5000 m"
+NOT_DETERMINED = "not determined"
 NUMERATORS = ("b alone", "b1 s + b0")
 # Both numerators are called b by the identification; the truth keeps b for alpha and c for q.
 LETTERS = {"alpha": "b", "q": "c", "alpha_true": "b"}
@@ -52,6 +60,11 @@ class Comparison:
     def percent(self) -> float:
         """Error in percent of the truth: positive where the magnitude is too large."""
         return 100 * (self.value - self.truth) / self.truth
+
+    @property
+    def percent_text(self) -> str:
+        """The same as text; of a value below its standard error a percentage says nothing."""
+        return f"{self.percent:+.2f}" if self.std <= abs(self.value) else NOT_DETERMINED
 
     @property
     def in_std(self) -> float:
@@ -172,14 +185,14 @@ def _account(
 
 
 def _comparison_table(rows: Iterable[Comparison]) -> Table:
-    titles = ("coefficient", "value", "std error", "truth", "error [%]", "in std errors", "unit")
+    titles = ("coefficient", "value", "std error", "truth", "error [%]", "[std err]", "unit")
     cells = [
         (
             row.name,
             format_value(row.value, row.std),
             format_std(row.std),
             format_value(row.truth, row.std),
-            f"{row.percent:+.2f}",
+            row.percent_text,
             f"{abs(row.in_std):.2f}",
             row.unit,
         )
@@ -216,7 +229,7 @@ def _numerator_table(numerators: Mapping[str, Fitted]) -> Table:
     names = ("a1", "a0", "b1", "b0")
     rows = []
     for title, fitted in numerators.items():
-        errors = {row.name: f"{row.percent:+.2f}" for row in fitted.rows}
+        errors = {row.name: row.percent_text for row in fitted.rows}
         rows.append((title, *(errors.get(name, "left out") for name in names)))
     return tables.make_table(("error [%]", *names), [rows])
 
@@ -237,15 +250,15 @@ def _bias(numerators: Mapping[str, Fitted]) -> str:
 
 def _next(out: Path) -> str:
     record, report = (shlex.quote(str(out / name)) for name in (f"{STEM}.csv", "report.html"))
-    other = shlex.quote(str(out / "pitch-rate"))
+    other, command = shlex.quote(str(out / "pitch-rate")), own_command()
     return "\n".join(
         (
             "What to look at, and to try next:",
             f"  {report}   (in a browser; both outputs, part 2 above)",
-            f"  tridentify identify {record} --input delta_e --output q \\",
+            f"  {command} identify {record} --input delta_e --output q \\",
             f"      --poles 2 --zeros 1 --out {other}",
-            "  tridentify identify YOUR.csv --input NAME --output NAME --poles 2 --zeros 1",
-            "  tridentify study aircraft --draws 20",
+            f"  {command} identify YOUR.csv --input NAME --output NAME --poles 2 --zeros 1",
+            f"  {command} study aircraft --draws 20",
         )
     )
 

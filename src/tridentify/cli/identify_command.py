@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import re
+import shlex
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -11,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal
 
+import numpy as np
 import typer
 
 from tridentify.checks.samples import Intersample
@@ -20,14 +23,16 @@ from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import (
     ChannelCountError,
     ConvergenceError,
+    DataError,
+    NonUniformTimeError,
     OptionError,
     OrderError,
     SamplingError,
     shown,
 )
 from tridentify.estimate import Estimate
-from tridentify.formats.csv import read_record
-from tridentify.formats.text_table import open_table
+from tridentify.formats.csv import JITTER, SECONDS, read_record
+from tridentify.formats.text_table import TextTable, open_table, read_columns
 from tridentify.record import Record
 from tridentify.structure import Structure
 
@@ -256,21 +261,75 @@ def load(source: Source, activity: Activity) -> Record:
     DataError
         The file or the record in it cannot be used.
     """
-    activity.stage(f"reading {source.file.name}")
+    activity.stage(f"reading {source.file.name or source.file}")
     time = source.time
     if time is None and source.dt is None:
         time = find_time(source.file)
         activity.note(f"taking column {time!r} as time, by its name")
-    return read_record(
-        source.file,
-        time=time,
-        dt=source.dt,
-        inputs=source.inputs,
-        outputs=source.outputs,
-        intersample=source.intersample,
-        start=source.start,
-        stop=source.stop,
+    try:
+        record = read_record(
+            source.file,
+            time=time,
+            dt=source.dt,
+            inputs=source.inputs,
+            outputs=source.outputs,
+            intersample=source.intersample,
+            start=source.start,
+            stop=source.stop,
+        )
+    except NonUniformTimeError as error:
+        found = str(error).rpartition(";")[0]
+        raise NonUniformTimeError(
+            f"{found}; correct --dt, interpolate the file to a uniform step, or leave --time out "
+            "if only the time stamps are inexact"
+        ) from error
+    if record.dt is None:
+        raise _not_uniform(record, time, cut=(source.start, source.stop) != (None, None))
+    if time is None and source.dt is not None:
+        _compare_unused_time(source.file, source.dt, activity)
+    return record
+
+
+def _not_uniform(record: Record, time: str | None, *, cut: bool) -> NonUniformTimeError:
+    """Say how the steps of recorded time differ, and which way on there is."""
+    steps, mean = np.diff(record.t), record.duration / (record.n_samples - 1)
+    small = bool(np.all(np.abs(steps - mean) < JITTER * mean))
+    advice = (
+        f"the jitter is small: give --time {shlex.quote(str(time))} --dt {mean:.6g}"
+        if small and not cut
+        else f"interpolate the file to a uniform step, or give --dt {mean:.6g}, the mean, without "
+        "--time if only the time stamps are inexact"
     )
+    return NonUniformTimeError(
+        f"found steps between {steps.min():.6g} and {steps.max():.6g} s in column {shown(time)}; "
+        f"expected a uniform step; {advice}"
+    )
+
+
+def _compare_unused_time(file: Path, dt: float, activity: Activity) -> None:
+    """Caution if a column of time that is not used tells of another step."""
+    table = open_table(file)
+    found = _time_columns(table)
+    if len(found) != 1:
+        return
+    unit = re.search(r"[\[(]\s*([^\])]*?)\s*[\])]", found[0])
+    scale = SECONDS.get(unit[1] if unit else "")
+    try:
+        values, _ = read_columns(table, [table.names.index(found[0])])
+    except DataError:
+        return
+    mean = math.nan if scale is None else scale * float(values[0][-1] - values[0][0])
+    mean /= max(len(values[0]) - 1, 1)
+    if abs(mean - dt) > JITTER * dt:
+        activity.note(
+            f"caution: column {shown(found[0])} is not used; its mean step is {mean:.6g} s, not "
+            f"{dt:.6g} s"
+        )
+
+
+def _time_columns(table: TextTable) -> list[str]:
+    names = [name for name in table.names if name]
+    return [n for n in names if re.sub(r"\s*[\[(].*", "", n).casefold() in TIME_NAMES]
 
 
 def find_time(file: Path) -> str:
@@ -281,8 +340,8 @@ def find_time(file: Path) -> str:
     SamplingError
         There is none, or more than one.
     """
-    names = [name for name in open_table(file).names if name]
-    found = [n for n in names if re.sub(r"\s*[\[(].*", "", n).casefold() in TIME_NAMES]
+    table = open_table(file)
+    names, found = [name for name in table.names if name], _time_columns(table)
     if len(found) != 1:
         what = f"the columns {' and '.join(found)}" if found else "no column called t or time"
         raise SamplingError(
@@ -297,8 +356,9 @@ def load_sample_loop(activity: Activity) -> None:
     """Load the compiled recursion over samples; the first time on a machine it is compiled."""
     from tridentify.numerics.propagate import warm_up
 
-    activity.stage("loading the sample loop (compiled once per machine, which takes seconds)")
-    warm_up()
+    said = "loading the sample loop (compiled once per machine, which takes seconds)"
+    with activity.brief_stage(said):
+        warm_up()
 
 
 def estimate_model(

@@ -110,7 +110,8 @@ def describe_notes(estimate: Estimate) -> list[str]:
 
 def notes(estimate: Estimate) -> list[str]:
     """What was decided on the way, and why it stopped."""
-    return [note for note in (*estimate.trace.decisions, estimate.trace.stopped) if note]
+    said = (estimate.offset_note(), *estimate.trace.decisions, estimate.trace.stopped)
+    return [note for note in said if note]
 
 
 def estimate_document(estimate: Estimate, record: Record) -> dict[str, Any]:

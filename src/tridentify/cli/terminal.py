@@ -5,13 +5,17 @@ from __future__ import annotations
 import json
 import math
 import os
+import shlex
+import shutil
 import sys
 import textwrap
+import threading
 import time
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO
 
@@ -25,6 +29,8 @@ from tridentify.errors import DataWarning
 PROGRAM = "tridentify"
 TEXT_WIDTH = 78
 UNLIMITED = 10_000
+PATIENCE = 1.0
+"""How long a stage that is mostly over at once may take before a plain line names it [s]."""
 
 
 class ReaderGoneError(Exception):
@@ -39,6 +45,31 @@ class _Console(Console):
 
     def on_broken_pipe(self) -> None:
         raise ReaderGoneError
+
+
+def own_command() -> str:
+    """How a user calls this program again, ready for a shell.
+
+    Returns
+    -------
+    str
+        The name alone if the shell finds this very program by it, else the path as it was called.
+
+    Examples
+    --------
+    >>> own_command()
+    'tridentify'
+    """
+    given = Path(sys.argv[0])
+    if given.name == "__main__.py" and given.parent.name == PROGRAM:
+        return f"{shlex.quote(sys.executable)} -m {PROGRAM}"
+    if given.stem != PROGRAM or not given.is_file():
+        return PROGRAM
+    known = shutil.which(PROGRAM)
+    if known is not None and os.path.samefile(known, given):
+        return PROGRAM
+    # a bare name would be looked up along PATH
+    return shlex.quote(sys.argv[0] if given.name != sys.argv[0] else str(given.absolute()))
 
 
 def show(*blocks: str | Table) -> None:
@@ -207,6 +238,26 @@ class Activity:
             self._bar.update(self._task, description=text)
         else:
             say(text)
+
+    @contextmanager
+    def brief_stage(self, text: str) -> Iterator[None]:
+        """Name what is done meanwhile; as a plain line only once it has taken a while.
+
+        Parameters
+        ----------
+        text : str
+        """
+        if self._bar is not None:
+            self.stage(text)
+            yield
+            return
+        timer = threading.Timer(PATIENCE, say, [text])
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
 
     def count(self, done: int, total: int) -> None:
         """Say that `done` of `total` pieces are done; plain lines come at every tenth."""

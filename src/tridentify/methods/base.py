@@ -90,6 +90,7 @@ def check(records: Sequence[Record], structure: Structure, method: str) -> None:
                 f"found output {name!r} constant throughout; expected a response to the input; "
                 "choose another channel, or excite the system"
             )
+    _check_outputs(records, structure)
     n_parameters = len(structure.names(first.input_names, first.output_names))
     samples = sum(int(np.isfinite(record.y).sum()) for record in records)
     if samples <= n_parameters:
@@ -116,6 +117,21 @@ def _check_scale(records: Sequence[Record]) -> None:
             )
 
 
+def _check_outputs(records: Sequence[Record], structure: Structure) -> None:
+    """Every output must have more samples than coefficients of its own."""
+    first = records[0]
+    zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
+    for i, name in enumerate(first.output_names):
+        samples = sum(int(np.isfinite(record.y[:, i]).sum()) for record in records)
+        own = sum(m + 1 for m in zeros[i])
+        if samples <= own + poles_of(structure):
+            raise TooFewSamplesError(
+                f"found {samples} samples of output {name!r} for {own + poles_of(structure)} "
+                f"unknowns; expected more samples than unknowns; record longer, lower the orders, "
+                "or leave the channel out"
+            )
+
+
 def _check_support(structure: Structure, method: str) -> None:
     if not structure.shared:
         raise UnsupportedError(
@@ -130,8 +146,8 @@ def _check_support(structure: Structure, method: str) -> None:
     for what in ("fixed", "bounds"):
         if getattr(structure, what):
             raise UnsupportedError(
-                f"found {what} coefficients; {method} estimates all coefficients freely; leave "
-                f"{what} out"
+                f"found {what}={dict(getattr(structure, what))}; {method} estimates all "
+                f"coefficients freely; leave {what} out"
             )
 
 

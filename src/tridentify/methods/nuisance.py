@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.errors import ConstantInputError, TooFewSamplesError
+from tridentify.errors import ConstantInputError, OptionError, TooFewSamplesError
 from tridentify.methods.base import poles_of
 from tridentify.methods.problem import Problem, Variant
 from tridentify.record import Record
@@ -62,14 +62,19 @@ def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisanc
     """
     offsets = (False, True) if structure.offset == "auto" else (bool(structure.offset),)
     drifts = (False, True) if structure.drift == "auto" else (bool(structure.drift),)
-    constant = all(not np.any(np.ptp(record.u, axis=0)) for record in records)
-    if constant and structure.initial_state in ("free", "equilibrium"):
-        value = records[0].u[0].tolist()
-        raise ConstantInputError(
-            f"found an input that stays at {value} while the initial state is "
-            f"{structure.initial_state}; expected an input that changes; record a change of the "
-            "input, or state initial_state='rest' if it was switched on at the first sample"
+    if structure.initial_state == "equilibrium" and structure.offset is False:
+        raise OptionError(
+            "found initial_state='equilibrium' with offset=False; expected an offset, which is the "
+            "output of the equilibrium; leave offset out"
         )
+    still = [
+        all(not np.ptp(record.u[:, j]) for record in records) for j in range(records[0].n_inputs)
+    ]
+    constant = all(still)
+    if structure.initial_state == "equilibrium" or (
+        structure.initial_state == "free" and (constant or structure.offset is True)
+    ):
+        _refuse_constant(records[0], structure, still)
     states = (
         (("rest",) if constant else ("rest", "equilibrium", "free"))
         if structure.initial_state == "auto"
@@ -82,10 +87,21 @@ def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisanc
             for offset in offsets:
                 if state == "equilibrium" and (not offset or (at_zero and len(states) > 1)):
                     continue
+                if any(still) and (state == "equilibrium" or (state == "free" and offset)):
+                    continue
                 found.append(Nuisances(state, offset, drift))
-    if not found:
-        found = [Nuisances("equilibrium", True, drift) for drift in drifts]
     return _affordable(found, records, structure)
+
+
+def _refuse_constant(record: Record, structure: Structure, still: Sequence[bool]) -> None:
+    """Refuse inputs that an offset and a free state, or an equilibrium, leave nothing of."""
+    for j, name in enumerate(record.input_names):
+        if still[j]:
+            raise ConstantInputError(
+                f"found input {name!r} that stays at {record.u[0, j]:g} while the initial state is "
+                f"{structure.initial_state}; expected an input that changes; record a change of "
+                "it, or state initial_state='rest' if it was switched on at the first sample"
+            )
 
 
 def _affordable(
@@ -99,7 +115,11 @@ def _affordable(
         count = nuisances.count(poles_of(structure), first.n_outputs, len(records))
         return n_coefficients + count
 
-    kept = [n for n in found if samples > unknowns(n) + 2]
+    def enough(nuisances: Nuisances) -> bool:
+        own = nuisances.count(poles_of(structure), 1, 1)
+        return all(int(n) > own for record in records for n in np.isfinite(record.y).sum(axis=0))
+
+    kept = [n for n in found if samples > unknowns(n) + 2 and enough(n)]
     if not kept:
         fewest = min(found, key=unknowns)
         raise TooFewSamplesError(
@@ -179,7 +199,8 @@ def build_base(
         In the order of ``choices``.
     """
     only_shifted = all(c.initial_state == "equilibrium" for c in choices)
-    free = any(c.initial_state == "free" for c in choices)
+    # adding a constant back to the inputs takes the impulse states (`regression.restricted`)
+    free = any(c.initial_state in ("free", "equilibrium") for c in choices)
     fullest = Nuisances(
         "equilibrium" if only_shifted else "free" if free else "rest",
         any(c.offset for c in choices),

@@ -1,19 +1,21 @@
 """Steps 1 to 4 as the paper prints them, for any orders n >= m.
 
-    Step 1  y_M = sum_{i=1}^k beta_i W_i x                                           parallel
-    model (eq. 3) Step 2  min |(a / c) y_M - (b / c) x|,  deg c > deg a
-    series-parallel model (eq. 5) Step 3  y ~ sum_{i=0}^k beta_i W_i (b / a) x,  W_0 = 1
-    series model Step 4  Step 2 on the output of Step 3;  repeat 2 to 4 until beta -> (1, 0,
-    ..., 0)
+    Step 1  y_M = sum_{i=1}^k beta_i W_i x                     parallel model (eq. 3)
+    Step 2  min |(a / c) y_M - (b / c) x|,  deg c > deg a      series-parallel model (eq. 5)
+    Step 3  y ~ sum_{i=0}^k beta_i W_i (b / a) x,  W_0 = 1     series model
+    Step 4  Step 2 on the output of Step 3; repeat 2 to 4 until beta -> (1, 0, ..., 0)
 
 with fixed operators (all-pass powers, eq. 4, or orthonormal Laguerre functions), a fixed filter
-``c(p)``, and least squares or the one-coefficient-at-a-time formula in Step 1. The only liberty
-taken is that all filters are computed exactly.
+``c(p)``, and least squares or the one-coefficient-at-a-time formula in Step 1. The
+liberties taken: all filters are computed exactly, nuisance terms are further columns, and poles of
+a pass that are unstable or outside the band of the record are reflected and held (the trace says
+so), so that Step 3 has an output to correct.
 
 As the paper says, ``k`` is limited in practice, so the fixed point of these passes is an
 approximation: with noise it is neither the least-squares nor the maximum-likelihood estimate,
-and no covariance is claimed (it is ``nan``). A pass whose ``a`` is unstable is reflected into
-the left half plane so that Step 3 has an output to correct; the trace says where that happened.
+and no covariance is claimed (it is ``nan``).
+With too few operators ``beta`` may become (1, 0, ..., 0) away from the least-squares point; the end
+is called converged only where a step on the output error would not lower its cost either.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from tridentify.errors import ConvergenceError, OptionError
 from tridentify.estimate import Estimate, Pass, Status, Step, Trace
 from tridentify.methods.base import Progress, check
 from tridentify.methods.nuisance import Nuisances, build, candidates
+from tridentify.methods.point import evaluate
 from tridentify.methods.problem import Problem
 from tridentify.methods.result import Rests, fit_rests, literal_estimate
 from tridentify.models.parallel import fit_parallel
@@ -49,7 +52,8 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 
-REACHED = 1e-3
+REACHED = 1e-2
+EXACT = 1e-16
 
 
 @dataclass(frozen=True)
@@ -216,12 +220,9 @@ class _Run:
             before = model.theta()
             model, note = self._admitted(step)
             steps = (self._described(step, "Step 4: on the series model's output"),)
-            moved = float(
-                np.max(np.abs(model.theta() - before) / np.maximum(np.abs(before), 1e-12))
-            )
+            moved = _relative(model.theta() - before, before, self.problem.n_poles)
             if series.distance < self.options.tolerance or moved < self.options.tolerance:
-                reached = series.distance < REACHED
-                status = Status.CONVERGED if reached else Status.SETTLED
+                status = Status.SETTLED
                 why = (
                     f"beta is within {series.distance:.1e} of (1, 0, ..., 0), the coefficients "
                     f"moved by {moved:.1e}"
@@ -230,17 +231,31 @@ class _Run:
         bank, regressions = self._regressions(model.poles)
         response, rest = self._output(bank, regressions, model)
         self._add(len(self.passes) + 1, steps, model, rest, np.nan, note)
+        if status is Status.SETTLED and self._is_stationary(model.poles, rest):
+            status = Status.CONVERGED
         return literal_estimate(
             self.problem,
             records,
             structure,
             nuisances,
             model.theta(),
+            model.poles,
             rest,
             status,
             Trace(tuple(self.passes), stopped=why),
             self.options.name,
         )
+
+    def _is_stationary(self, poles: Complex, rests: Rests) -> bool:
+        """Whether the output error has (almost) nothing left to gain near the end."""
+        point = evaluate(self.problem, poles)
+        own = np.zeros(self.problem.n_outputs)
+        for (_, i), rest in rests.items():
+            own[i] += rest.cost
+        if np.all(own / point.counts < EXACT * self.problem.size):
+            return True
+        above = float(point.counts @ np.log((own + 1e-300) / (point.rss + 1e-300)))
+        return above + point.step(0.0)[1] < REACHED
 
     def _first(self) -> tuple[_Model, tuple[Step, ...], str]:
         poles = np.concatenate([self.operators.poles, self.filter_bank.poles])
@@ -333,3 +348,14 @@ class _Run:
         ]
         mean = float(np.exp(np.mean(np.log(np.maximum(variance, 1e-300)))))
         self.passes.append(Pass(number, steps, model.theta(), mean, distance, np.nan, note))
+
+
+def _relative(change: Array, theta: Array, n_poles: int) -> float:
+    """Largest change of a coefficient relative to itself, or to its polynomial if it is tiny."""
+    found = 0.0
+    for part in (slice(0, n_poles), slice(n_poles, None)):
+        size = np.abs(theta[part])
+        size = np.maximum(size, 1e-9 * size.max(initial=0.0))
+        ratio = np.abs(change[part]) / np.where(size > 0, size, 1.0)
+        found = max(found, float(ratio.max(initial=0.0)))
+    return found

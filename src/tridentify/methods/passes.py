@@ -16,7 +16,7 @@ coefficients move by far less than their standard errors.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +61,11 @@ class Recorder:
                 note,
             )
         )
+
+    def extend(self, other: Recorder) -> None:
+        """Append another's passes, numbered on."""
+        for one in other.passes:
+            self.passes.append(replace(one, number=len(self.passes) + 1))
 
 
 def coefficients(point: Point) -> Array:

@@ -27,7 +27,7 @@ from tridentify.methods.point import Point
 from tridentify.methods.problem import Problem
 from tridentify.models.response import Response, nuisance_blocks
 from tridentify.numerics.least_squares import solve
-from tridentify.numerics.realization import Complex, denominator, numerators, sort_poles
+from tridentify.numerics.realization import Complex, denominator, numerators
 from tridentify.record import Record
 from tridentify.regression import Regression
 from tridentify.structure import InitialState, Structure
@@ -297,6 +297,7 @@ def literal_estimate(
     structure: Structure,
     nuisances: Nuisances,
     theta: Array,
+    poles: Complex,
     rests: Rests,
     status: Status,
     trace: Trace,
@@ -325,7 +326,7 @@ def literal_estimate(
         method=method,
         n_samples=sum(record.n_samples for record in records),
         nuisance=tuple(
-            _held_nuisance(problem, record, nuisances, theta, rests, e)
+            _held_nuisance(problem, record, nuisances, poles, rests, e)
             for e, record in enumerate(records)
         ),
         degrees_of_freedom=round(float(freedom.sum())),
@@ -343,10 +344,9 @@ def literal_estimate(
 
 
 def _held_nuisance(
-    problem: Problem, record: Record, nuisances: Nuisances, theta: Array, rests: Rests, e: int
+    problem: Problem, record: Record, nuisances: Nuisances, poles: Complex, rests: Rests, e: int
 ) -> Nuisance:
     n = problem.n_poles
-    poles = sort_poles(np.roots(np.concatenate([[1.0], theta[:n]])).astype(np.complex128))
     table = numerators(poles)
     offset, drift = np.zeros((2, problem.n_outputs))
     free = np.zeros((problem.n_outputs, n))
@@ -361,8 +361,8 @@ def _held_nuisance(
         offset=offset,
         drift=drift,
         free_response=free,
-        offset_std=np.full(problem.n_outputs, np.nan) * nuisances.offset,
-        drift_std=np.full(problem.n_outputs, np.nan) * nuisances.drift,
+        offset_std=np.full(problem.n_outputs, np.nan if nuisances.offset else 0.0),
+        drift_std=np.full(problem.n_outputs, np.nan if nuisances.drift else 0.0),
         initial_state=nuisances.initial_state,
         t0=float(record.t[0]),
     )

@@ -41,7 +41,14 @@ from tridentify.methods.starts import (
     laguerre_starts,
     spread_starts,
 )
-from tridentify.methods.thin import SMALL, averaged, free_variant, is_large, window
+from tridentify.methods.thin import (
+    SMALL,
+    averaged,
+    free_variant,
+    is_large,
+    is_usable,
+    window,
+)
 from tridentify.numerics.realization import Complex
 
 INDISTINGUISHABLE = 1e-22
@@ -109,12 +116,15 @@ class Search:
         All starts with the cost they led to.
     seeds : list of (n,) complex arrays
         Poles to finish from.
+    variant : Variant, optional
+        The nuisance terms of the best start.
     """
 
     n_starts: int
     recorder: Recorder = field(default_factory=Recorder)
     starts: list[Start] = field(default_factory=list)
     seeds: list[Complex] = field(default_factory=list)
+    variant: Variant | None = None
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
@@ -122,6 +132,9 @@ class Search:
             self.seeds.append(self.follow(base, variants).point.poles)
             return
         piece = window(base)
+        if not (is_usable(piece) and is_usable(averaged(base))):
+            self.seeds.append(self.follow(base, variants).point.poles)
+            return
         first = self.follow(piece, [free_variant(piece)], "window of the record: ")
         whole = averaged(base)
         if first.settled:
@@ -140,7 +153,8 @@ class Search:
     def _sharpened(self, base: Problem, poles: Complex) -> Complex:
         """Steps on a longer window, so that fewer are needed on the whole record."""
         piece = window(base, LONGER * SMALL)
-        if base.experiments[0].n_samples < 4 * piece.experiments[0].n_samples:
+        longest = max(e.n_samples for e in base.experiments)
+        if longest < 4 * piece.experiments[0].n_samples or not is_usable(piece):
             return poles
         at = partial(evaluate_variant, piece, free_variant(piece))
         return finish(at, at(poles), Recorder(), MOST_SHARPENING)[0].poles
@@ -157,7 +171,8 @@ class Search:
         reachable = laguerre[0].criterion + ALLOWANCE
         starts = _distinct(laguerre, most or self.n_starts)
         best = self._best_of(starts, reachable, None, where)
-        return Found(base, best, laguerre[0].variant, reachable, False)
+        assert self.variant is not None
+        return Found(base, best, self.variant, reachable, False)
 
     def follow(self, base: Problem, variants: Sequence[Variant], where: str = "") -> Found:
         """Follow starts until the model explains the record as well as the parallel model does."""
@@ -168,6 +183,7 @@ class Search:
         for _ in range(MOST_ENRICHED):
             if at_rounding(best):
                 return Found(base, best, variant, reachable, True)
+            variant = self.variant or variant
             enriched = enriched_starts(base, variant, best.poles)
             reachable = enriched[0].criterion + ALLOWANCE
             if criterion(best) < reachable:
@@ -188,7 +204,7 @@ class Search:
                 best = self._best_of(starts, reachable, best, where)
             else:
                 best = self._relaxed(base, extremes, reachable, best, where)
-        return Found(base, best, variant, reachable, False)
+        return Found(base, best, self.variant or variant, reachable, False)
 
     def _best_of(
         self, parallel: Sequence[ParallelStart], reachable: float, best: Point | None, where: str
@@ -229,6 +245,7 @@ class Search:
         if best is not None and criterion(best) <= criterion(point):
             return best
         self.recorder.passes[:] = own.passes
+        self.variant = variant
         return point
 
     def _relaxed(

@@ -12,8 +12,7 @@ pairs.
 Either parallel model is then turned into poles of ``a`` in two ways, both convex or direct:
 
 1. Step 2 with the paper's kind of filter, ``c = (p + gamma)^(n + 1)``; its functions are the
-next ones of
-   the same bank, so it needs no further pass over the samples.
+   next ones of the same bank, so it needs no further pass over the samples.
 2. Balanced truncation. The controllability Gramian of the bank is the identity, so with ``Q`` the
    observability Gramian of the fitted weights and ``V`` its ``n`` leading eigenvectors (the
    Hankel singular values are the roots of the eigenvalues) the reduced model has the poles
@@ -25,6 +24,7 @@ samples; nothing here is iterative.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -153,28 +153,31 @@ def discrete_poles(base: Problem) -> Complex:
     n, n_outputs = base.n_poles, base.n_outputs
     scale = np.sqrt(np.where(base.power > 0, base.power, 1.0))
     parts = []
+    dt = base.experiments[0].dt
     for e in base.experiments:
-        if e.n_samples <= 2 * n + 2:
+        if e.n_samples <= 2 * n + 2 or not math.isclose(e.dt, dt, rel_tol=1e-6):
             continue
         lags = sliding_window_view(e.u, n + 1, axis=0)[:, :, ::-1]
         inputs = np.column_stack([lags.reshape(lags.shape[0], -1), np.ones(lags.shape[0])])
         for i in range(n_outputs):
             y = sliding_window_view(e.y[:, i] / scale[i], n + 1)[:, ::-1]
             seen = np.isfinite(y).all(axis=1)
+            if seen.sum() <= 2 * n:
+                continue
             block = np.zeros((int(seen.sum()), inputs.shape[1] * n_outputs))
             block[:, i * inputs.shape[1] : (i + 1) * inputs.shape[1]] = inputs[seen]
             parts.append(np.column_stack([block, y[seen, 1:], y[seen, :1]]))
     if not parts:
         return base.admissible(-np.geomspace(*rate_limits(base), n).astype(np.complex128))[0]
     r = triangle(np.vstack(parts))
+    if r.shape[0] < r.shape[1]:
+        return base.admissible(-np.geomspace(*rate_limits(base), n).astype(np.complex128))[0]
     corner = r[-n - 1 :, -n - 1 :]
     a = solve(corner[:, :-1], -corner[:, -1]).x
     z = np.roots(np.concatenate([[1.0], a])).astype(np.complex128)
     z = np.where(z.imag == 0, np.abs(z) + 0j, z)
     z = np.where(np.abs(z) < 1e-12, 1e-12 + 0j, z)
-    return base.admissible(
-        sort_poles(np.asarray(np.log(z) / base.experiments[0].dt, dtype=np.complex128))
-    )[0]
+    return base.admissible(sort_poles(np.asarray(np.log(z) / dt, dtype=np.complex128)))[0]
 
 
 def rate_limits(problem: Problem) -> tuple[float, float]:
@@ -308,35 +311,49 @@ def _order(
 ) -> tuple[int, float]:
     """Number of functions by AICc, summed over the outputs, and its value."""
     fewest = min(problem.n_poles + 1, most) if only is None else only
-    samples = sum(e.n_samples for e in problem.experiments)
     total = np.zeros(most)
+    samples = 0.0
     for i in range(problem.n_outputs):
-        rss = np.sum([_nested(r, i, most, problem.biproper) for r in regressions], axis=0)
-        total += samples * np.log(rss / samples + 1e-30 * problem.size[i])
+        count = float(sum(r.counts[i] for r in regressions))
+        rss = _nested(regressions, i, most, problem.biproper)
+        total += count * np.log(rss / count + 1e-30 * problem.size[i])
+        samples += count
     layout = regressions[0].layout
     per_order = problem.n_outputs * (layout.n_inputs + layout.free * len(regressions))
     shared = problem.n_outputs * (1 + (layout.offset + layout.drift) * len(regressions))
+    shared += problem.n_outputs * layout.n_inputs * problem.biproper
     k = per_order * np.arange(1, most + 1) + shared
-    room = np.maximum(samples * problem.n_outputs - k - 1.0, 0.5)
+    room = np.maximum(samples - k - 1.0, 0.5)
     criterion = total + 2.0 * k + 2.0 * k * (k + 1.0) / room
     best = int(np.argmin(criterion[fewest - 1 :])) + fewest
     return best, float(criterion[best - 1])
 
 
-def _nested(regression: Regression, output: int, most: int, biproper: bool) -> Array:
-    """(most,) residual sums of squares with the first 1, 2, ... functions of every channel."""
-    layout = regression.layout
-    s = regression.signals[output]
-    q = layout.order
-    channels = layout.n_inputs + layout.free
-    index = list(range(layout.nuisance.start, layout.nuisance.stop))
-    if biproper:
-        index += [layout.direct(j) for j in range(layout.n_inputs)]
-    fixed = len(index)
-    for k in range(most):
-        index += [c * q + k for c in range(channels)]
-    stacked = np.column_stack([s[:, index], regression.targets[output]])
-    last = triangle(stacked)[:, -1]
-    last = np.pad(last, (0, max(0, len(index) + 1 - last.size)))
+def _nested(regressions: Sequence[Regression], output: int, most: int, biproper: bool) -> Array:
+    """(most,) residual sums of squares with the first 1, 2, ... functions of every channel.
+
+    The weights of the input functions are common to the experiments, all else is their own.
+    """
+    layout = regressions[0].layout
+    n_e = len(regressions)
+    own = layout.nuisance.stop - layout.nuisance.start
+    direct = [layout.direct(j) for j in range(layout.n_inputs)] if biproper else []
+    fixed = own * n_e + len(direct)
+    per_order = layout.n_inputs + layout.free * n_e
+    rows = []
+    for e, regression in enumerate(regressions):
+        s = regression.signals[output]
+        block = np.zeros((s.shape[0], fixed + per_order * most + 1))
+        block[:, own * e : own * (e + 1)] = s[:, layout.nuisance]
+        block[:, own * n_e : fixed] = s[:, direct]
+        for j in range(layout.n_inputs):
+            first = layout.input_states(j).start
+            block[:, fixed + j : -1 : per_order] = s[:, first : first + most]
+        if layout.free:
+            block[:, fixed + layout.n_inputs + e : -1 : per_order] = s[:, :most]
+        block[:, -1] = regression.targets[output]
+        rows.append(block)
+    last = triangle(rows[0] if n_e == 1 else np.vstack(rows))[:, -1]
+    last = np.pad(last, (0, max(0, fixed + per_order * most + 1 - last.size)))
     tail = np.append(np.cumsum(last[::-1] ** 2)[::-1], 0.0)
-    return np.asarray(tail[fixed + channels * np.arange(1, most + 1)])
+    return np.asarray(tail[fixed + per_order * np.arange(1, most + 1)])

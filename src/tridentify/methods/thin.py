@@ -30,12 +30,30 @@ def is_large(problem: Problem) -> bool:
     return sum(e.n_samples for e in problem.experiments) > LARGE
 
 
+def is_usable(problem: Problem) -> bool:
+    """Whether a stand-in has outputs that move, and more samples than unknowns."""
+    samples = [
+        sum(int(np.isfinite(e.y[:, i]).sum()) for e in problem.experiments)
+        for i in range(problem.n_outputs)
+    ]
+    needed = problem.n_coefficients + problem.n_nuisance + 3
+    return bool(np.all(problem.power > 0)) and min(samples) > needed
+
+
 def averaged(problem: Problem) -> Problem:
     """Every experiment with blocks of samples averaged, to about ``SMALL`` samples in all."""
     total = sum(e.n_samples for e in problem.experiments)
     block = -(-total // SMALL)
-    experiments = [_averaged(e, block) for e in problem.experiments]
+    experiments = [_averaged(e, _visible(e, block)) for e in problem.experiments]
     return Problem.of(experiments, problem.n_poles, problem.n_zeros)
+
+
+def _visible(e: Experiment, block: int) -> int:
+    """A block length near the wanted one whose edges meet the samples that are there."""
+    if not np.isnan(e.y.sum()):
+        return block
+    seen = np.isfinite(e.y)
+    return max(range(block, 2 * block + 8), key=lambda step: (seen[::step].mean(0).min(), -step))
 
 
 def _averaged(e: Experiment, block: int) -> Experiment:

@@ -2,12 +2,11 @@
 
 A real pole ``-s`` gives the section ``x' = -s x + sqrt(2 s) v``; a conjugate pair with
 ``p^2 + c p + w^2`` the section ``x1' = -c x1 - w x2 + sqrt(2 c) v``, ``x2' = w x1``. Both satisfy
-``A + A' + B B' = 0``, and ``v - B' x`` is the input passed through the all-pass ``a(-p) /
-a(p)`` of the section. Feeding every section with the all-pass output of the one before gives,
+``A + A' + B B' = 0``, and ``v - B' x`` is the input passed through the all-pass of the section,
+``a(-p) / a(p)`` up to sign. Feeding every section with the all-pass output of the one before gives,
 for the whole cascade,
 
-    A = blockdiag(A_1, ..., A_r) - strictly_lower(B B'),    B = [B_1; ...; B_r],    A + A' + B
-    B' = 0.
+    A = blockdiag(A_1, ..., A_r) - strictly_lower(B B'),  B = [B_1; ...; B_r],  A + A' + B B' = 0.
 
 Hence the controllability Gramian is the identity: the impulse responses of the states are
 orthonormal in L2(0, inf). They are the Takenaka-Malmquist functions, in real arithmetic:
@@ -125,8 +124,8 @@ def cascade(poles: Complex) -> Cascade:
             b[i] = math.sqrt(-2.0 * z.real)
             i += 1
             continue
-        if i + 1 >= q or listed[i + 1] != z.conjugate():
-            raise ValueError("conjugate poles must stand side by side")
+        if z.imag < 0 or i + 1 >= q or listed[i + 1] != z.conjugate():
+            raise ValueError("conjugate poles must stand side by side, the upper one first")
         damping, frequency = -2.0 * z.real, abs(z)
         a[i, i], a[i, i + 1], a[i + 1, i] = -damping, -frequency, frequency
         b[i] = math.sqrt(2.0 * damping)

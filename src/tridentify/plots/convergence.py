@@ -30,6 +30,8 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
     -------
     list of matplotlib Axes
     """
+    from matplotlib.ticker import NullFormatter
+
     drawn = make_axes(axes, [2.2, 1.3, 1.6], sharex=True)
     passes = estimate.trace.passes
     numbers = np.array([item.number for item in passes])
@@ -44,6 +46,7 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
     positive = cost[np.isfinite(cost) & (cost > 0)]
     if positive.size == cost.size > 0 and positive.max() > 20 * positive.min():
         drawn[1].set_yscale("log")
+        drawn[1].yaxis.set_minor_formatter(NullFormatter())
     else:
         drawn[1].ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useOffset=False)
         drawn[1].yaxis.get_offset_text().set_fontsize(8)

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from tridentify.cautions import cautions
 from tridentify.estimate import Estimate, Parameter, Start, Status
 from tridentify.files import write_atomically
-from tridentify.numerics.correlation import autocorrelation
 from tridentify.record import Record
 from tridentify.report.figures import draw_figures, inline_svg
 from tridentify.text import format_std, format_value
@@ -22,6 +22,8 @@ from tridentify.uncertainty import DerivedQuantity, derived
 
 Row = Sequence[str]
 
+ROUNDING = 1e-9
+"""Of the root mean square of an output: a residual below this is not noise."""
 _ESTIMATED = {True: "estimated", False: "none", "auto": "chosen by AICc"}
 _BETWEEN = {"zoh": "held between samples (zoh)", "foh": "linear between samples (foh)"}
 
@@ -115,45 +117,13 @@ def warnings_about(estimate: Estimate, records: Sequence[Record]) -> list[str]:
     list of str
         Found, and what to do; empty when nothing stands out.
     """
-    found = []
-    vague = [p.name for p in estimate.parameters.values() if not p.relative_std < 0.5]
-    if vague:
-        found.append(
-            f"Standard error above half of the value: {', '.join(vague)}. Do not rely on these "
-            "coefficients one by one; excite the system more, or use fewer poles or zeros."
-        )
-    if not estimate.model.is_stable:
-        found.append("The model is not stable. Check whether the system is, or use fewer poles.")
-    for number, record in enumerate(records):
-        where = f" in experiment {number + 1}" if len(records) > 1 else ""
-        missing = int(np.isnan(record.y).sum())
-        if missing:
-            found.append(f"{missing} output samples are missing{where}; they do not count.")
-        for name, outside, n_lags in coloured_outputs(estimate, record, number):
-            found.append(
-                f"The residual of {name}{where} is not white: {outside} of {n_lags} lags lie "
-                "outside the 99 % bounds. The noise is coloured or the model misses some of the "
-                "response; the standard errors below may be too small."
-            )
-    return found
+    return list(cautions(estimate, records))
 
 
-def coloured_outputs(
-    estimate: Estimate, record: Record, experiment: int
-) -> list[tuple[str, int, int]]:
-    """Outputs whose residual is not white: (name, lags outside the 99 % bounds, lags).
-
-    White noise leaves the bounds at 4 or more of 40 lags once in 1,300 records.
-    """
-    found = []
-    residual = estimate.residual(record, experiment=experiment)
-    n_lags = min(40, record.n_samples // 4)
-    for i, name in enumerate(estimate.output_names):
-        correlation, count = autocorrelation(residual[:, i], n_lags)
-        outside = int(np.sum(np.abs(correlation[1:]) > 2.5758 / math.sqrt(max(count, 1))))
-        if outside > 3:
-            found.append((name, outside, n_lags))
-    return found
+def _along_note(estimate: Estimate) -> str:
+    """What the nuisance terms mean."""
+    note = estimate.offset_note()
+    return "Offset and drift of the record, not part of the model" + (f"; {note}." if note else ".")
 
 
 def result_tables(estimate: Estimate) -> list[Table]:
@@ -164,7 +134,7 @@ def result_tables(estimate: Estimate) -> list[Table]:
     groups = (
         ("Coefficients", parameters, "Named by the power of s that they multiply."),
         ("Natural frequency, damping, gain", derived(estimate), ""),
-        ("Estimated along", along, "Offset and drift of the record, not part of the model."),
+        ("Estimated along", along, _along_note(estimate)),
     )
     tables = [
         Table(heading, titles, [_quantity_row(item) for item in items], note=note)

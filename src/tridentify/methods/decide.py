@@ -1,0 +1,163 @@
+"""Which nuisance terms a record needs: every serious choice is finished, and AICc decides.
+
+At given poles one pass over the samples serves all choices (`methods.nuisance`), and a
+Gauss-Newton step predicts how far each would still fall. The most promising is finished on the
+output error; then the next one, as long as its prediction is below the lowest AICc reached.
+Predictions that turn out wrong are made anew at the poles just found. So the choice that is
+reported has the lowest AICc of all that were finished, and none that was not finished promised
+a lower one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from tridentify.estimate import Status
+from tridentify.methods.nuisance import Nuisances, build
+from tridentify.methods.passes import Recorder, at_rounding, finish
+from tridentify.methods.point import Point, evaluate
+from tridentify.methods.problem import Problem, Variant
+from tridentify.methods.search import criterion
+from tridentify.numerics.realization import Complex, cascade
+from tridentify.record import Record
+from tridentify.regression import regress
+from tridentify.structure import Structure
+
+TRUSTED = np.log(4.0)
+SURPRISE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Finished:
+    """One choice of nuisance terms on its stationary point.
+
+    Attributes
+    ----------
+    nuisances : Nuisances
+    point : Point
+    status : Status
+    why : str
+        How it ended.
+    criterion : float
+        AICc.
+    recorder : Recorder
+        Its passes.
+    """
+
+    nuisances: Nuisances
+    point: Point
+    status: Status
+    why: str
+    criterion: float
+    recorder: Recorder
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """One choice at given poles, and the AICc it promises."""
+
+    point: Point
+    criterion: float
+
+
+def decide(
+    records: Sequence[Record],
+    structure: Structure,
+    choices: Sequence[Nuisances],
+    base: Problem,
+    variants: Sequence[Variant],
+    seeds: Sequence[Complex],
+    most: int,
+    say: Callable[[str], None],
+) -> tuple[Finished, tuple[str, ...]]:
+    """Finish what is worth finishing and choose.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : Structure
+    choices : sequence of Nuisances
+    base, variants : Problem, sequence of Variant
+        From `methods.nuisance.build_base`.
+    seeds : sequence of (n,) complex arrays
+        Poles to begin with.
+    most : int
+        Most steps on the output error for each choice.
+    say : callable
+        Is told what is going on.
+
+    Returns
+    -------
+    best : Finished
+    decisions : tuple of str
+        What was decided and why; empty where there was nothing to decide.
+    """
+    promised = _predict(base, variants, seeds)
+    done: dict[int, Finished] = {}
+    while len(done) < len(choices):
+        k = min(
+            (k for k in range(len(choices)) if k not in done), key=lambda k: promised[k].criterion
+        )
+        best = min(done.values(), key=lambda one: one.criterion, default=None)
+        if best is not None and best.criterion <= promised[k].criterion:
+            break
+        say(f"output error ({choices[k].label})")
+        problem = build(records, structure, choices[k])
+        at = partial(evaluate, problem)
+        same = _same_input(problem, base, variants[k])
+        start = promised[k].point if same else at(promised[k].point.poles)
+        recorder = Recorder()
+        point, status, why = finish(at, start, recorder, most)
+        done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
+        surprised = abs(done[k].criterion - promised[k].criterion) > SURPRISE
+        if len(done) < len(choices) and (surprised or at_rounding(point)):
+            promised = _predict(base, variants, [point.poles])
+    best = min(done.values(), key=lambda one: one.criterion)
+    table = [done[k].criterion if k in done else promised[k].criterion for k in range(len(choices))]
+    return best, _decisions(choices, best, table)
+
+
+def _predict(
+    base: Problem, variants: Sequence[Variant], seeds: Sequence[Complex]
+) -> list[Predicted]:
+    """Every choice at the best of the seeds, one Gauss-Newton step ahead."""
+    found = []
+    for poles in seeds:
+        bank = cascade(np.tile(poles, 2))
+        whole = tuple(regress(e, bank) for e in base.experiments)
+        found.append(
+            [evaluate(v.problem(base), poles, 2, v.regressions(whole, bank)) for v in variants]
+        )
+    points = min(found, key=lambda some: min(point.objective for point in some))
+    exact = any(at_rounding(point) for point in points)
+    trusted = np.inf if exact else TRUSTED * float(points[0].counts.sum())
+    return [
+        Predicted(point, criterion(point, min(point.step(0.0)[1], trusted))) for point in points
+    ]
+
+
+def _same_input(problem: Problem, base: Problem, variant: Variant) -> bool:
+    """Whether the variant's points are the problem's: both count the input from one value."""
+    for own, whole, constants in zip(
+        problem.experiments, base.experiments, variant.constants, strict=True
+    ):
+        shift = np.zeros(own.u.shape[1]) if constants is None else constants
+        if not np.array_equal(own.u[0], whole.u[0] + shift):
+            return False
+    return True
+
+
+def _decisions(
+    choices: Sequence[Nuisances], best: Finished, table: Sequence[float]
+) -> tuple[str, ...]:
+    if len(choices) == 1:
+        return ()
+    others = sorted(
+        (k for k in range(len(choices)) if choices[k] is not best.nuisances), key=lambda k: table[k]
+    )
+    listed = "; ".join(f"{choices[k].label} {table[k] - best.criterion:+.1f}" for k in others)
+    return (f"{best.nuisances.label}: lowest AICc ({listed})",)
