@@ -73,7 +73,7 @@ def decide(
     seeds: Sequence[Complex],
     most: int,
     say: Callable[[str], None],
-) -> tuple[Finished, tuple[str, ...]]:
+) -> tuple[Finished, tuple[str, ...], int]:
     """Finish what is worth finishing and choose.
 
     Parameters
@@ -95,8 +95,10 @@ def decide(
     best : Finished
     decisions : tuple of str
         What was decided and why; empty where there was nothing to decide.
+    seed : int
+        Position of the seed that was followed.
     """
-    promised = _predict(base, variants, seeds)
+    promised, seed = _predict(base, variants, seeds)
     done: dict[int, Finished] = {}
     while len(done) < len(choices):
         k = min(
@@ -115,16 +117,16 @@ def decide(
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
         surprised = abs(done[k].criterion - promised[k].criterion) > SURPRISE
         if len(done) < len(choices) and (surprised or at_rounding(point)):
-            promised = _predict(base, variants, [point.poles])
+            promised, _ = _predict(base, variants, [point.poles])
     best = min(done.values(), key=lambda one: one.criterion)
     table = [done[k].criterion if k in done else promised[k].criterion for k in range(len(choices))]
-    return best, _decisions(choices, best, table)
+    return best, _decisions(choices, best, table), seed
 
 
 def _predict(
     base: Problem, variants: Sequence[Variant], seeds: Sequence[Complex]
-) -> list[Predicted]:
-    """Every choice at the best of the seeds, one Gauss-Newton step ahead."""
+) -> tuple[list[Predicted], int]:
+    """Every choice one Gauss-Newton step ahead of the best seed; and which seed that is."""
     found = []
     for poles in seeds:
         bank = cascade(np.tile(poles, 2))
@@ -132,12 +134,15 @@ def _predict(
         found.append(
             [evaluate(v.problem(base), poles, 2, v.regressions(whole, bank)) for v in variants]
         )
-    points = min(found, key=lambda some: min(point.objective for point in some))
+    lowest = [min(point.objective for point in points) for points in found]
+    seed = lowest.index(min(lowest))
+    points = found[seed]
     exact = any(at_rounding(point) for point in points)
     trusted = np.inf if exact else TRUSTED * float(points[0].counts.sum())
-    return [
+    promised = [
         Predicted(point, criterion(point, min(point.step(0.0)[1], trusted))) for point in points
     ]
+    return promised, seed
 
 
 def _same_input(problem: Problem, base: Problem, variant: Variant) -> bool:

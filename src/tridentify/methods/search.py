@@ -23,7 +23,7 @@ from functools import partial
 
 import numpy as np
 
-from tridentify.estimate import Start
+from tridentify.estimate import Pass, Start
 from tridentify.methods.passes import (
     Recorder,
     adapt,
@@ -35,6 +35,7 @@ from tridentify.methods.passes import (
 from tridentify.methods.point import Point, evaluate_variant
 from tridentify.methods.problem import Problem, Variant
 from tridentify.methods.starts import (
+    SLOW_EDGE,
     ParallelStart,
     discrete_poles,
     enriched_starts,
@@ -116,6 +117,8 @@ class Search:
         All starts with the cost they led to.
     seeds : list of (n,) complex arrays
         Poles to finish from.
+    trails : list of tuples of Pass
+        The passes that led to each seed.
     variant : Variant, optional
         The nuisance terms of the best start.
     """
@@ -124,40 +127,52 @@ class Search:
     recorder: Recorder = field(default_factory=Recorder)
     starts: list[Start] = field(default_factory=list)
     seeds: list[Complex] = field(default_factory=list)
+    trails: list[tuple[Pass, ...]] = field(default_factory=list)
     variant: Variant | None = None
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
         if not is_large(base):
-            self.seeds.append(self.follow(base, variants).point.poles)
+            self._keep(self.follow(base, variants).point.poles)
             return
         piece = window(base)
         if not (is_usable(piece) and is_usable(averaged(base))):
-            self.seeds.append(self.follow(base, variants).point.poles)
+            self._keep(self.follow(base, variants).point.poles)
             return
         first = self.follow(piece, [free_variant(piece)], "window of the record: ")
+        passes = list(self.recorder.passes)
         whole = averaged(base)
         if first.settled:
             second = self.begin(whole, variants, "record averaged: ", most=1)
         else:
             second = self.follow(whole, variants, "record averaged: ")
-        # what each loses where the other was found
-        seeds = first.point.poles, second.point.poles
-        window_loss = first.at(seeds[1]).objective - first.point.objective
-        whole_loss = second.at(seeds[0]).objective - second.point.objective
-        if window_loss < CLEARLY * whole_loss:
-            self.seeds.append(seeds[1])
-        if whole_loss < CLEARLY * window_loss or not self.seeds:
-            self.seeds.append(self._sharpened(base, seeds[0]))
+        self._choose(base, first.point.poles, second.point.poles, passes)
 
-    def _sharpened(self, base: Problem, poles: Complex) -> Complex:
-        """Steps on a longer window, so that fewer are needed on the whole record."""
+    def _keep(self, poles: Complex, passes: Sequence[Pass] | None = None) -> None:
+        self.seeds.append(poles)
+        self.trails.append(tuple(self.recorder.passes if passes is None else passes))
+
+    def _choose(self, base: Problem, near: Complex, far: Complex, passes: list[Pass]) -> None:
+        """Poles of the window, of the averaged record, or both, judged on a longer window.
+
+        Averaging spoils what is faster than a block, so its poles are dropped where the
+        window's explain the longer window clearly better and that is long enough to show the
+        slowest of them.
+        """
         piece = window(base, LONGER * SMALL)
-        longest = max(e.n_samples for e in base.experiments)
-        if longest < 4 * piece.experiments[0].n_samples or not is_usable(piece):
-            return poles
+        if not is_usable(piece):
+            self._keep(near, passes)
+            self._keep(far)
+            return
         at = partial(evaluate_variant, piece, free_variant(piece))
-        return finish(at, at(poles), Recorder(), MOST_SHARPENING)[0].poles
+        point, other = at(near), at(far)
+        shown = float(np.min(-far.real)) * piece.experiments[0].duration > SLOW_EDGE
+        clear = other.objective - point.objective > CLEARLY
+        if clear and shown:
+            self._keep(finish(at, point, Recorder(), MOST_SHARPENING)[0].poles, passes)
+        else:
+            self._keep(near, passes)
+            self._keep(far)
 
     def begin(
         self,

@@ -14,7 +14,6 @@ Only starting poles come from them; the estimate itself is always that of the fu
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
@@ -82,9 +81,9 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
     y = np.nan_to_num(e.y) if np.isnan(e.y.sum()) else e.y
     weights = 1.0 / np.where(problem.power > 0, problem.power, 1.0)
     edges = np.arange(0, e.n_samples + 1, max(length // 2, 1))
-    halves = [y[a:b] for a, b in pairwise(edges)]
-    first = np.array([half.sum(axis=0) for half in halves])
-    second = np.array([np.einsum("ij,ij->j", half, half) for half in halves])
+    halves = y[: edges[-1]].reshape(edges.size - 1, -1, y.shape[1])
+    first = halves.sum(axis=1)
+    second = np.einsum("kij,kij->kj", halves, halves)
     movement = [
         float(weights @ (second[k : k + 2].sum(0) - first[k : k + 2].sum(0) ** 2 / length))
         for k in range(len(starts))

@@ -153,10 +153,10 @@ class ThreeModel:
         say("the three models, from several starts")
         search = Search(self.starts)
         search.run(base, variants)
-        best, decisions = decide(
+        best, decisions, seed = decide(
             records, structure, choices, base, variants, search.seeds, self.max_passes, say
         )
-        recorder = search.recorder
+        recorder = Recorder(list(search.trails[seed]))
         recorder.extend(best.recorder)
         self._certify(best.point, recorder)
         trace = Trace(tuple(recorder.passes), tuple(search.starts), decisions, best.why)
