@@ -47,7 +47,9 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     """
     found = [*_nothing_explained(estimate, records), *_constant_input(estimate, records)]
     vague = [p.name for p in estimate.parameters.values() if not p.relative_std < VAGUE]
-    if vague:
+    if vague and np.isnan(estimate.std).all():
+        found.append(f"{estimate.method} gives no standard errors; ThreeModel() does.")
+    elif vague:
         found.append(
             f"Standard error above half of the value: {', '.join(vague)}. Do not rely on these "
             "coefficients one by one; excite the system more, or use fewer poles or zeros."

@@ -324,10 +324,11 @@ class Estimate:
 
     def summary(self) -> str:
         """Fixed-width text: status, model, coefficients, derived quantities, fit, decisions."""
-        remedy = [f"  what to do: {self.status.remedy}"] if self.status.remedy else []
+        advice = f"what to do: {self.status.remedy}" if self.status.remedy else ""
+        remedy = textwrap.wrap(advice, _WIDTH, initial_indent="  ", subsequent_indent="    ")
         head = [
             "=" * _WIDTH,
-            f"{self.method}: {self.status.message}",
+            *textwrap.wrap(f"{self.method}: {self.status.message}", _WIDTH),
             *remedy,
             f"samples {self.n_samples}, experiments {len(self.nuisance)}, "
             f"degrees of freedom {self.degrees_of_freedom}, intersample {self.intersample}",
@@ -344,10 +345,12 @@ class Estimate:
         outputs = zip(self.output_names, self.fit, spread, strict=True)
         fits = [(n, f"{f:.2f}", f"{s:.4g}", self.units.get(n, "")) for n, f, s in outputs]
         lines += ["", *format_table(("output", "fit [%]", "noise std", "unit"), fits), ""]
-        lines += [
-            f"AICc {self.aicc:.6g}, condition {self.condition:.3g}, "
-            f"relative gradient {self.gradient:.2g}"
-        ]
+        figures = (
+            ("AICc", f"{self.aicc:.6g}"),
+            ("condition", f"{self.condition:.3g}"),
+            ("relative gradient", f"{self.gradient:.2g}"),
+        )
+        lines.append(", ".join(f"{name} {value}" for name, value in figures if value != "nan"))
         for caution in self.cautions:
             lines += textwrap.wrap(caution, _WIDTH, initial_indent="! ", subsequent_indent="  ")
         for note in (self.offset_note(), *self.trace.decisions, self.trace.stopped):
@@ -426,7 +429,7 @@ class Estimate:
 
 def _row(parameter: Parameter) -> tuple[str, ...]:
     value, std = parameter.value, parameter.std
-    ends = [format_value(end, std) for end in parameter.interval()] if std else ["", ""]
+    ends = [format_value(end, std) for end in parameter.interval()] if std > 0 else ["", ""]
     return parameter.name, format_value(value, std), format_std(std), *ends, parameter.unit
 
 

@@ -31,14 +31,14 @@ def format_value(value: float, std: float = 0.0) -> str:
 
 
 def format_std(std: float) -> str:
-    """A standard error to two digits; empty for zero (not estimated).
+    """A standard error to two digits; empty for zero or nan (not estimated, not known).
 
     Examples
     --------
     >>> format_std(0.0234), format_std(0.0), format_std(math.nan)
-    ('0.023', '', 'nan')
+    ('0.023', '', '')
     """
-    if std == 0:
+    if std == 0 or math.isnan(std):
         return ""
     if math.isfinite(std) and 1e-4 <= std < 1e7:
         digits = 1 - math.floor(math.log10(std))
@@ -59,7 +59,7 @@ def format_polynomial(coefficients: Iterable[float], std: Iterable[float]) -> st
     for k, (value, error) in enumerate(pairs, 1):
         power = len(pairs) - k
         factor = "" if power == 0 else "s" if power == 1 else f"s^{power}"
-        if error:
+        if error and not math.isnan(error):
             number = f"({format_value(value, error)} +/- {format_std(error)})"
             sign = "+"
         else:
