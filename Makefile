@@ -60,6 +60,11 @@ clean-all: clean ## the same and the virtual environment
 	@rm -rf $(VENV)
 
 # ---------------------------------------------------------------------------------- environment
+SUDO := $(shell [ "$$(id -u)" = 0 ] || echo sudo -n)
+APT := command -v apt-get >/dev/null && echo "Installing python3-venv with apt-get" \
+	&& $(SUDO) apt-get update -qq >/dev/null 2>&1 \
+	&& $(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq python3-venv >/dev/null 2>&1
+
 # The environment notes its folder, so that a copied or moved checkout does not run the sources
 # of the old place.
 ifneq ($(shell cat $(VENV)/.folder 2>/dev/null),$(CURDIR))
@@ -67,7 +72,8 @@ $(CREATED): FORCE
 endif
 
 # An environment made by hand is kept if its own pip runs. Debian without python3-venv has no
-# ensurepip: then the system's pip or virtualenv fills an empty environment.
+# ensurepip: then the system's pip or virtualenv fills an empty environment, and where there is
+# neither, python3-venv is installed, as far as the user may.
 $(CREATED):
 	@command -v "$(PYTHON)" >/dev/null || { \
 		echo "make: found no '$(PYTHON)'; expected Python 3.11 or newer; install python3 or give PYTHON=..." >&2; exit 1; }
@@ -84,6 +90,7 @@ $(CREATED):
 		|| { rm -rf $(VENV); "$(PYTHON)" -m virtualenv --quiet $(VENV) >/dev/null 2>&1; } \
 		|| { rm -rf $(VENV); "$(PYTHON)" -m venv --without-pip $(VENV) >/dev/null 2>&1 \
 			&& "$(PYTHON)" -m pip --quiet --python $(PY) install pip >/dev/null 2>&1; } \
+		|| { rm -rf $(VENV); $(APT) && "$(PYTHON)" -m venv $(VENV) >/dev/null 2>&1; } \
 		|| { rm -rf $(VENV); \
 			echo "make: found a Python that cannot create virtual environments; expected the venv module; run: apt install python3-venv" >&2; \
 			exit 1; }; \
