@@ -12,6 +12,7 @@ from tridentify.methods.starts import (
     enriched_starts,
     laguerre_starts,
     rate_limits,
+    relocated_poles,
     spread_starts,
 )
 from tridentify.regression import Experiment
@@ -171,3 +172,25 @@ def test_rate_limits_are_three_over_the_duration_and_0_7_over_the_step():
     assert rate_limits(problem(n=301)) == pytest.approx((3.0 / 15.0, 0.7 / DT))
     low, high = rate_limits(problem(n=4))
     assert low < high
+
+
+# ------------------------------------------------------------------------------ runaway poles
+def test_runaway_poles_come_back_into_the_band_and_the_others_stay():
+    base = problem()
+    _low, high = rate_limits(base)
+    poles = np.array([-1.5, -50.0 * high, -60.0 * high], dtype=complex)
+    found = relocated_poles(base, poles)
+    assert len(found) > 5
+    for moved in found:
+        assert np.any(np.isclose(moved, -1.5))
+        assert moved.size == 3
+        assert np.all(moved.real < 0)
+        assert np.all(np.abs(moved) < 1.01 * high)
+
+
+def test_the_fastest_pair_moves_where_none_ran_away():
+    base = problem()
+    found = relocated_poles(base, np.array([-1.0, -2.0 + 3.0j, -2.0 - 3.0j]))
+    rates = sorted({round(float(np.abs(moved).max()), 6) for moved in found})
+    assert len(rates) > 5
+    assert all(np.any(np.isclose(moved, -1.0)) for moved in found)

@@ -13,6 +13,10 @@ model is the next start. Otherwise the search ends. What is tried in turn:
 4. models on the spread alone;
 5. the same with numerators of full degree, which are easier to fit, before the wanted degree is
 imposed.
+
+When the finish on the output error nevertheless ends at a limit (a pole faster than the
+sampling, or hardly decaying), runaway poles are put back into the band at several rates, and
+the better end counts.
 """
 
 from __future__ import annotations
@@ -40,6 +44,7 @@ from tridentify.methods.starts import (
     discrete_poles,
     enriched_starts,
     laguerre_starts,
+    relocated_poles,
     spread_starts,
 )
 from tridentify.methods.thin import (
@@ -147,6 +152,35 @@ class Search:
         else:
             second = self.follow(whole, variants, "record averaged: ")
         self._choose(base, first.point.poles, second.point.poles, passes)
+
+    def again(self, base: Problem, variant: Variant, poles: Complex) -> Complex:
+        """Another way in, after the end turned out to lie at a limit: runaway poles put back.
+
+        Parameters
+        ----------
+        base : Problem
+        variant : Variant
+            Nuisance terms of the end.
+        poles : (n,) complex array
+            Where it lies.
+
+        Returns
+        -------
+        (n,) complex array
+            The best poles reached from the relocated ones.
+        """
+        if is_large(base):
+            piece = window(base, LONGER * SMALL)
+            if is_usable(piece):
+                base, variant = piece, free_variant(piece)
+        at = partial(evaluate_variant, base, variant)
+        ends = [
+            finish(at, at(start), Recorder(), MOST_TRIED)[0]
+            for start in relocated_poles(base, poles)
+        ]
+        best = min(ends, key=lambda point: point.objective)
+        self.starts.append(Start("runaway poles put back", coefficients(best), mean_square(best)))
+        return best.poles
 
     def _keep(self, poles: Complex, passes: Sequence[Pass] | None = None) -> None:
         self.seeds.append(poles)

@@ -48,6 +48,9 @@ MOST_FUNCTIONS = 12
 MOST_SPREAD = 30
 SLOW_EDGE = 3.0
 FAST_EDGE = 0.7
+BEYOND = 2.0
+MOVED_DAMPING = 0.2
+MOVED_RADII = 10
 SPREAD_DAMPING = (1.0, 0.3, 0.05)
 
 
@@ -178,6 +181,37 @@ def discrete_poles(base: Problem) -> Complex:
     z = np.where(z.imag == 0, np.abs(z) + 0j, z)
     z = np.where(np.abs(z) < 1e-12, 1e-12 + 0j, z)
     return base.admissible(sort_poles(np.asarray(np.log(z) / dt, dtype=np.complex128)))[0]
+
+
+def relocated_poles(base: Problem, poles: Complex) -> list[Complex]:
+    """Poles with those that ran out of the band put back into it, at several rates.
+
+    Parameters
+    ----------
+    base : Problem
+    poles : (n,) complex array
+        Where a search ended. Poles faster than the band are moved; if there is none, the
+        fastest pole or pair is.
+
+    Returns
+    -------
+    list of (n,) complex arrays
+        Admissible; the moved poles lie on a lightly damped pattern whose radius runs over the
+        band.
+    """
+    low, high = rate_limits(base)
+    size = np.abs(poles)
+    moved = size > BEYOND * high
+    if not moved.any():
+        moved = np.isclose(size, size.max(), rtol=1e-9)
+    count = int(moved.sum())
+    angles = np.pi / 2.0 + np.arcsin(MOVED_DAMPING) * (1.0 + np.arange(count // 2))
+    pattern = np.concatenate([np.exp(1j * angles), np.exp(-1j * angles), -np.ones(count % 2)])
+    kept = poles[~moved]
+    return [
+        base.admissible(sort_poles(np.concatenate([kept, radius * pattern])))[0]
+        for radius in np.geomspace(low, high, MOVED_RADII)
+    ]
 
 
 def rate_limits(problem: Problem) -> tuple[float, float]:

@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tridentify.estimate import Estimate, Step, Trace
+from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check
 from tridentify.methods.decide import decide
 from tridentify.methods.nuisance import build_base, candidates
@@ -33,6 +33,8 @@ from tridentify.methods.result import estimate_from
 from tridentify.methods.search import Search
 from tridentify.record import Record
 from tridentify.structure import Structure
+
+SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
 
 
 @dataclass(frozen=True)
@@ -156,6 +158,15 @@ class ThreeModel:
         best, decisions, seed = decide(
             records, structure, choices, base, variants, search.seeds, self.max_passes, say
         )
+        if best.status not in SOUND:
+            say("another search, as the end lies at a limit")
+            variant = variants[choices.index(best.nuisances)]
+            poles = search.again(base, variant, best.point.poles)
+            other, reasons, _ = decide(
+                records, structure, choices, base, variants, [poles], self.max_passes, say
+            )
+            if other.criterion < best.criterion:
+                best, decisions = other, reasons
         recorder = Recorder(list(search.trails[seed]))
         recorder.extend(best.recorder)
         self._certify(best.point, recorder)
