@@ -82,5 +82,8 @@ def test_other_columns_and_rows_of_the_output_are_left_alone(bank, u):
 
 
 def test_a_read_only_input_is_accepted(bank, u):
+    expected, found = np.empty((2, 3 * bank.order, N))
+    propagate(*step(bank, "zoh"), u, np.zeros((3, bank.order)), expected)
     u.setflags(write=False)
-    propagate(*step(bank, "zoh"), u, np.zeros((3, bank.order)), np.empty((3 * bank.order, N)))
+    propagate(*step(bank, "zoh"), u, np.zeros((3, bank.order)), found)
+    assert np.array_equal(found, expected)

@@ -108,7 +108,6 @@ def adapt(
     most : int
         Most passes.
     """
-    problem = base
     best: Point | None = None
     worse = 0
     note = ""
@@ -120,8 +119,8 @@ def adapt(
             point.bank,
             parallel.response,
             point.inner,
-            problem.n_poles,
-            problem.n_zeros,
+            base.n_poles,
+            base.n_zeros,
             point.weights,
         )
         recorder.add(
@@ -151,7 +150,7 @@ def adapt(
         worse = worse + 1 if gain < ENOUGH else 0
         if worse >= 1 + (gain < 0) or at_rounding(point):
             break
-        poles, note = problem.admissible(step.poles)
+        poles, note = base.admissible(step.poles)
     assert best is not None
     return best
 

@@ -140,13 +140,12 @@ class Search:
         if not is_large(base):
             self._keep(self.follow(base, variants).point.poles)
             return
-        piece = window(base)
-        if not (is_usable(piece) and is_usable(averaged(base))):
+        piece, whole = window(base), averaged(base)
+        if not (is_usable(piece) and is_usable(whole)):
             self._keep(self.follow(base, variants).point.poles)
             return
         first = self.follow(piece, [free_variant(piece)], "window of the record: ")
         passes = list(self.recorder.passes)
-        whole = averaged(base)
         if first.settled:
             second = self.begin(whole, variants, "record averaged: ", most=1)
         else:

@@ -95,22 +95,23 @@ class Accumulator:
         return np.triu(self._r)
 
 
-def solve(matrix: Array, target: Array, *, cutoff: float = 1e-13) -> Solution:
+CUTOFF = 1e-13
+
+
+def solve(matrix: Array, target: Array) -> Solution:
     """Least squares with unit columns, by SVD.
 
     Parameters
     ----------
     matrix : (m, n) array
     target : (m,) array
-    cutoff : float
-        Singular values of the column-scaled matrix below ``cutoff`` times the largest are left
-        out.
 
     Returns
     -------
     Solution
         ``condition`` is that of the matrix with columns of unit length (van der Sluis 1969:
-        within sqrt(n) of the best column scaling).
+        within sqrt(n) of the best column scaling). Singular values of that matrix below
+        ``CUTOFF`` times the largest are left out.
 
     Examples
     --------
@@ -124,7 +125,7 @@ def solve(matrix: Array, target: Array, *, cutoff: float = 1e-13) -> Solution:
     norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
     scale = np.where(norms > 0, norms, 1.0)
     u, s, vt = np.linalg.svd(matrix / scale, full_matrices=False)
-    keep = s > cutoff * s[0]
+    keep = s > CUTOFF * s[0]
     projection = u.T @ target
     coefficients = np.where(keep, projection / np.where(keep, s, 1.0), 0.0)
     x = (vt.T @ coefficients) / scale

@@ -269,13 +269,30 @@ def filter_map(inner: Cascade, bank: Cascade) -> Array:
     return np.ascontiguousarray(solution.reshape(q, c, q).transpose(2, 1, 0))
 
 
-def monomials(bank: Cascade, count: int, basis: DegreeBasis | None = None) -> Array:
+def monomials(bank: Cascade, count: int) -> Array:
     """Rows of ``p^d / c(p)``, ``d = 0 .. count-1``, with ``c`` the denominator of the bank.
 
     Multiplication by ``p`` is ``v -> v A`` while the degree stays below ``q``, and ``1 / c`` is
     the last Arnoldi vector over its leading coefficient.
+
+    Parameters
+    ----------
+    bank : Cascade
+        q states.
+    count : int
+        Number of powers, at most q.
+
+    Returns
+    -------
+    (count, q) array
+
+    Examples
+    --------
+    >>> bank = cascade(np.array([-1.0, -2.0]))
+    >>> (monomials(bank, 2) @ numerators(bank.poles)).round(12).tolist()
+    [[0.0, 1.0], [1.0, 0.0]]
     """
-    basis = degree_basis(bank) if basis is None else basis
+    basis = degree_basis(bank)
     rows = np.zeros((count, bank.order))
     rows[0] = basis.rows[0] / basis.leading[0]
     for d in range(1, count):
