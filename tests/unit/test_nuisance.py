@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, errors
-from tridentify.methods.nuisance import Nuisances, build, build_base, candidates, reference_of
-from tridentify.methods.point import evaluate, evaluate_variant
+from tridentify.output_error.nuisance import Nuisances, build, build_base, candidates, reference_of
+from tridentify.output_error.point import evaluate, evaluate_variant
 
 POLES = np.array([-0.5 + 1.5j, -0.5 - 1.5j])
 REST, EQUILIBRIUM, FREE = "rest", "equilibrium", "free"

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from tridentify import Record, TransferFunction, simulate
-from tridentify.methods.problem import Problem, Variant
-from tridentify.methods.starts import (
+from tridentify.output_error.problem import Problem, Variant
+from tridentify.regression import Experiment
+from tridentify.strategy.starts import (
     discrete_poles,
     enriched_starts,
     laguerre_starts,
@@ -15,7 +16,6 @@ from tridentify.methods.starts import (
     relocated_poles,
     spread_starts,
 )
-from tridentify.regression import Experiment
 
 DT = 0.05
 NUMERATORS = [[[5.0, 7.0], [2.0]], [[1.0], [-3.0, 1.0]]]

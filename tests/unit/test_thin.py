@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from tridentify import Record, TransferFunction, simulate
-from tridentify.methods.point import evaluate
-from tridentify.methods.problem import Problem
-from tridentify.methods.thin import LARGE, SMALL, averaged, free_variant, is_large, window
+from tridentify.output_error.point import evaluate
+from tridentify.output_error.problem import Problem
 from tridentify.regression import Experiment
+from tridentify.strategy.thin import LARGE, SMALL, averaged, free_variant, is_large, window
 
 DT = 0.01
 MODEL = TransferFunction([5.0, 7.0], [1.0, 1.0, 3.0])

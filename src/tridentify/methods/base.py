@@ -23,6 +23,7 @@ from tridentify.errors import (
     ZeroOutputError,
 )
 from tridentify.estimate import Estimate
+from tridentify.output_error.problem import poles_of
 from tridentify.record import Record
 from tridentify.structure import Structure
 
@@ -149,9 +150,3 @@ def _check_support(structure: Structure, method: str) -> None:
                 f"found {what}={dict(getattr(structure, what))}; {method} estimates all "
                 f"coefficients freely; leave {what} out"
             )
-
-
-def poles_of(structure: Structure) -> int:
-    """Degree of the shared denominator."""
-    assert isinstance(structure.poles, int)
-    return structure.poles

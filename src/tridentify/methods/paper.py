@@ -29,10 +29,6 @@ from numpy.typing import NDArray
 from tridentify.errors import ConvergenceError, OptionError
 from tridentify.estimate import Estimate, Pass, Status, Step, Trace
 from tridentify.methods.base import Progress, check
-from tridentify.methods.nuisance import Nuisances, build, candidates
-from tridentify.methods.point import evaluate
-from tridentify.methods.problem import Problem
-from tridentify.methods.result import Rests, fit_rests, literal_estimate
 from tridentify.models.parallel import fit_parallel
 from tridentify.models.response import Response
 from tridentify.models.series import fit_series
@@ -46,6 +42,10 @@ from tridentify.numerics.realization import (
     sort_poles,
 )
 from tridentify.operators import AllPass, Laguerre, OperatorBank
+from tridentify.output_error.nuisance import Nuisances, build, candidates
+from tridentify.output_error.point import evaluate
+from tridentify.output_error.problem import Problem
+from tridentify.output_error.result import Rests, fit_rests, literal_estimate
 from tridentify.record import Record
 from tridentify.regression import Regression, regress
 from tridentify.structure import Structure

@@ -6,9 +6,9 @@ Steps 1 to 4 of Silvestrov, Ostroverkhov et al. (2025) with three changes:
    filters that are discretised without approximation (`regression`), and hand over functions of
    continuous time (`models.response`).
 2. *Filter and basis follow the estimate.* Step 1 begins on operators whose poles and order the
-   record chooses (`methods.starts`, `methods.search`); from then on the basis is the generalised
+   record chooses (`strategy.starts`, `strategy.search`); from then on the basis is the generalised
    orthonormal one on the poles of ``a_hat``, twice each, and Step 2 uses ``c = a_hat``
-   (`methods.passes`). The order of the parallel model then need not grow with the record.
+   (`strategy.passes`). The order of the parallel model then need not grow with the record.
 3. *The end is checked.* The passes finish on a stationary point of the output-error cost: for
    white Gaussian noise the maximum-likelihood estimate, whose covariance is the Cramer-Rao bound.
    There the series model's weights are ``(1, 0, ..., 0)``, which is reported.
@@ -24,14 +24,15 @@ from dataclasses import dataclass
 
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check
-from tridentify.methods.decide import decide
-from tridentify.methods.nuisance import build_base, candidates
 from tridentify.methods.paper import PaperThreeModel
-from tridentify.methods.passes import Recorder, series_model
-from tridentify.methods.point import Point
-from tridentify.methods.result import estimate_from
-from tridentify.methods.search import Search
+from tridentify.output_error.decide import decide
+from tridentify.output_error.finish import Recorder
+from tridentify.output_error.nuisance import build_base, candidates
+from tridentify.output_error.point import Point
+from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
+from tridentify.strategy.passes import series_model
+from tridentify.strategy.search import Search
 from tridentify.structure import Structure
 
 SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)

@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimate import Estimate, Nuisance, Status, Trace
-from tridentify.methods.base import poles_of
-from tridentify.methods.nuisance import Nuisances, reference_of
-from tridentify.methods.passes import ROUNDING, coefficients, mean_square
-from tridentify.methods.point import Point
-from tridentify.methods.problem import Problem
 from tridentify.models.response import Response, nuisance_blocks
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Complex, denominator, numerators
+from tridentify.output_error.finish import ROUNDING, coefficients, mean_square
+from tridentify.output_error.nuisance import Nuisances, reference_of
+from tridentify.output_error.point import Point
+from tridentify.output_error.problem import Problem, poles_of
 from tridentify.record import Record
 from tridentify.regression import Regression
 from tridentify.structure import InitialState, Structure

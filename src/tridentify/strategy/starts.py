@@ -34,11 +34,11 @@ import scipy.linalg
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from tridentify.methods.problem import Problem, Variant
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series_parallel import fit_series_parallel
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
+from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress
 
 Array = NDArray[np.float64]

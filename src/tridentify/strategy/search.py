@@ -1,7 +1,7 @@
 """The search for starting poles: several convex starts, and a test that tells when to stop.
 
-A start is a parallel model turned into poles (`methods.starts`) and taken through the adapted
-passes (`methods.passes`). Whether it is good enough is not a matter of taste: the parallel
+A start is a parallel model turned into poles (`strategy.starts`) and taken through the adapted
+passes (`strategy.passes`). Whether it is good enough is not a matter of taste: the parallel
 model on the poles found, twice each, and on a spread over the whole band contains the model,
 everything near it, and much that is far from it. If it explains the record better than the
 model does, by AICc, then the order allows more, or the poles are wrong, and that same parallel
@@ -28,17 +28,19 @@ from functools import partial
 import numpy as np
 
 from tridentify.estimate import Pass, Start
-from tridentify.methods.passes import (
+from tridentify.numerics.realization import Complex
+from tridentify.output_error.finish import (
     Recorder,
-    adapt,
     at_rounding,
     coefficients,
+    criterion,
     finish,
     mean_square,
 )
-from tridentify.methods.point import Point, evaluate_variant
-from tridentify.methods.problem import Problem, Variant
-from tridentify.methods.starts import (
+from tridentify.output_error.point import Point, evaluate_variant
+from tridentify.output_error.problem import Problem, Variant
+from tridentify.strategy.passes import adapt
+from tridentify.strategy.starts import (
     SLOW_EDGE,
     ParallelStart,
     discrete_poles,
@@ -47,7 +49,7 @@ from tridentify.methods.starts import (
     relocated_poles,
     spread_starts,
 )
-from tridentify.methods.thin import (
+from tridentify.strategy.thin import (
     SMALL,
     averaged,
     free_variant,
@@ -55,38 +57,13 @@ from tridentify.methods.thin import (
     is_usable,
     window,
 )
-from tridentify.numerics.realization import Complex
 
-INDISTINGUISHABLE = 1e-22
 ALLOWANCE = 6.0
 CLEARLY = 10.0
 MOST_ENRICHED = 8
 MOST_TRIED = 12
 MOST_SHARPENING = 3
 LONGER = 24
-
-
-def criterion(point: Point, decrease: float = 0.0) -> float:
-    """AICc, with residuals below rounding counted as equal.
-
-    Parameters
-    ----------
-    point : Point
-    decrease : float
-        Expected fall of ``-2 log L`` by a further step.
-
-    Returns
-    -------
-    float
-        ``sum_i N_i log(RSS_i / N_i) + 2 k + 2 k (k + 1) / (N - k - 1)``.
-    """
-    problem = point.problem
-    n = point.counts
-    fall = np.exp(-decrease / n.sum())
-    likelihood = float(n @ np.log(fall * point.rss / n + INDISTINGUISHABLE * problem.size))
-    k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
-    room = max(float(n.sum()) - k - 1.0, 0.5)
-    return likelihood + 2.0 * k + 2.0 * k * (k + 1.0) / room
 
 
 @dataclass(frozen=True, eq=False)

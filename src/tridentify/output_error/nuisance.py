@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import ConstantInputError, OptionError, TooFewSamplesError
-from tridentify.methods.base import poles_of
-from tridentify.methods.problem import Problem, Variant
+from tridentify.output_error.problem import Problem, Variant, poles_of
 from tridentify.record import Record
 from tridentify.regression import Experiment
 from tridentify.structure import Structure

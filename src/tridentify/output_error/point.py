@@ -24,7 +24,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.methods.problem import Problem, Variant
 from tridentify.models.response import (
     Columns,
     FilteredResponse,
@@ -41,6 +40,7 @@ from tridentify.numerics.realization import (
     filter_map,
     roots_of,
 )
+from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress
 
 Array = NDArray[np.float64]

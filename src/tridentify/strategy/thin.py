@@ -17,7 +17,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.methods.problem import Problem, Variant
+from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Experiment
 
 LARGE = 5_000

@@ -1,6 +1,6 @@
 """Which nuisance terms a record needs: every serious choice is finished, and AICc decides.
 
-At given poles one pass over the samples serves all choices (`methods.nuisance`), and a
+At given poles one pass over the samples serves all choices (`output_error.nuisance`), and a
 Gauss-Newton step predicts how far each would still fall. The most promising is finished on the
 output error; then the next one, as long as its prediction is below the lowest AICc reached.
 Predictions that turn out wrong are made anew at the poles just found. So the choice that is
@@ -17,12 +17,11 @@ from functools import partial
 import numpy as np
 
 from tridentify.estimate import Status
-from tridentify.methods.nuisance import Nuisances, build
-from tridentify.methods.passes import Recorder, at_rounding, finish
-from tridentify.methods.point import Point, evaluate
-from tridentify.methods.problem import Problem, Variant
-from tridentify.methods.search import criterion
 from tridentify.numerics.realization import Complex, cascade
+from tridentify.output_error.finish import Recorder, at_rounding, criterion, finish
+from tridentify.output_error.nuisance import Nuisances, build
+from tridentify.output_error.point import Point, evaluate
+from tridentify.output_error.problem import Problem, Variant
 from tridentify.record import Record
 from tridentify.regression import regress
 from tridentify.structure import Structure
@@ -82,7 +81,7 @@ def decide(
     structure : Structure
     choices : sequence of Nuisances
     base, variants : Problem, sequence of Variant
-        From `methods.nuisance.build_base`.
+        From `output_error.nuisance.build_base`.
     seeds : sequence of (n,) complex arrays
         Poles to begin with.
     most : int

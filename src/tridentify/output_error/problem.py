@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.realization import Cascade, Complex, sort_poles
 from tridentify.regression import Experiment, Regression, restricted
+from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 
@@ -184,3 +185,9 @@ class Variant:
             )
             for regression, constants in zip(whole, self.constants, strict=True)
         )
+
+
+def poles_of(structure: Structure) -> int:
+    """Degree of the shared denominator."""
+    assert isinstance(structure.poles, int)
+    return structure.poles

@@ -1,16 +1,7 @@
-"""Steps 2 to 4 repeated with filter and basis re-adapted, then the finish on the output error.
+"""Levenberg-Marquardt on the reduced output-error cost, to a stationary point.
 
-*Adapted passes.* At ``a_hat`` the bank holds its poles three times. Twice is the basis of Step
-1: ``span{p^i / a_hat^2}`` contains the model's output and all its derivatives with respect to
-``a`` and ``b``, so the order need not grow with the record. Step 2 fits ``a`` and ``b`` to that
-noise-free output with ``c = a_hat`` and gives the next ``a_hat``. The passes end when the
-output-error cost stops falling.
-
-*Finish.* A fixed point of these passes solves instrumental-variable equations close to, but for
-a finite record not equal to, those of the output-error minimum. Levenberg-Marquardt steps on
-the reduced cost (`methods.point`) end on a stationary point of it. The step is measured in the
-likelihood: it is small when the predicted decrease of ``-2 log L`` is, that is when the
-coefficients move by far less than their standard errors.
+The step is measured in the likelihood: it is small when the predicted decrease of ``-2 log L``
+is, that is when the coefficients move by far less than their standard errors.
 """
 
 from __future__ import annotations
@@ -22,12 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimate import Pass, Status, Step
-from tridentify.methods.point import Point, evaluate_variant
-from tridentify.methods.problem import REFLECTED, TOO_FAST, Problem, Variant
-from tridentify.models.parallel import ParallelFit, fit_parallel
-from tridentify.models.series import SeriesFit, fit_series
-from tridentify.models.series_parallel import fit_series_parallel
 from tridentify.numerics.realization import Complex, denominator, numerators
+from tridentify.output_error.point import Point
+from tridentify.output_error.problem import REFLECTED, TOO_FAST
 
 Array = NDArray[np.float64]
 
@@ -35,11 +23,10 @@ SETTLED = 1e-7
 SETTLED_LONG = 1e-5
 LONG = 50_000
 ROUNDING = 1e-22
-ENOUGH = 0.5
-MOST_ADAPTED = 12
 MOST_STEPS = 60
 NEARLY = 1e-3
 IDLE = 1e-6
+INDISTINGUISHABLE = 1e-22
 
 
 @dataclass(eq=False)
@@ -90,95 +77,27 @@ def mean_square(point: Point) -> float:
     return float(np.exp(point.counts @ np.log(variance) / point.counts.sum()))
 
 
-def adapt(
-    base: Problem, variant: Variant, poles: Complex, recorder: Recorder, most: int = MOST_ADAPTED
-) -> Point:
-    """Adapted passes from given poles; the best point met.
+def criterion(point: Point, decrease: float = 0.0) -> float:
+    """AICc, with residuals below rounding counted as equal.
 
     Parameters
     ----------
-    base : Problem
-        Whose experiments are filtered.
-    variant : Variant
-        The nuisance terms that are kept.
-    poles : (n,) complex array
-        Admissible.
-    recorder : Recorder
-        Is told every pass.
-    most : int
-        Most passes.
+    point : Point
+    decrease : float
+        Expected fall of ``-2 log L`` by a further step.
+
+    Returns
+    -------
+    float
+        ``sum_i N_i log(RSS_i / N_i) + 2 k + 2 k (k + 1) / (N - k - 1)``.
     """
-    best: Point | None = None
-    worse = 0
-    note = ""
-    for _ in range(most):
-        point = evaluate_variant(base, variant, poles, 3)
-        parallel = parallel_model(point)
-        step = fit_series_parallel(
-            point.regressions,
-            point.bank,
-            parallel.response,
-            point.inner,
-            base.n_poles,
-            base.n_zeros,
-            point.weights,
-        )
-        recorder.add(
-            point,
-            (
-                Step(
-                    "parallel",
-                    parallel.beta.ravel(),
-                    float(parallel.cost.sum() / point.counts.sum()),
-                    parallel.condition,
-                    f"{parallel.beta.shape[2]} orthonormal functions on the poles of a, twice each",
-                ),
-                Step(
-                    "series-parallel",
-                    denominator(step.poles)[1:],
-                    step.cost / float(point.counts.sum()),
-                    step.condition,
-                    "filter 1/a of the pass before",
-                ),
-            ),
-            np.nan,
-            note,
-        )
-        gain = np.inf if best is None else best.objective - point.objective
-        if best is None or gain > 0:
-            best = point
-        worse = worse + 1 if gain < ENOUGH else 0
-        if worse >= 1 + (gain < 0) or at_rounding(point):
-            break
-        poles, note = base.admissible(step.poles)
-    assert best is not None
-    return best
-
-
-def parallel_model(point: Point) -> ParallelFit:
-    """Step 1 on the poles of ``a_hat``, twice each."""
-    q, n = point.bank.order, point.problem.n_poles
-    rows = np.eye(2 * n, q)
-    direct = np.zeros(2 * n)
-    if point.problem.biproper:
-        rows = np.vstack([rows, np.zeros(q)])
-        direct = np.append(direct, 1.0)
-    return fit_parallel(point.regressions, rows, direct, free_rows=np.eye(2 * n, q))
-
-
-def series_model(point: Point) -> SeriesFit:
-    """Step 3 with the orthonormal functions on the poles of ``a_hat``."""
-    n = point.problem.n_poles
-    return fit_series(
-        point.regressions,
-        point.bank,
-        point.response,
-        point.inner,
-        np.eye(n),
-        np.zeros(n),
-        free_rows=np.eye(n, point.bank.order),
-        weights=point.weights,
-    )
+    problem = point.problem
+    n = point.counts
+    fall = np.exp(-decrease / n.sum())
+    likelihood = float(n @ np.log(fall * point.rss / n + INDISTINGUISHABLE * problem.size))
+    k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
+    room = max(float(n.sum()) - k - 1.0, 0.5)
+    return likelihood + 2.0 * k + 2.0 * k * (k + 1.0) / room
 
 
 def at_rounding(point: Point) -> bool:
