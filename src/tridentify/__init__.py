@@ -27,6 +27,12 @@ if TYPE_CHECKING:
     from tridentify.estimate import Estimate, Parameter, Status, Trace
     from tridentify.formats.csv import read_record
     from tridentify.identify import METHODS, identify
+    from tridentify.methods.asymptotic_bias import asymptotic_bias
+    from tridentify.methods.bias_compensated_least_squares import BiasCompensatedLeastSquares
+    from tridentify.methods.output_error import OutputError
+    from tridentify.methods.refined_instrumental_variable import RefinedInstrumentalVariable
+    from tridentify.methods.svf_instrumental_variable import SvfInstrumentalVariable
+    from tridentify.methods.svf_least_squares import SvfLeastSquares
     from tridentify.methods.three_model import ThreeModel
     from tridentify.record import Record
     from tridentify.simulate import simulate
@@ -37,22 +43,28 @@ __version__ = "0.1.0"
 
 __all__ = [
     "METHODS",
+    "BiasCompensatedLeastSquares",
     "ConvergenceError",
     "DataError",
     "Estimate",
     "IdentifiabilityError",
     "MissingDependencyError",
+    "OutputError",
     "OutputPathError",
     "Parameter",
     "Record",
+    "RefinedInstrumentalVariable",
     "Status",
     "Structure",
     "StructureError",
+    "SvfInstrumentalVariable",
+    "SvfLeastSquares",
     "ThreeModel",
     "Trace",
     "TransferFunction",
     "TridentifyError",
     "__version__",
+    "asymptotic_bias",
     "identify",
     "read_record",
     "simulate",
@@ -60,21 +72,27 @@ __all__ = [
 
 _HOME = {
     "METHODS": "identify",
+    "BiasCompensatedLeastSquares": "methods.bias_compensated_least_squares",
     "ConvergenceError": "errors",
     "DataError": "errors",
     "Estimate": "estimate",
     "IdentifiabilityError": "errors",
     "MissingDependencyError": "errors",
+    "OutputError": "methods.output_error",
     "OutputPathError": "errors",
     "Parameter": "estimate",
     "Record": "record",
+    "RefinedInstrumentalVariable": "methods.refined_instrumental_variable",
     "Status": "estimate",
     "Structure": "structure",
     "StructureError": "errors",
+    "SvfInstrumentalVariable": "methods.svf_instrumental_variable",
+    "SvfLeastSquares": "methods.svf_least_squares",
     "ThreeModel": "methods.three_model",
     "Trace": "estimate",
     "TransferFunction": "transfer_function",
     "TridentifyError": "errors",
+    "asymptotic_bias": "methods.asymptotic_bias",
     "identify": "identify",
     "read_record": "formats.csv",
     "simulate": "simulate",

@@ -9,9 +9,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.special import chdtri
 
 from tridentify.estimate import Estimate
+from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
+from tridentify.numerics.whiteness import input_share
 from tridentify.record import Record
 
 VAGUE = 0.5
@@ -19,6 +22,7 @@ ROUNDING = 1e-9
 LONGEST = 20_000
 MOST_LAGS = 40
 BOUND_99 = 2.5758
+MISSED = 1e-3
 
 
 def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
@@ -61,12 +65,21 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
         missing = int(np.isnan(record.y).sum())
         if missing:
             found.append(f"{missing} output samples are missing{where}; they do not count.")
+        whitened = dict(zip(estimate.output_names, estimate.noise_model, strict=True))
         for name, outside, n_lags in coloured_outputs(estimate, record, number):
+            which = "whitened residual" if whitened[name].size else "residual"
             found.append(
-                f"The residual of {name}{where} is not white: {outside} of {n_lags} lags lie "
+                f"The {which} of {name}{where} is not white: {outside} of {n_lags} lags lie "
                 "outside the 99 % bounds. The noise is coloured or the model misses some of the "
                 "response; the standard errors may be too small. Try a drift (--drift auto, in "
                 "Python drift='auto'), more poles or zeros, or an input shifted by a delay."
+            )
+        for name in missed_outputs(estimate, record, number):
+            found.append(
+                f"The residual of {name}{where} is not white, and part of it follows the input: "
+                "the model misses some of the response. The standard errors allow for noise of "
+                "that colour, not for the missing part. Try more poles or zeros, or an input "
+                "shifted by a delay."
             )
     return tuple(found)
 
@@ -91,11 +104,10 @@ def coloured_outputs(
     Notes
     -----
     White noise leaves the bounds at 4 or more of 40 lags once in 1,300 records. A residual that
-    is no more than rounding is not judged.
+    is no more than rounding is not judged. Where the noise has a model, the residual is whitened
+    first.
     """
-    seen = np.isfinite(record.y[:LONGEST]).any(axis=0).all()
-    if record.dt is not None and record.n_samples > LONGEST and seen:
-        record = record.slice(None, float(record.t[LONGEST - 1]))
+    record = _beginning(record)
     residual = estimate.residual(record, experiment=experiment)
     n_lags = min(MOST_LAGS, record.n_samples // 4)
     found = []
@@ -103,11 +115,55 @@ def coloured_outputs(
         size = float(np.sqrt(np.nanmean(np.square(record.y[:, i]))))
         if not float(np.sqrt(np.nanmean(np.square(residual[:, i])))) > ROUNDING * size:
             continue
-        correlation, count = autocorrelation(residual[:, i], n_lags)
+        innovations = whiten(residual[:, i], estimate.noise_model[i])[0]
+        correlation, count = autocorrelation(innovations, n_lags)
         outside = int(np.sum(np.abs(correlation[1:]) > BOUND_99 / math.sqrt(max(count, 1))))
         if outside > 3:
             found.append((name, outside, n_lags))
     return found
+
+
+def missed_outputs(estimate: Estimate, record: Record, experiment: int) -> list[str]:
+    """Outputs with a noise model whose residual follows the input.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record
+        Its first 20,000 samples are looked at.
+    experiment : int
+        Position of the record among those identified.
+
+    Returns
+    -------
+    list of str
+        Their names.
+
+    Notes
+    -----
+    By `numerics.whiteness.input_share`; noise is taken for a response in at most one of
+    1,000 records.
+    """
+    if not any(a.size for a in estimate.noise_model):
+        return []
+    record = _beginning(record)
+    residual = estimate.residual(record, experiment=experiment)
+    found = []
+    for i, name in enumerate(estimate.output_names):
+        if not estimate.noise_model[i].size:
+            continue
+        _, statistic, dimension = input_share(residual[:, i], record.u, estimate.noise_model[i])
+        if statistic > chdtri(float(dimension), MISSED):
+            found.append(name)
+    return found
+
+
+def _beginning(record: Record) -> Record:
+    """The first 20,000 samples, or all where an output has none among them."""
+    seen = np.isfinite(record.y[:LONGEST]).any(axis=0).all()
+    if record.dt is not None and record.n_samples > LONGEST and seen:
+        return record.slice(None, float(record.t[LONGEST - 1]))
+    return record
 
 
 def _nothing_explained(estimate: Estimate, records: Sequence[Record]) -> list[str]:

@@ -62,9 +62,16 @@ class Parameter:
     value: float
     std: float
     unit: str = ""
+    draws: Array = dataclasses.field(default_factory=lambda: np.zeros(0), repr=False)
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Gaussian confidence interval that holds the probability ``level``."""
+        """Interval that holds the probability ``level``.
+
+        Gaussian; between quantiles of the draws where the estimate is a posterior mean.
+        """
+        if self.draws.size:
+            low, high = np.quantile(self.draws, ((1 - level) / 2, (1 + level) / 2)).tolist()
+            return low, high
         half = NormalDist().inv_cdf((1 + level) / 2) * self.std
         return self.value - half, self.value + half
 
@@ -119,7 +126,13 @@ class Estimate:
         One per experiment.
     cost, gradient, condition : float
         Weighted mean-square output error, its relative gradient at the end, and the condition
-        number of the scaled score columns.
+        number of the scaled score columns; of the whitened output error where the noise has a
+        model.
+    noise_model : tuple of ndarray, one (p,) per output
+        Autoregressive coefficients: ``v(k) + a_1 v(k-1) + ... + a_p v(k-p)`` is white. Empty for
+        white noise.
+    draws : ndarray, shape (n_draws, n_parameters)
+        Equally likely coefficients where the estimate is a posterior mean (``status``), else empty.
 
     Examples
     --------
@@ -156,9 +169,15 @@ class Estimate:
     dt: float | None
     record_fingerprint: str = ""
     cautions: tuple[str, ...] = ()
+    noise_model: tuple[Array, ...] = ()
+    draws: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
+        self._freeze_noise_model()
+        if not self.draws.size:
+            object.__setattr__(self, "draws", np.zeros((0, len(self.names))))
+            self.draws.setflags(write=False)
         n_parameters, n_outputs = len(self.names), len(self.output_names)
         shapes: dict[str, tuple[int, ...]] = {"theta": (n_parameters,), "fit": (n_outputs,)}
         shapes |= {"cov": (n_parameters, n_parameters), "noise_variance": (n_outputs,)}
@@ -167,6 +186,17 @@ class Estimate:
                 found = getattr(self, field).shape
                 raise ValueError(f"found {field} of shape {found}; expected {shape}")
         object.__setattr__(self, "units", dict(self.units))
+
+    def _freeze_noise_model(self) -> None:
+        given = self.noise_model or (np.zeros(0),) * len(self.output_names)
+        if len(given) != len(self.output_names):
+            raise ValueError(
+                f"found {len(given)} noise models; expected {len(self.output_names)}, one an output"
+            )
+        model = tuple(np.array(a, dtype=np.float64).reshape(-1) for a in given)
+        for a in model:
+            a.setflags(write=False)
+        object.__setattr__(self, "noise_model", model)
 
     def __repr__(self) -> str:
         pairs = zip(self.names, self.theta, self.std, strict=True)
@@ -183,7 +213,10 @@ class Estimate:
     def parameters(self) -> Mapping[str, Parameter]:
         """Name -> `Parameter`, in the order of ``names``."""
         rows = zip(self.names, self.theta.tolist(), self.std.tolist(), strict=True)
-        table = {name: Parameter(name, v, std, self._unit(name)) for name, v, std in rows}
+        table = {
+            name: Parameter(name, v, std, self._unit(name), self.draws[:, k])
+            for k, (name, v, std) in enumerate(rows)
+        }
         return MappingProxyType(table)
 
     def channel(self, output: int, input_: int) -> tuple[Array, Array, Array]:
@@ -229,6 +262,14 @@ class Estimate:
                 unit = self._ratio_unit(output, input_, 0)
                 gains.append(("dc gain" + label, *delta_method.dc_gain(num, den, cov), unit))
         return tuple(rows + gains)
+
+    def noise_note(self) -> str:
+        """Which model the noise of each output has; empty where all are white."""
+        if not any(a.size for a in self.noise_model):
+            return ""
+        models = zip(self.output_names, self.noise_model, strict=True)
+        kinds = [f"{n}: {f'AR({a.size})' if a.size else 'white'}" for n, a in models]
+        return f"noise model {', '.join(kinds)}; noise std is that of the noise before whitening"
 
     def nuisance_rows(self) -> tuple[Row, ...]:
         """(name, value, std, unit) of the offsets and drifts that were estimated along."""
@@ -353,7 +394,12 @@ class Estimate:
         lines.append(", ".join(f"{name} {value}" for name, value in figures if value != "nan"))
         for caution in self.cautions:
             lines += textwrap.wrap(caution, _WIDTH, initial_indent="! ", subsequent_indent="  ")
-        for note in (self.offset_note(), *self.trace.decisions, self.trace.stopped):
+        for note in (
+            self.noise_note(),
+            self.offset_note(),
+            *self.trace.decisions,
+            self.trace.stopped,
+        ):
             if note:
                 lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
         return "\n".join(line.rstrip() for line in (*lines, "=" * _WIDTH))
@@ -466,6 +512,7 @@ def _tuple_of(cls: type[Any]) -> Callable[[Any], Any]:
 
 _DECODERS: dict[str, Callable[[Any], Any]] = {
     "Array": lambda value: np.array(value, dtype=np.float64),
+    "tuple[Array, ...]": lambda items: tuple(np.array(a, dtype=np.float64) for a in items),
     "float": lambda value: math.nan if value is None else float(value),
     "tuple[str, ...]": tuple,
     "tuple[Step, ...]": _tuple_of(Step),

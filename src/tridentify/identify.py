@@ -15,12 +15,26 @@ from tridentify.errors import (
 )
 from tridentify.estimate import Estimate, Status
 from tridentify.methods.base import Method, Progress
+from tridentify.methods.bias_compensated_least_squares import BiasCompensatedLeastSquares
+from tridentify.methods.output_error import OutputError
+from tridentify.methods.refined_instrumental_variable import RefinedInstrumentalVariable
+from tridentify.methods.svf_instrumental_variable import SvfInstrumentalVariable
+from tridentify.methods.svf_least_squares import SvfLeastSquares
 from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record import Record
 from tridentify.structure import Structure
 
-METHODS: Mapping[str, Callable[[], Method]] = MappingProxyType({"three-model": ThreeModel})
+METHODS: Mapping[str, Callable[[], Method]] = MappingProxyType(
+    {
+        "three-model": ThreeModel,
+        "output-error": OutputError,
+        "refined-instrumental-variable": RefinedInstrumentalVariable,
+        "svf-instrumental-variable": SvfInstrumentalVariable,
+        "svf-least-squares": SvfLeastSquares,
+        "bias-compensated-least-squares": BiasCompensatedLeastSquares,
+    }
+)
 """Name -> method with its default options; the command line and the contract tests read it."""
 
 

@@ -12,15 +12,22 @@ triangle of a QR factorisation; each model then solves its least-squares problem
 combinations of the triangle's columns.
 
 A missing output sample is a row of zeros for that output.
+
+Where the noise of an output is coloured, all columns are turned into their innovations
+(`numerics.autoregression`) before they enter that output's triangle: ordinary least squares on
+them is generalised least squares on the samples, missing ones included. Combinations of columns
+stay what they are, so nothing that works on the triangle has to know.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.least_squares import Accumulator
 from tridentify.numerics.propagate import propagate
@@ -48,6 +55,8 @@ class Experiment:
         ``"zoh"`` or ``"foh"``.
     free, offset, drift : bool
         Which nuisance terms are estimated along.
+    noise : tuple of (p_i,) arrays
+        Autoregressive coefficients of each output's noise; the empty tuple where all are white.
     """
 
     u: Array
@@ -57,6 +66,7 @@ class Experiment:
     free: bool
     offset: bool
     drift: bool
+    noise: tuple[Array, ...] = ()
 
     @property
     def n_samples(self) -> int:
@@ -117,12 +127,16 @@ class Regression:
         The outputs in the same coordinates.
     counts : tuple of int
         Output samples used.
+    log_scale : tuple of float
+        Per output the log determinant of the noise's covariance, for innovations of variance
+        one; empty where all are white.
     """
 
     layout: Layout
     signals: tuple[Array, ...]
     targets: tuple[Array, ...]
     counts: tuple[int, ...]
+    log_scale: tuple[float, ...] = ()
 
     def input_signal(self, output: int, channel: int, row: Array, direct: float = 0.0) -> Array:
         """``(row X + direct) u_channel`` of ``output``; ``row`` (q,) or (q, k)."""
@@ -194,7 +208,9 @@ def restricted(
                     kept[:, new.direct(j)] += value * one
             done[id(s)] = kept
         signals.append(done[id(s)])
-    return Regression(new, tuple(signals), regression.targets, regression.counts)
+    return Regression(
+        new, tuple(signals), regression.targets, regression.counts, regression.log_scale
+    )
 
 
 def regress(experiment: Experiment, bank: Cascade) -> Regression:
@@ -214,11 +230,11 @@ def regress(experiment: Experiment, bank: Cascade) -> Regression:
     -----
     Time ``O(n_samples)``; memory one block of ``BLOCK`` samples.
     """
-    layout = Layout(
-        bank.order, experiment.u.shape[1], experiment.free, experiment.offset, experiment.drift
-    )
+    layout = _layout(experiment, bank)
     missing = np.isnan(experiment.y)
     n_outputs = experiment.y.shape[1]
+    if any(a.size for a in experiment.noise):
+        return _whitened(experiment, bank, layout, ~missing)
     if not missing.any():
         r = _triangle(experiment, bank, layout, experiment.y, None)
         s = r[:, : layout.n_signals]
@@ -235,19 +251,89 @@ def regress(experiment: Experiment, bank: Cascade) -> Regression:
     return Regression(layout, tuple(signals), tuple(targets_list), tuple(counts))
 
 
+def response_of(experiment: Experiment, bank: Cascade, rows: Array) -> Array:
+    """Combinations of the columns over time.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    bank : Cascade
+    rows : (k, n_signals) array
+        Weights of the columns before the outputs.
+
+    Returns
+    -------
+    (n_samples, k) array
+    """
+    layout = _layout(experiment, bank)
+    buffer = np.zeros((layout.n_signals, min(experiment.n_samples, BLOCK)))
+    found = np.empty((experiment.n_samples, rows.shape[0]))
+    for start, stop, _ in _signals(experiment, bank, layout, buffer):
+        found[start:stop] = (rows @ buffer[:, : stop - start]).T
+    return found
+
+
+def _layout(experiment: Experiment, bank: Cascade) -> Layout:
+    return Layout(
+        bank.order, experiment.u.shape[1], experiment.free, experiment.offset, experiment.drift
+    )
+
+
 def _triangle(
     experiment: Experiment, bank: Cascade, layout: Layout, y: Array, weight: Array | None
 ) -> Array:
     """R factor of [states | inputs | nuisance | y], rows multiplied by ``weight``."""
+    accumulator = Accumulator(layout.n_signals + y.shape[1], min(experiment.n_samples, BLOCK))
+    buffer = accumulator.buffer
+    for start, stop, first in _signals(experiment, bank, layout, buffer):
+        count = stop - start
+        buffer[layout.n_signals :, :count] = y[start:stop].T
+        if weight is not None:
+            buffer[first:, :count] *= weight[start:stop]
+        accumulator.absorb(count, first)
+    return accumulator.r
+
+
+def _whitened(
+    experiment: Experiment, bank: Cascade, layout: Layout, seen: NDArray[np.bool_]
+) -> Regression:
+    """A triangle for each output, of the innovations of all columns."""
+    block = min(experiment.n_samples, BLOCK)
+    n_columns, n_outputs = layout.n_signals + 1, seen.shape[1]
+    columns = np.zeros((n_columns, block))
+    accumulators = [Accumulator(n_columns, block) for _ in range(n_outputs)]
+    whiteners = [Whitener(a, n_columns) for a in experiment.noise]
+    for start, stop, first in _signals(experiment, bank, layout, columns):
+        count = stop - start
+        for i, (accumulator, whitener) in enumerate(zip(accumulators, whiteners, strict=True)):
+            y, there = experiment.y[start:stop, i], seen[start:stop, i]
+            columns[-1, :count] = np.where(there, y, 0.0)
+            whitener.apply(columns, there, accumulator.buffer)
+            accumulator.absorb(count, first)
+    triangles = [accumulator.r for accumulator in accumulators]
+    return Regression(
+        layout,
+        tuple(r[:, : layout.n_signals] for r in triangles),
+        tuple(r[:, layout.n_signals] for r in triangles),
+        tuple(int(n) for n in seen.sum(axis=0)),
+        tuple(whitener.log_scale for whitener in whiteners),
+    )
+
+
+def _signals(
+    experiment: Experiment, bank: Cascade, layout: Layout, buffer: Array
+) -> Iterator[tuple[int, int, int]]:
+    """Fill ``buffer`` with block after block of the columns before the outputs.
+
+    Gives the first sample of each block, the one after its last, and the first column that is
+    not zero from here on (where the impulse states have died out).
+    """
     q, n = bank.order, experiment.n_samples
     step = discretize(bank.a, bank.b[:, None], experiment.dt, experiment.intersample)
     upper = int(np.any(bank.poles.imag != 0))
     from_current, from_next = step.from_current[:, 0], step.from_next[:, 0]
     transition = np.ascontiguousarray(step.transition)
-    n_columns = layout.n_signals + y.shape[1]
     block = min(n, BLOCK)
-    accumulator = Accumulator(n_columns, block)
-    buffer = accumulator.buffer
     nothing = np.zeros((n, 1)) if layout.free else experiment.u[:, :0]
     impulse = bank.b[None, :].copy()
     state = np.zeros((layout.n_inputs, q))
@@ -274,10 +360,7 @@ def _triangle(
         if layout.drift:
             buffer[row, :count] = np.arange(start, stop) / (n - 1)
             row += 1
-        buffer[row:, :count] = y[start:stop].T
-        if weight is not None:
-            buffer[first:, :count] *= weight[start:stop]
-        accumulator.absorb(count, first)
+        yield start, stop, first
         if layout.free and first == 0 and np.abs(impulse).max() < NEGLIGIBLE * np.abs(bank.b).max():
             first = q
-    return accumulator.r
+            buffer[:q] = 0.0

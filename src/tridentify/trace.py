@@ -43,6 +43,7 @@ class Status(enum.Enum):
     SETTLED = "settled"
     WEAKLY_IDENTIFIABLE = "weakly identifiable"
     STALLED = "stalled"
+    POSTERIOR_MEAN = "posterior mean"
 
     @property
     def message(self) -> str:
@@ -71,8 +72,8 @@ _STATUS = {
         "look for a drift or an integration in the record; allow a drift, or use fewer poles",
     ),
     Status.SETTLED: (
-        "the passes stand still, but the series model still corrects the output",
-        "use more operators or another gamma, or ThreeModel(), which has no such remainder",
+        "the method's own equations are solved, but not those of the least output error",
+        "use ThreeModel(), or OutputError() from this model, which end on a checked minimum",
     ),
     Status.AT_SAMPLING_LIMIT: (
         "converged, but a pole is faster than the sampling can show",
@@ -81,6 +82,10 @@ _STATUS = {
     Status.WEAKLY_IDENTIFIABLE: (
         "converged, but the record hardly determines some of the coefficients",
         "record longer, excite nearer to the natural frequency, or use fewer poles or zeros",
+    ),
+    Status.POSTERIOR_MEAN: (
+        "short and noisy record: the mean of all models that explain it",
+        "record longer, or excite nearer to the natural frequency, to narrow the intervals",
     ),
     Status.STALLED: (
         "no step lowers the output-error cost any further, yet its gradient is not zero",

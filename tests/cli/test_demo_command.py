@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from tridentify import Estimate
+from tridentify import Estimate, Structure, ThreeModel, identify, read_record
 from tridentify.cli import demo_command, main
 from tridentify.cli.terminal import own_command
 
@@ -69,16 +69,28 @@ def renamed(coefficients: dict[str, float]) -> dict[str, float]:
     }
 
 
-def test_the_demo_finds_what_a_plain_output_error_fit_finds(document, story):
-    alpha = document["alpha"]["comparison"]
-    reference = story["noisy_reference"]["alpha"]["coefficients"]
-    # the reference counts its offset from another place; a hundredth of a standard error is plenty
-    for name, std in by_name(alpha, "std").items():
-        assert by_name(alpha, "value")[name] == pytest.approx(reference[name], abs=0.02 * std)
-    both = document["alpha and q"]["comparison"]
+@pytest.mark.parametrize(
+    ("outputs", "part", "tolerance"), [(["alpha"], "alpha", 0.02), (["alpha", "q"], "both", 0.1)]
+)
+def test_with_white_weights_the_record_gives_what_a_plain_output_error_fit_finds(
+    story, repository, outputs, part, tolerance
+):
+    path = repository / "src" / "tridentify" / "data" / "short_period.csv"
+    record = read_record(path, time="t", inputs=["delta_e"], outputs=outputs)
+    estimate = identify(record, Structure(2, 1), ThreeModel(noise="white"))
+    reference = story["noisy_reference"]["alpha" if part == "alpha" else "alpha_and_q"]
+    expected = reference["coefficients"]
+    expected = expected if part == "alpha" else renamed(expected)
+    # the reference counts its offset from another place; a part of a standard error is plenty
+    for name, found in estimate.parameters.items():
+        assert found.value == pytest.approx(expected[name], abs=tolerance * found.std)
+
+
+def test_the_demo_lies_near_a_plain_output_error_fit(document, story):
     reference = renamed(story["noisy_reference"]["alpha_and_q"]["coefficients"])
+    both = document["alpha and q"]["comparison"]
     for name, std in by_name(both, "std").items():
-        assert by_name(both, "value")[name] == pytest.approx(reference[name], abs=0.1 * std)
+        assert by_name(both, "value")[name] == pytest.approx(reference[name], abs=2.0 * std)
 
 
 def test_every_coefficient_is_compared_with_its_own_truth(document, story):

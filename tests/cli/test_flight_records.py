@@ -33,7 +33,7 @@ def values(document: dict[str, Any]) -> dict[str, float]:
 def test_attas_pitch_rate(run, shared_data, file):
     path = shared_data / ATTAS / file
     options = ["--time", "t", "--input", "u_elevator", "--output", "y_q", "--intersample", "foh"]
-    document = identify(run, path, *options)
+    document = identify(run, path, *options, "--noise", "white")
     expected, fit = PITCH_RATE[file]
     assert list(values(document).values()) == pytest.approx(expected, rel=1e-3)
     assert document["fit"][0]["fit"] == pytest.approx(fit, abs=0.05)

@@ -236,6 +236,30 @@ def test_nuisance_terms_are_estimated_when_asked_for(run, write_table, clean, qu
     assert abs(values(biased)["a0"] - 9.0) > 0.1
 
 
+def test_noise_may_be_taken_for_white_or_modelled(run, write_table, clean, question):
+    e = np.random.default_rng(5).standard_normal(clean["q"].size)
+    coloured = signal.lfilter([1e-3], [1.0, -0.9], e)
+    path = write_table("coloured.csv", clean | {"q": clean["q"] + coloured})
+    documents = {}
+    for noise in ("auto", "ar", "white"):
+        outcome = run("identify", path, *question, "--noise", noise, "--json")
+        assert outcome.code == 0, outcome.err
+        documents[noise] = json.loads(outcome.out)
+    assert documents["auto"]["parameters"] == documents["ar"]["parameters"]
+    errors = {key: [p["std"] for p in d["parameters"]] for key, d in documents.items()}
+    assert np.all(np.array(errors["auto"]) > 1.1 * np.array(errors["white"]))
+    assert any("whitened" in note for note in documents["auto"]["decisions"])
+    assert any("not white" in text for text in documents["white"]["warnings"])
+
+
+def test_noise_is_refused_with_a_method_that_has_no_choice_of_it(run, noisy, question):
+    options = ["--method", "svf-least-squares", "--noise", "ar"]
+    outcome = run("identify", noisy, *question, *options)
+    assert outcome.code == 2
+    assert "found --noise ar with --method svf-least-squares" in outcome.err
+    assert "three-model" in outcome.err
+
+
 # ------------------------------------------------------------------------------------- the files
 def test_out_writes_everything_and_keeps_what_is_there(run, tmp_path, noisy, question):
     folder = tmp_path / "deep" / "result"

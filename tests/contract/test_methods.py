@@ -1,7 +1,9 @@
 """What every row of `METHODS` owes its callers, refusals included.
 
 A new method is one new row: every test here then runs on it. What a method cannot do it must
-refuse with `UnsupportedError`; such a case is skipped, never passed over in silence.
+refuse with `UnsupportedError`; such a case is skipped, never passed over in silence. What a method
+does without the promise that others make stands in a table below (`EXACT`, `CONSISTENT`), with the
+reason.
 """
 
 from __future__ import annotations
@@ -32,6 +34,33 @@ from tridentify import errors as err
 
 pytestmark = pytest.mark.parametrize("key", list(METHODS), ids=str)
 DT = 0.05
+
+JOINED = "it filters the sampled output joined by straight lines, an error of order dt^2"
+EXACT = {
+    # Without noise: the truth to rounding, or why not. ThreeModel always is the yardstick.
+    "three-model": True,
+    "output-error": True,
+    "refined-instrumental-variable": True,
+    "svf-instrumental-variable": JOINED,
+    "svf-least-squares": JOINED,
+    "bias-compensated-least-squares": JOINED,
+}
+CONSISTENT = {
+    # With noise: the truth within the standard errors, or why not.
+    "three-model": True,
+    "output-error": True,
+    "refined-instrumental-variable": True,
+    "svf-instrumental-variable": True,
+    "svf-least-squares": "the square of the noise biases it; its standard errors do not know",
+    "bias-compensated-least-squares": True,
+}
+
+
+def test_every_method_says_what_it_promises(key):
+    assert EXACT[key]
+    assert CONSISTENT[key]
+    assert EXACT["three-model"] is True
+    assert CONSISTENT["three-model"] is True
 
 
 def respond(num, den, u, dt=DT, initial=None):
@@ -208,6 +237,8 @@ def test_prediction_is_the_model_response_plus_the_nuisance_terms(key, solved):
 
 
 def test_truth_lies_within_the_standard_errors(key, solved):
+    if CONSISTENT[key] is not True:
+        pytest.skip(f"{key}: {CONSISTENT[key]}")
     record, _, estimate = solved
     truth = {
         1: [1.0, 3.0, 0.2, 0.5],
@@ -263,8 +294,10 @@ def test_save_and_load_give_the_same_estimate(key, solved, tmp_path):
     again = Estimate.load(path)
     for name in ("theta", "cov", "noise_variance", "fit"):
         assert np.array_equal(getattr(again, name), getattr(estimate, name))
-    for name in ("names", "status", "structure", "cost", "aicc", "gradient", "n_samples"):
+    for name in ("names", "status", "structure", "cost", "aicc", "n_samples"):
         assert getattr(again, name) == getattr(estimate, name)
+    # nan where a method does not end on the output error
+    assert np.array_equal(again.gradient, estimate.gradient, equal_nan=True)
     assert again.trace.decisions == estimate.trace.decisions
     assert len(again.trace.passes) == len(estimate.trace.passes)
     assert np.array_equal(again.predict(solved[0]), estimate.predict(solved[0]))
@@ -338,7 +371,8 @@ def test_two_experiments_have_nuisance_terms_each(key):
     assert estimate.n_samples == 650
     assert estimate.nuisance[1].offset[0] == pytest.approx(9.0, abs=0.1)
     assert abs(estimate.nuisance[0].offset[0]) < 0.1
-    assert np.all(np.abs(estimate.theta - [1.0, 3.0, 0.2, 0.5]) < 4.5 * estimate.std)
+    error = np.abs(estimate.theta - [1.0, 3.0, 0.2, 0.5])
+    assert np.all(error < (4.5 * estimate.std if CONSISTENT[key] is True else 0.05))
 
 
 def test_missing_samples_are_left_out_not_filled(key):
@@ -482,7 +516,9 @@ def test_every_status_has_a_message_and_a_remedy(key, status):
 def test_step_from_rest_is_not_refused(key):
     record = Record(ONES, STEP, dt=DT)
     estimate = attempt(key, record, Structure(2, 0))
-    assert np.allclose(estimate.theta, [1.0, 3.0, 0.5], rtol=1e-8)
+    # (omega dt)^2 / 12 is 6e-4 here
+    tolerance = 1e-8 if EXACT[key] is True else 1e-3
+    assert np.allclose(estimate.theta, [1.0, 3.0, 0.5], rtol=tolerance)
     assert estimate.structure.initial_state == "rest"
 
 

@@ -12,7 +12,7 @@ import json
 import numpy as np
 import pytest
 
-from tridentify import Record, Structure, identify, read_record
+from tridentify import Record, Structure, ThreeModel, identify, read_record
 
 ATTAS = {
     # a1, a0, b1, b0, fit of pitch rate [percent]
@@ -21,6 +21,8 @@ ATTAS = {
 }
 JSBSIM = ["jsbsim-a4-doublet", "jsbsim-c172p-doublet", "jsbsim-t37-3211"]
 DEGREE = np.pi / 180.0
+# the notes' figures are those of plain output error
+PLAIN = ThreeModel(noise="white")
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +51,7 @@ def attas(folder, name, outputs):
 @pytest.mark.parametrize("name", ATTAS)
 def test_attas_pitch_rate(folder, name, options):
     expected, fit = ATTAS[name]
-    estimate = identify(attas(folder, name, ["y_q"]), Structure(2, 1, **options))
+    estimate = identify(attas(folder, name, ["y_q"]), Structure(2, 1, **options), PLAIN)
     assert np.allclose(estimate.theta, expected, rtol=0.01)
     assert estimate.fit[0] == pytest.approx(fit, abs=0.1)
     assert estimate.model.natural_frequency[0] == pytest.approx(np.sqrt(expected[1]), rel=0.005)
@@ -72,6 +74,23 @@ def test_attas_both_outputs_with_one_denominator(folder, name):
     assert estimate.model.is_stable
 
 
+@pytest.mark.parametrize("name", ATTAS)
+def test_attas_noise_is_coloured_and_moves_the_coefficients_within_its_errors(folder, name):
+    record = attas(folder, name, ["y_q"])
+    plain, estimate = (identify(record, Structure(2, 1), method) for method in (PLAIN, None))
+    assert estimate.noise_model[0].size > 1
+    assert estimate.fit[0] == pytest.approx(plain.fit[0], abs=0.3)
+    assert np.all(np.abs(estimate.theta - plain.theta) < estimate.std)
+    # white weights take the slow residual for independent errors
+    assert np.all(estimate.std > 2.0 * plain.std)
+
+
+def test_attas_manoeuvres_agree_within_their_standard_errors(folder):
+    one, other = (identify(attas(folder, name, ["y_q"]), Structure(2, 1)) for name in ATTAS)
+    difference = (one.theta - other.theta) / np.hypot(one.std, other.std)
+    assert np.all(np.abs(difference) < 3.0)
+
+
 def test_attas_both_manoeuvres_together(folder):
     records = [attas(folder, name, ["y_q"]) for name in ATTAS]
     estimate = identify(records, Structure(2, 1, offset=True, initial_state="free"))
@@ -85,7 +104,7 @@ def test_attas_both_manoeuvres_together(folder):
 
 def test_attas_model_of_one_manoeuvre_explains_the_other(folder):
     first, second = (attas(folder, name, ["y_q"]) for name in ATTAS)
-    estimate = identify(first, Structure(2, 1))
+    estimate = identify(first, Structure(2, 1), PLAIN)
     # Only the nuisance terms of the second record are fitted: its coefficients are given.
     response = _response(estimate.theta, second)
     columns = np.column_stack([np.ones(second.n_samples), _free(estimate.theta, second.t)])

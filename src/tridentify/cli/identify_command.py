@@ -7,11 +7,11 @@ import re
 import shlex
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import typer
@@ -70,6 +70,14 @@ class Beginning(StrEnum):
     REST = "rest"
     EQUILIBRIUM = "equilibrium"
     FREE = "free"
+
+
+class Noise(StrEnum):
+    """What the measurement noise is taken for."""
+
+    AUTO = "auto"
+    WHITE = "white"
+    AR = "ar"
 
 
 @dataclass(frozen=True)
@@ -149,6 +157,14 @@ def identify(
     method: Annotated[
         str, _model(metavar="NAME", help="Estimation method; a wrong name lists them.")
     ] = "three-model",
+    noise: Annotated[
+        Noise,
+        _model(
+            metavar="HOW",
+            help="Measurement noise: white, ar (autoregressive; the samples are whitened), or auto "
+            "(ar where the residual is not white).",
+        ),
+    ] = Noise.AUTO,
     out: Annotated[
         Path | None,
         _result(
@@ -181,14 +197,14 @@ def identify(
         drift=drift.answer,
         initial_state=initial_state.value,
     )
-    check_method(method)
+    check_method(method, noise)
     written: Sequence[Path] = ()
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
         record = load(source, activity)
         load_sample_loop(activity)
-        estimate = estimate_model(record, structure, method, activity.stage)
+        estimate = estimate_model(record, structure, method, activity.stage, noise)
         if results is not None:
             write_results(estimate, record, results.draft, activity, title)
             written = results.publish()
@@ -243,13 +259,19 @@ def nested_zeros(given: Sequence[str], n_outputs: int, n_inputs: int) -> int | l
     return [row * n_inputs if len(row) == 1 else row for row in rows]
 
 
-def check_method(name: str) -> None:
-    """Refuse a method that does not exist, with the names of those that do."""
+def check_method(name: str, noise: Noise = Noise.AUTO) -> None:
+    """Refuse a method that does not exist, or that has no choice of the noise."""
     from tridentify.identify import METHODS
 
     if name not in METHODS:
         raise OptionError(
             f"found --method {shown(name)}; expected one of {', '.join(METHODS)}; choose one"
+        )
+    if noise is not Noise.AUTO and not hasattr(METHODS[name](), "noise"):
+        able = ", ".join(key for key, make in METHODS.items() if hasattr(make(), "noise"))
+        raise OptionError(
+            f"found --noise {noise.value} with --method {name}; expected one of {able}; leave "
+            "--noise out or choose another method"
         )
 
 
@@ -366,6 +388,7 @@ def estimate_model(
     structure: Structure,
     method: str = "three-model",
     progress: Callable[[str], None] | None = None,
+    noise: Noise = Noise.AUTO,
 ) -> Estimate:
     """Identify one record.
 
@@ -379,7 +402,10 @@ def estimate_model(
     from tridentify.identify import METHODS
     from tridentify.identify import identify as run
 
-    estimate = run([record], structure, METHODS[method](), throw=False, progress=progress)
+    chosen: Any = METHODS[method]()
+    if noise is not Noise.AUTO:
+        chosen = replace(chosen, noise=noise.value)
+    estimate = run([record], structure, chosen, throw=False, progress=progress)
     if not estimate.status.ok:
         raise ConvergenceError(
             f"found no usable estimate: {estimate.status.message}; expected a minimum that the "

@@ -15,21 +15,29 @@ Steps 1 to 4 of Silvestrov, Ostroverkhov et al. (2025) with three changes:
 
 Nuisance terms (offset, drift, initial state) are columns in every step. Which of them a record
 needs is decided by AICc among the choices that the structure leaves open.
+
+Where the record is short and noisy, the end is the mean over the posterior (`posterior.mean`).
+
+Where the residual is not white, the noise gets an autoregressive model and all steps are repeated
+on whitened samples (`output_error.colour`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check
 from tridentify.methods.paper import PaperThreeModel
-from tridentify.output_error.decide import decide
+from tridentify.numerics.realization import Complex
+from tridentify.output_error.colour import NoiseChoice, check_noise, settle
+from tridentify.output_error.decide import Finished, decide
 from tridentify.output_error.finish import Recorder
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import Point
-from tridentify.output_error.result import estimate_from
+from tridentify.output_error.problem import Problem
+from tridentify.posterior.weigh import FinishChoice, check_finish, weigh
 from tridentify.record import Record
 from tridentify.strategy.passes import series_model
 from tridentify.strategy.search import Search
@@ -48,6 +56,12 @@ class ThreeModel:
         Laguerre starts that are followed up, the best by AICc.
     max_passes : int
         Most steps on the output error.
+    noise : {"auto", "white", "ar"}
+        What the measurement noise is taken for: white, autoregressive, or what a test of the
+        residual says.
+    finish : {"auto", "likelihood", "posterior"}
+        Where to end: on the likelihood's maximum, on the posterior mean, or on the latter where
+        the record is too short and noisy for the former (`posterior.weigh`).
 
     References
     ----------
@@ -69,6 +83,12 @@ class ThreeModel:
 
     starts: int = 4
     max_passes: int = 60
+    noise: NoiseChoice = "auto"
+    finish: FinishChoice = "auto"
+
+    def __post_init__(self) -> None:
+        check_noise(self.noise)
+        check_finish(self.finish)
 
     @classmethod
     def paper(
@@ -168,20 +188,24 @@ class ThreeModel:
             )
             if other.criterion < best.criterion:
                 best, decisions = other, reasons
+
+        def again(problem: Problem, seeds: Sequence[Complex]) -> tuple[Finished, tuple[str, ...]]:
+            most = self.max_passes
+            return decide(records, structure, choices, problem, variants, seeds, most, say)[:2]
+
+        def seek(problem: Problem) -> Sequence[Complex]:
+            anew = Search(self.starts)
+            anew.run(problem, variants)
+            search.starts += [replace(s, name=f"whitened: {s.name}") for s in anew.starts]
+            return anew.seeds
+
+        coloured = settle(self.noise, best, decisions, base, again, seek, say, self.max_passes)
+        best, decisions = coloured.best, coloured.decisions
         recorder = Recorder(list(search.trails[seed]))
         recorder.extend(best.recorder)
         self._certify(best.point, recorder)
         trace = Trace(tuple(recorder.passes), tuple(search.starts), decisions, best.why)
-        return estimate_from(
-            best.point,
-            records,
-            structure,
-            best.nuisances,
-            best.status,
-            trace,
-            self.name,
-            best.criterion,
-        )
+        return weigh(self.finish, best, records, structure, trace, self.name, say)
 
     def _certify(self, point: Point, recorder: Recorder) -> None:
         """Step 3 at the end: the weights must be (1, 0, ..., 0)."""

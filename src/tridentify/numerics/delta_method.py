@@ -10,7 +10,9 @@ With coefficients ``theta`` of covariance ``C`` and a smooth function ``g``, the
 - static gain ``g = b_0 / a_0``: ``dg/db_0 = 1/a_0``, ``dg/da_0 = -g/a_0``;
 - frequency response: ``d ln G / d b_k = s^k / b(s)``, ``d ln G / d a_k = -s^k / a(s)`` at
   ``s = j omega``; the real part is the relative change of the magnitude, the imaginary part the
-  change of the phase.
+  change of the phase;
+- step response: ``dy / db_k = p^k / a`` and ``dy / da_k = -p^k / a`` of the response itself, both
+  simulated exactly (`step_response`).
 
 A delay ``tau`` turns the phase by ``-omega tau``: ``d ln G / d tau = -j omega``. Polynomials have
 descending powers and denominators are monic. The covariance of one channel is that of
@@ -26,6 +28,8 @@ import math
 
 import numpy as np
 import numpy.typing as npt
+
+from tridentify.numerics.exponential import step_states
 
 Real = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -241,3 +245,59 @@ def confidence_ellipse(cov: Real, level: float = 0.95, n_points: int = 73) -> Re
     angle = np.linspace(0, 2 * math.pi, n_points)
     curve: Real = np.column_stack((np.cos(angle), np.sin(angle))) @ axes.T
     return curve
+
+
+def step_response(
+    num: npt.ArrayLike,
+    den: npt.ArrayLike,
+    realization: tuple[Real, Real, Real],
+    times: npt.ArrayLike,
+) -> tuple[Real, Real]:
+    """Step response of ``b / a`` and its derivatives by the coefficients, both exact.
+
+    Parameters
+    ----------
+    num, den : array_like
+        Descending powers, ``den`` monic of degree n.
+    realization : (a, b, c)
+        State equation ``a`` (n, n), ``b`` (n,) with the poles of ``den``; row ``k`` of ``c`` (n, n)
+        gives ``p^{n-1-k} / den`` per unit input.
+    times : array_like, shape (n_times,)
+        Rising [s]; before zero nothing has happened.
+
+    Returns
+    -------
+    response : ndarray, shape (n_times,)
+    jacobian : ndarray, shape (n_times, n + m + 2)
+        By ``(a_{n-1}, ..., a_0, b_m, ..., b_0, tau)``.
+
+    Notes
+    -----
+    From ``a y = b u``: ``dy / db_k = p^k / a u`` and ``dy / da_k = -p^k / a y``, so that one bank
+    driven by ``u``, and the same bank driven by ``y``, hold everything.
+
+    Examples
+    --------
+    >>> first_order = (np.array([[-1.0]]), np.ones(1), np.ones((1, 1)))
+    >>> response, jacobian = step_response([2.0], [1.0, 1.0], first_order, [0.0, 1.0])
+    >>> response.round(4), jacobian[1, :2].round(4)  # 2 (1 - e^-t), -2 (1 - e^-t (1 + t)), 1 - e^-t
+    (array([0.    , 1.2642]), array([-0.5285,  0.6321]))
+    """
+    b_row, a_row = np.atleast_1d(np.asarray(num, float)), np.atleast_1d(np.asarray(den, float))
+    t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    n, m = a_row.size - 1, b_row.size - 1
+    matrix, drive, powers = realization
+    padded = np.pad(b_row, (n - m, 0))
+    direct = padded[0]
+    output = (padded[1:] - direct * a_row[1:]) @ powers
+    both = np.block([[matrix, np.zeros((n, n))], [np.outer(drive, output), matrix]])
+    inputs = np.concatenate([drive, direct * drive])
+    started = (t >= 0).astype(np.float64)
+    states = step_states(both[None], inputs[None], np.maximum(t, 0.0))[:, 0, :]
+    response = states[:, :n] @ output + direct * started
+    by_a = -states[:, n:] @ powers.T
+    by_b = states[:, :n] @ powers.T
+    highest = started[:, None] - by_b @ a_row[1:, None]  # p^n / a = 1 - sum a_k p^k / a
+    by_b = np.hstack([highest, by_b])[:, n - m :]
+    slope = (states[:, :n] @ matrix.T + drive) @ output * started
+    return response, np.hstack([by_a, by_b, -slope[:, None]])

@@ -107,7 +107,7 @@ def decide(
         if best is not None and best.criterion <= promised[k].criterion:
             break
         say(f"output error ({choices[k].label})")
-        problem = build(records, structure, choices[k])
+        problem = build(records, structure, choices[k]).whitened(base.noise)
         at = partial(evaluate, problem)
         same = _same_input(problem, base, variants[k])
         start = promised[k].point if same else at(promised[k].point.poles)

@@ -161,7 +161,7 @@ def finish(
         if idle > 2:
             break
     left = point.step(0.0)[1]
-    if held:
+    if held and held != REFLECTED:
         return point, _settled(held), held
     if left < NEARLY:
         return point, Status.CONVERGED, f"a further step would lower -2 log L by {left:.1e}"

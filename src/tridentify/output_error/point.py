@@ -13,7 +13,8 @@ scores, since both are polynomials of degree below ``2 n`` over ``a^2``; a third
 
 Several outputs are weighted by their own noise levels: for independent Gaussian noise of
 unknown variance the concentrated likelihood is ``sum_i N_i log RSS_i``, whose gradient is that
-of ``sum_i (N_i / RSS_i) RSS_i`` with the weights held.
+of ``sum_i (N_i / RSS_i) RSS_i`` with the weights held. Where the noise has a model, the samples
+are those of its innovations (`regression`), and so are ``RSS`` and everything made of it.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from tridentify.numerics.realization import (
     roots_of,
 )
 from tridentify.output_error.problem import Problem, Variant
-from tridentify.regression import Regression, regress
+from tridentify.regression import Regression, regress, response_of
 
 Array = NDArray[np.float64]
 
@@ -168,6 +169,55 @@ class Point:
         fraction = min(share / total**2, 1.0) if total else 0.0
         decrease = -n * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
         return roots_of(self.inner, alpha), decrease
+
+    def residuals(self) -> tuple[Array, ...]:
+        """Recorded minus fitted outputs over time, (n_samples, n_outputs) per experiment.
+
+        Not whitened; ``nan`` where a sample is missing.
+        """
+        found = []
+        for e, experiment in enumerate(self.problem.experiments):
+            layout = self.regressions[e].layout
+            rows = np.zeros((self.problem.n_outputs, layout.n_signals))
+            for i, fit in enumerate(self.fits):
+                for j in range(layout.n_inputs):
+                    rows[i, layout.input_states(j)] = self.response.rows[i, j]
+                    rows[i, layout.direct(j)] = self.response.direct[i, j]
+                if layout.free:
+                    rows[i, : layout.order] = self.response.free[e, i]
+                terms = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
+                rows[i, layout.nuisance] = terms
+            found.append(experiment.y - response_of(experiment, self.bank, rows))
+        return tuple(found)
+
+    def sensitivities(self, combinations: Array, output: int) -> tuple[Array, ...]:
+        """Derivatives of one output over time, (n_samples, k) per experiment.
+
+        Parameters
+        ----------
+        combinations : (n_unknowns, k) array
+            Of the unknowns, in the order of `jacobian`.
+        output : int
+        """
+        width, found = self.jacobian()[0].width, []
+        for e, experiment in enumerate(self.problem.experiments):
+            layout = self.regressions[e].layout
+            n = layout.n_signals
+            unit = Regression(
+                layout,
+                (np.eye(n),) * self.problem.n_outputs,
+                (np.zeros(n),) * self.problem.n_outputs,
+                (n,) * self.problem.n_outputs,
+            )
+            blocks: dict[object, Array] = {"a": -self.score_states.signals(unit, e, output)}
+            linear = linear_blocks(self.problem, self.basis, self.inner.order, unit, e, output)
+            blocks |= {(output, key): block for key, block in linear.items()}
+            rows = np.zeros((n, combinations.shape[1]))
+            for key, block in blocks.items():
+                rows += block @ combinations[width[key]]
+            signals = response_of(experiment, self.bank, rows.T)
+            found.append(np.where(np.isnan(experiment.y[:, [output]]), np.nan, signals))
+        return tuple(found)
 
     def jacobian(self) -> tuple[Columns, Array, Array]:
         """Derivatives of all outputs with respect to alpha, b and every nuisance term.

@@ -15,7 +15,7 @@ from tridentify.structure import Structure
 Array = NDArray[np.float64]
 
 SLOWEST = 1e-3
-FASTEST = 30.0
+FASTEST = 20.0
 LEAST_DAMPED = 1e-6
 BELOW_NYQUIST = 0.98
 
@@ -99,6 +99,16 @@ class Problem:
         return self.n_outputs * sum(
             self.n_poles * e.free + e.offset + e.drift for e in self.experiments
         )
+
+    @property
+    def noise(self) -> tuple[Array, ...]:
+        """Autoregressive coefficients of each output's noise; empty where all are white."""
+        return self.experiments[0].noise
+
+    def whitened(self, noise: tuple[Array, ...]) -> Problem:
+        """The same problem with a model of the noise (the empty tuple: white)."""
+        experiments = tuple(replace(e, noise=noise) for e in self.experiments)
+        return replace(self, experiments=experiments)
 
     @property
     def slowest(self) -> float:

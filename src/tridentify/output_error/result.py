@@ -4,7 +4,9 @@ With ``J`` the derivatives of the outputs, each divided by its noise standard de
 respect to every unknown (``alpha``, ``b``, free responses, offsets, drifts), ``cov = (J'
 J)^{-1}`` is the Cramer-Rao bound for white Gaussian noise of the estimated variance, and the
 covariance of the maximum-likelihood estimate for long records. It is formed from the SVD of
-``J`` with unit columns. ``a = c (1 + alpha X)`` and ``b / c = beta X + d`` are linear in the
+``J`` with unit columns. Where the noise has a model (`output_error.colour`), ``J`` is that of
+the whitened outputs and the variance that of the innovations, and the variance that is reported
+is that of the noise itself. ``a = c (1 + alpha X)`` and ``b / c = beta X + d`` are linear in the
 unknowns at ``c = a``, so the physical coefficients take it over by one matrix product.
 """
 
@@ -59,6 +61,7 @@ def estimate_from(
     theta = coefficients(point)
     freedom = degrees_of_freedom(point)
     noise = point.rss / freedom
+    rss = output_rss(point)
     inverse, condition, keys = _covariance(point, noise)
     if condition > SINGULAR:
         raise UnsupportedOrderError(
@@ -81,8 +84,8 @@ def estimate_from(
         theta=theta,
         names=names,
         cov=cov,
-        noise_variance=noise,
-        fit=_fit(point.problem, point.rss, point.counts),
+        noise_variance=rss / freedom,
+        fit=_fit(point.problem, rss, point.counts),
         status=status,
         trace=trace,
         method=method,
@@ -90,7 +93,7 @@ def estimate_from(
         nuisance=_nuisance(point, records, nuisances, inverse, keys),
         degrees_of_freedom=round(float(freedom.sum())),
         cost=mean_square(point),
-        aicc=criterion,
+        aicc=criterion + _noise_criterion(point),
         condition=condition,
         gradient=point.gradient,
         input_names=first.input_names,
@@ -99,7 +102,44 @@ def estimate_from(
         intersample=first.intersample,
         dt=first.dt,
         record_fingerprint=fingerprint(records),
+        noise_model=point.problem.noise,
     )
+
+
+def output_rss(point: Point) -> Array:
+    """(n_outputs,) sums of squares of the residual as it is, not whitened."""
+    if not any(a.size for a in point.problem.noise):
+        return point.rss
+    return np.asarray(np.sum([np.nansum(one**2, axis=0) for one in point.residuals()], axis=0))
+
+
+def standard_errors(point: Point) -> Array:
+    """(n_coefficients,) of the physical coefficients."""
+    inverse, _, keys = _covariance(point, point.rss / degrees_of_freedom(point))
+    transform = _transform(point, keys, inverse.shape[0])
+    variance: Array = np.einsum("ij,jk,ik->i", transform, inverse, transform)
+    return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+
+def taken(point: Point, output: int) -> list[Array]:
+    """Series whose products are the covariance that the fit took from the noise of one output."""
+    root = _root(point, point.rss / degrees_of_freedom(point))[0]
+    return [one[:, k] for one in point.sensitivities(root, output) for k in range(root.shape[1])]
+
+
+def _noise_criterion(point: Point) -> float:
+    """What the noise model adds to AICc: its coefficients, and the scale of the innovations."""
+    added = sum(a.size for a in point.problem.noise)
+    if not added:
+        return 0.0
+    problem, n = point.problem, float(point.counts.sum())
+    k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
+
+    def penalty(unknowns: float) -> float:
+        return 2.0 * unknowns + 2.0 * unknowns * (unknowns + 1.0) / max(n - unknowns - 1.0, 0.5)
+
+    scale = float(sum(sum(r.log_scale) for r in point.regressions))
+    return scale + penalty(k + added) - penalty(k)
 
 
 def _refuse_invisible(
@@ -120,10 +160,15 @@ def _refuse_invisible(
 
 
 def degrees_of_freedom(point: Point) -> Array:
-    """(n_outputs,) samples less unknowns; the shared denominator is split evenly."""
+    """(n_outputs,) samples less unknowns, those of the noise model included.
+
+    The shared denominator is split evenly.
+    """
     own = np.array([fit.matrix.shape[1] for fit in point.fits], dtype=np.float64)
     shared = point.problem.n_poles / point.problem.n_outputs
-    return np.maximum(point.counts - own - shared, 1.0)
+    sizes = [a.size for a in point.problem.noise]
+    noise = np.array(sizes or np.zeros(own.size), dtype=np.float64)
+    return np.asarray(np.maximum(point.counts - own - shared - noise, 1.0))
 
 
 def model_of(problem: Problem, theta: Array, record: Record) -> TransferFunction:
@@ -145,6 +190,12 @@ def model_of(problem: Problem, theta: Array, record: Record) -> TransferFunction
 
 def _covariance(point: Point, noise: Array) -> tuple[Array, float, dict[object, slice]]:
     """``(J' J)^{-1}`` over all unknowns, the condition of the scaled ``J``, and its layout."""
+    root, condition, width = _root(point, noise)
+    return root @ root.T, condition, width
+
+
+def _root(point: Point, noise: Array) -> tuple[Array, float, dict[object, slice]]:
+    """A factor of the covariance over all unknowns, the condition of ``J``, and its layout."""
     columns, matrix, output = point.jacobian()
     rows = matrix / np.sqrt(np.maximum(noise, 1e-300))[output][:, None]
     norms = np.sqrt(np.einsum("ij,ij->j", rows, rows))
@@ -152,7 +203,7 @@ def _covariance(point: Point, noise: Array) -> tuple[Array, float, dict[object, 
     _, s, vt = np.linalg.svd(rows / norms, full_matrices=False)
     condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
     root = (vt.T / np.where(s > 0, s, np.inf)) / norms[:, None]
-    return root @ root.T, condition, columns.width
+    return root, condition, columns.width
 
 
 def _transform(point: Point, keys: dict[object, slice], width: int) -> Array:

@@ -28,6 +28,7 @@ from functools import partial
 import numpy as np
 
 from tridentify.estimate import Pass, Start
+from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Complex
 from tridentify.output_error.finish import (
     Recorder,
@@ -39,6 +40,7 @@ from tridentify.output_error.finish import (
 )
 from tridentify.output_error.point import Point, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
+from tridentify.strategy.moves import moved_poles
 from tridentify.strategy.passes import adapt
 from tridentify.strategy.starts import (
     SLOW_EDGE,
@@ -64,6 +66,11 @@ MOST_ENRICHED = 8
 MOST_TRIED = 12
 MOST_SHARPENING = 3
 LONGER = 24
+MOST_MOVES = 4
+MOST_FOLLOWED = 3
+NEAR = 20.0
+HELPED = 0.005
+WORTHWHILE = 50.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,19 +122,21 @@ class Search:
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
         if not is_large(base):
-            self._keep(self.follow(base, variants).point.poles)
+            self._keep(self.move(self.follow(base, variants)).poles)
             return
         piece, whole = window(base), averaged(base)
         if not (is_usable(piece) and is_usable(whole)):
-            self._keep(self.follow(base, variants).point.poles)
+            self._keep(self.move(self.follow(base, variants)).poles)
             return
         first = self.follow(piece, [free_variant(piece)], "window of the record: ")
+        near = self.move(first, "window of the record: ")
         passes = list(self.recorder.passes)
         if first.settled:
             second = self.begin(whole, variants, "record averaged: ", most=1)
         else:
             second = self.follow(whole, variants, "record averaged: ")
-        self._choose(base, first.point.poles, second.point.poles, passes)
+        far = self.move(second, "record averaged: ")
+        self._choose(base, near.poles, far.poles, passes)
 
     def again(self, base: Problem, variant: Variant, poles: Complex) -> Complex:
         """Another way in, after the end turned out to lie at a limit: runaway poles put back.
@@ -231,6 +240,30 @@ class Search:
                 best = self._relaxed(base, extremes, reachable, best, where)
         return Found(base, best, self.variant or variant, reachable, False)
 
+    def move(self, found: Found, where: str = "") -> Point:
+        """Steps on the cost, then one pole or pair taken to another place as long as that helps."""
+        if at_rounding(found.point) or explained(found.point) < WORTHWHILE:
+            return found.point
+        at = partial(evaluate_variant, found.base, found.variant)
+        best = finish(at, at(found.point.poles), self.recorder, MOST_TRIED)[0]
+        for _ in range(MOST_MOVES):
+            before = best
+            places = moved_poles(found.base, found.variant, before.poles)
+            for place in places[:MOST_FOLLOWED]:
+                if place.objective > best.objective + NEAR:
+                    break
+                own = Recorder()
+                point = finish(at, at(place.poles), own, MOST_TRIED)[0]
+                self.starts.append(
+                    Start(where + "one pole or pair moved", coefficients(point), mean_square(point))
+                )
+                if point.objective < best.objective - HELPED:
+                    best = point
+                    self.recorder.extend(own)
+            if best is before:
+                break
+        return best
+
     def _best_of(
         self, parallel: Sequence[ParallelStart], reachable: float, best: Point | None, where: str
     ) -> Point:
@@ -292,6 +325,20 @@ class Search:
             name = where + "numerators of full degree first"
             best = self._adapted(base, variant, point.poles, reachable, best, name)
         return best
+
+
+def explained(point: Point) -> float:
+    """Fall of -2 log L from offset and drift alone to the model: little where all is noise."""
+    total = 0.0
+    for i, fit in enumerate(point.fits):
+        target = fit.residual + fit.matrix @ fit.solution.x
+        width = fit.columns.width.items()
+        kept = [at for key, at in width if isinstance(key, tuple) and key[0] == "nuisance"]
+        rest = float(target @ target)
+        if kept:
+            rest = solve(np.hstack([fit.matrix[:, at] for at in kept]), target).cost
+        total += float(point.counts[i] * np.log(max(rest / fit.solution.cost, 1.0)))
+    return total
 
 
 def _extremes(variants: Sequence[Variant]) -> Sequence[Variant]:

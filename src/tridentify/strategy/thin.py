@@ -62,7 +62,12 @@ def _averaged(e: Experiment, block: int) -> Experiment:
     kept = count * block
     u = e.u[:kept].reshape(count, block, e.u.shape[1]).mean(axis=1)
     return replace(
-        e, u=np.ascontiguousarray(u), y=e.y[:kept:block].copy(), dt=e.dt * block, intersample="zoh"
+        e,
+        u=np.ascontiguousarray(u),
+        y=e.y[:kept:block].copy(),
+        dt=e.dt * block,
+        intersample="zoh",
+        noise=(),
     )
 
 

@@ -1,0 +1,229 @@
+"""The output-error method as it is done by hand: one start, then Gauss-Newton on the cost.
+
+The prediction error of ``y(t_k) = (b / a) u (t_k) + noise`` with white noise is the output error,
+so its least squares are the maximum-likelihood estimate for Gaussian noise (Ljung 1999, section
+7.4; in flight testing Jategaonkar 2015). For a given denominator the output is linear in the
+numerators and in the nuisance terms, so only the poles are iterated (variable projection; Golub &
+Pereyra 1973), by Levenberg-Marquardt on the exact derivatives (`output_error.point`,
+`output_error.finish`).
+
+The cost is not convex in ``a``: the end depends on the start, and this method has a single one.
+That is either a model that the user gives, of which only the denominator matters, or the
+series-parallel model fitted to the raw record through state-variable filters
+(`SvfLeastSquares`), whose bias grows with the noise; missing samples of the output are joined by
+straight lines for this start alone. `ThreeModel` is the same finish with a search in front of it;
+what the search is worth is the difference between the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tridentify.errors import IdentifiabilityError, OptionError
+from tridentify.estimate import Estimate, Start, Step, Trace
+from tridentify.methods.base import Progress, check
+from tridentify.methods.svf_least_squares import least_squares
+from tridentify.numerics.realization import Complex, denominator, sort_poles
+from tridentify.output_error.decide import decide
+from tridentify.output_error.finish import Recorder, coefficients, mean_square
+from tridentify.output_error.nuisance import build_base, candidates
+from tridentify.output_error.point import evaluate_variant
+from tridentify.output_error.problem import Problem, poles_of
+from tridentify.output_error.result import estimate_from
+from tridentify.record import Record
+from tridentify.strategy.starts import discrete_poles
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
+
+
+@dataclass(frozen=True)
+class OutputError:
+    """Least squares on the output error from a single start, by Levenberg-Marquardt.
+
+    Parameters
+    ----------
+    start : TransferFunction, optional
+        Where to begin. Only its denominator is used, which all channels must share: numerators and
+        nuisance terms are fitted at every denominator. Unstable poles are reflected. Without it the
+        start is a series-parallel model of the raw record.
+    max_passes : int
+        Most steps on the output error.
+
+    Raises
+    ------
+    OptionError
+        For options that make no sense.
+
+    References
+    ----------
+    .. [1] L. Ljung, System Identification: Theory for the User, 2nd ed., Prentice Hall 1999.
+    .. [2] R. V. Jategaonkar, Flight Vehicle System Identification: A Time-Domain Methodology,
+       2nd ed., AIAA 2015.
+    .. [3] G. H. Golub, V. Pereyra, SIAM Journal on Numerical Analysis 10(2), 1973, 413-432.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, identify, simulate
+    >>> u = np.sign(np.sin(np.arange(200) ** 1.5))
+    >>> y = simulate(TransferFunction([0.5], [1, 1, 3]), Record(u, u, dt=0.05))
+    >>> method = OutputError(start=TransferFunction([1.0], [1, 2, 2]))
+    >>> identify(Record(u, y, dt=0.05), Structure(2, 0), method).theta.round(8).tolist()
+    [1.0, 3.0, 0.5]
+    """
+
+    start: TransferFunction | None = None
+    max_passes: int = 60
+
+    def __post_init__(self) -> None:
+        if not (self.start is None or isinstance(self.start, TransferFunction)):
+            raise OptionError(
+                f"found start={type(self.start).__name__}; expected a TransferFunction or None; "
+                "write for example TransferFunction([1.0], [1.0, 2.0, 2.0])"
+            )
+        whole = isinstance(self.max_passes, int) and not isinstance(self.max_passes, bool)
+        if not whole or self.max_passes < 1:
+            raise OptionError(
+                f"found max_passes={self.max_passes!r}; expected a whole number of at least 1; "
+                "leave it out or raise it"
+            )
+        if self.start is not None and self.start.common_denominator is None:
+            raise OptionError(
+                "found a start whose channels have different denominators; expected one that all "
+                "share; give TransferFunction a single den"
+            )
+
+    @property
+    def name(self) -> str:
+        """``"OutputError"``."""
+        return "OutputError"
+
+    def estimate(
+        self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
+    ) -> Estimate:
+        """Estimate the coefficients.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            One or several experiments on the same system, each with nuisance terms of its own.
+        structure : Structure
+            Where nuisance terms are ``"auto"``, AICc decides among the choices.
+        progress : callable, optional
+            Told in words what is going on.
+
+        Returns
+        -------
+        Estimate
+            With the status of the point where the steps ended; a minimum, but not necessarily the
+            lowest.
+
+        Raises
+        ------
+        DataError, StructureError
+            If records and structure are not usable or not supported; `OptionError` if the start's
+            order or channels differ from those asked for.
+        IdentifiabilityError
+            If the data cannot determine the coefficients.
+        """
+        say = progress or (lambda _: None)
+        check(records, structure, self.name)
+        self._check_start(records[0], structure)
+        choices = candidates(records, structure)
+        base, variants = build_base(records, structure, choices)
+        say("a single start")
+        poles, note = self._start_poles(base, records, structure)
+        best, decisions, _ = decide(
+            records, structure, choices, base, variants, [poles], self.max_passes, say
+        )
+        first = evaluate_variant(base, variants[choices.index(best.nuisances)], poles)
+        recorder = Recorder()
+        step = Step(
+            "series-parallel" if self.start is None else "output error",
+            denominator(first.poles)[1:],
+            mean_square(first),
+            max(fit.solution.condition for fit in first.fits),
+            note,
+        )
+        recorder.add(first, (step,), np.nan, note)
+        recorder.extend(best.recorder)
+        start = Start(note, coefficients(first), mean_square(first))
+        trace = Trace(tuple(recorder.passes), (start,), decisions, best.why)
+        return estimate_from(
+            best.point,
+            records,
+            structure,
+            best.nuisances,
+            best.status,
+            trace,
+            self.name,
+            best.criterion,
+        )
+
+    def _check_start(self, record: Record, structure: Structure) -> None:
+        """Refuse a start for other orders or channels."""
+        if self.start is None:
+            return
+        den = self.start.common_denominator
+        assert den is not None
+        n = poles_of(structure)
+        if den.size - 1 != n:
+            raise OptionError(
+                f"found a start with {den.size - 1} poles for a structure with {n}; expected the "
+                "same order; change one of the two"
+            )
+        if self.start.n_inputs != record.n_inputs or self.start.n_outputs != record.n_outputs:
+            raise OptionError(
+                f"found a start with {self.start.n_inputs} inputs and {self.start.n_outputs} "
+                f"outputs; expected {record.n_inputs} and {record.n_outputs} as in the record; "
+                "give every channel a numerator"
+            )
+
+    def _start_poles(
+        self, base: Problem, records: Sequence[Record], structure: Structure
+    ) -> tuple[Complex, str]:
+        """Admissible poles to begin with, and in words where they come from."""
+        if self.start is None:
+            return _own_start(base, records, structure)
+        den = self.start.common_denominator
+        assert den is not None
+        poles, note = base.admissible(sort_poles(np.roots(den).astype(np.complex128)))
+        return poles, f"the start given, {note}" if note else "the start given"
+
+
+def _own_start(
+    base: Problem, records: Sequence[Record], structure: Structure
+) -> tuple[Complex, str]:
+    """Poles of the series-parallel model of the raw record, or of a difference equation.
+
+    The latter where no state-variable filter gives signals that can be told apart, as with many
+    poles.
+    """
+    try:
+        model = least_squares([_joined(record) for record in records], structure, None).fit.model
+    except IdentifiabilityError:
+        return discrete_poles(base), "discrete-time least squares on the raw record"
+    note = "state-variable-filter least squares on the raw record"
+    return base.admissible(model.poles)[0], f"{note}, {model.note}" if model.note else note
+
+
+def _joined(record: Record) -> Record:
+    """The record with missing output samples on straight lines between their neighbours."""
+    missing = np.isnan(record.y)
+    if not missing.any():
+        return record
+    y = np.array(record.y)
+    for i, lost in enumerate(missing.T):
+        if not lost.all():
+            y[lost, i] = np.interp(record.t[lost], record.t[~lost], y[~lost, i])
+    return Record(
+        record.u,
+        np.nan_to_num(y),
+        dt=record.dt,
+        intersample=record.intersample,
+        input_names=record.input_names,
+        output_names=record.output_names,
+    )

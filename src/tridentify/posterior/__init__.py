@@ -1,0 +1,1 @@
+"""Beyond the likelihood's maximum: what a short, noisy record says of the poles as a whole."""

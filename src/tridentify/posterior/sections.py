@@ -1,0 +1,210 @@
+"""Many denominators at once, by sections: coordinates, polynomials, orthonormal cascades.
+
+A stable denominator of degree ``n`` is a product of ``n // 2`` sections ``p^2 + 2 zeta w p + w^2``
+and, for odd ``n``, one factor ``p + s``. Its coordinates are ``(log w, log zeta)`` of each section
+and ``log s``. Real pairs are sections with ``zeta > 1``, so a pair that splits from complex
+to real moves on a smooth path, and ``|d(c, d) / d(log w, log zeta)| = 2 c w^2`` for ``c = 2
+zeta w, d = w^2`` is nowhere singular. The product of factors ``f_i`` gives ``delta a = sum_i
+delta f_i prod_{j != i} f_j``, a linear map whose determinant is the product of the resultants:
+
+    |da / dphi| = prod_i (2 c_i w_i^2) * s * prod_{i < j} prod_{p in f_i, q in f_j} |p - q|.
+
+One denominator has several coordinates (sections in any order, real poles paired in any way);
+`multiplicity` counts them.
+
+The cascade is that of `numerics.realization` with a section for every pair, complex or
+real: ``x1' = -c x1 - w x2 + sqrt(2 c) v``, ``x2' = w x1`` is orthonormal for any ``zeta > 0``
+(Kautz 1954), as ``A + A' + B B' = 0`` shows. All arrays run over the denominators first; rates
+are in units of one over the sampling interval.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.realization import Complex
+
+Array = NDArray[np.float64]
+
+CLOSEST = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class Sections:
+    """Denominators by their sections.
+
+    Attributes
+    ----------
+    damping, frequency : (s, n // 2) arrays
+        ``c = 2 zeta w`` and ``w`` of ``p^2 + c p + w^2``.
+    rate : (s, n % 2) array
+        ``s`` of the factor ``p + s``.
+    """
+
+    damping: Array
+    frequency: Array
+    rate: Array
+
+    @classmethod
+    def of(cls, phi: Array, n: int) -> Sections:
+        """From coordinates (s, n)."""
+        pairs = phi[:, : 2 * (n // 2)].reshape(phi.shape[0], -1, 2)
+        frequency = np.exp(pairs[:, :, 0])
+        return cls(2.0 * frequency * np.exp(pairs[:, :, 1]), frequency, np.exp(phi[:, n - n % 2 :]))
+
+    @property
+    def degree(self) -> int:
+        """``n``."""
+        return int(2 * self.frequency.shape[1] + self.rate.shape[1])
+
+    def roots(self) -> Complex:
+        """(s, n) roots, section by section."""
+        half = 0.5 * self.damping
+        apart = np.sqrt((half**2 - self.frequency**2).astype(np.complex128))
+        larger = half + apart
+        smaller = np.where(apart.imag == 0, self.frequency**2 / larger, half - apart)
+        pairs = np.stack([-larger, -smaller], axis=2).reshape(half.shape[0], -1)
+        return np.asarray(np.concatenate([pairs, -self.rate.astype(np.complex128)], axis=1))
+
+    def polynomials(self) -> Array:
+        """(s, n + 1) coefficients, descending powers."""
+        found: Array = np.ones((self.damping.shape[0], 1))
+        for i in range(self.damping.shape[1]):
+            grown = np.pad(found, ((0, 0), (0, 2)))
+            grown[:, 1:-1] += self.damping[:, i : i + 1] * found
+            grown[:, 2:] += self.frequency[:, i : i + 1] ** 2 * found
+            found = grown
+        for i in range(self.rate.shape[1]):
+            grown = np.pad(found, ((0, 0), (0, 1)))
+            grown[:, 1:] += self.rate[:, i : i + 1] * found
+            found = grown
+        return np.asarray(found)
+
+    def log_jacobian(self) -> Array:
+        """(s,) ``log |da / dphi|``."""
+        total = np.log(2.0 * self.damping * self.frequency**2).sum(axis=1)
+        total += np.log(self.rate).sum(axis=1)
+        roots = self.roots()
+        owner = np.repeat(np.arange(roots.shape[1] // 2 + 1), 2)[: roots.shape[1]]
+        for j in range(1, roots.shape[1]):
+            others = np.flatnonzero(owner[:j] < owner[j])
+            gaps = np.abs(roots[:, others] - roots[:, j : j + 1])
+            total += np.log(np.maximum(gaps, CLOSEST)).sum(axis=1)
+        return np.asarray(total)
+
+    def log_multiplicity(self) -> Array:
+        """(s,) logarithm of the number of coordinates that give the same denominator."""
+        sections, odd = self.frequency.shape[1], self.rate.shape[1]
+        real = 2 * (self.damping >= 2.0 * self.frequency).sum(axis=1) + odd
+        table = np.zeros(self.degree + 1)
+        for count in range(odd, self.degree + 1, 2):
+            pairs = count // 2
+            ways = math.factorial(count) // (2**pairs * math.factorial(pairs))
+            table[count] = math.log(math.factorial(sections) * ways)
+        return np.asarray(table[real])
+
+    def geometric_mean(self) -> Array:
+        """(s,) geometric mean of the pole magnitudes."""
+        logs = 2.0 * np.log(self.frequency).sum(axis=1) + np.log(self.rate).sum(axis=1)
+        return np.asarray(np.exp(logs / self.degree))
+
+    def cascade(self, repeats: int) -> tuple[Array, Array]:
+        """Orthonormal cascades of all sections, repeated: ``A`` (s, q, q), ``B`` (s, q)."""
+        n, count = self.degree, self.damping.shape[0]
+        a = np.zeros((count, n, n))
+        b = np.zeros((count, n))
+        for i in range(self.frequency.shape[1]):
+            at = 2 * i
+            a[:, at, at] = -self.damping[:, i]
+            a[:, at, at + 1] = -self.frequency[:, i]
+            a[:, at + 1, at] = self.frequency[:, i]
+            b[:, at] = np.sqrt(2.0 * self.damping[:, i])
+        if self.rate.shape[1]:
+            a[:, -1, -1] = -self.rate[:, 0]
+            b[:, -1] = np.sqrt(2.0 * self.rate[:, 0])
+        whole = np.zeros((count, n * repeats, n * repeats))
+        for k in range(repeats):
+            whole[:, k * n : (k + 1) * n, k * n : (k + 1) * n] = a
+        b = np.tile(b, (1, repeats))
+        section = np.tile(np.arange(n) // 2, repeats) + np.repeat(np.arange(repeats), n) * n
+        lower = section[:, None] > section[None, :]
+        return whole - lower * b[:, :, None] * b[:, None, :], b
+
+
+def coordinates(poles: Complex) -> Array:
+    """(n,) coordinates of one stable denominator.
+
+    Complex pairs are sections; real poles are paired neighbour with neighbour, the fastest left
+    over for odd ``n``.
+
+    Parameters
+    ----------
+    poles : (n,) complex array
+        Closed under conjugation.
+
+    Examples
+    --------
+    >>> phi = coordinates(np.array([-1 + 2j, -1 - 2j, -3.0]))
+    >>> Sections.of(phi[None], 3).polynomials().round(12).tolist()
+    [[1.0, 5.0, 11.0, 15.0]]
+    """
+    upper = poles[poles.imag > 0]
+    real = np.sort(-poles[poles.imag == 0].real)
+    phi = [value for z in upper for value in (np.log(abs(z)), np.log(-z.real / abs(z)))]
+    for i in range(real.size // 2):
+        slow, fast = real[2 * i : 2 * i + 2]
+        frequency = math.sqrt(slow) * math.sqrt(fast)
+        phi += [np.log(frequency), np.log((slow + fast) / (2.0 * frequency))]
+    phi += [np.log(real[-1])] if real.size % 2 else []
+    return np.array(phi)
+
+
+def numerator_tables(a: Array, b: Array, polynomials: Array) -> Array:
+    """(s, n, n) numerators of the states: row ``i`` descending powers ``p^{n-1} .. p^0``.
+
+    ``adj(p - A) B = sum_k p^{n-1-k} (A^k + a_1 A^{k-1} + ... + a_k) B`` (Faddeev-Leverrier).
+    """
+    n = b.shape[1]
+    table = np.empty((b.shape[0], n, n))
+    column = b
+    for k in range(n):
+        table[:, :, k] = column
+        column = np.einsum("sij,sj->si", a, column) + polynomials[:, k + 1 : k + 2] * b
+    return table
+
+
+def degree_bases(a: Array, b: Array) -> Array:
+    """(s, n, n) orthonormal columns; the last ``m + 1`` span the numerators of degree ``<= m``."""
+    n = b.shape[1]
+    krylov = np.empty((b.shape[0], n, n))
+    column = b
+    for k in range(n):
+        krylov[:, :, k] = column / np.linalg.norm(column, axis=1, keepdims=True)
+        for _ in range(2):
+            before = krylov[:, :, :k]
+            krylov[:, :, k] -= np.einsum("sik,sjk,sj->si", before, before, krylov[:, :, k])
+        krylov[:, :, k] /= np.linalg.norm(krylov[:, :, k], axis=1, keepdims=True)
+        column = np.einsum("sij,sj->si", a, krylov[:, :, k])
+    return krylov
+
+
+def filter_maps(a: Array, b: Array, bank_a: Array, bank_b: Array) -> Array:
+    """As `numerics.realization.filter_map`, for many banks: (s, q, n, q)."""
+    count, n = b.shape
+    q = bank_b.shape[1]
+    operator = np.zeros((count, q, n, q, n))
+    index = np.arange(q)
+    operator[:, index, :, index, :] += a[None]
+    inner = np.arange(n)
+    operator[:, :, inner, :, inner] += bank_a[None]
+    drive = np.zeros((count, q, n, q))
+    drive[:, index, :, index] = -b[None]
+    size = q * n
+    found = np.linalg.solve(
+        operator.reshape(count, size, size), drive.reshape(count, size, q)
+    ).reshape(count, q, n, q)
+    return np.asarray(found.transpose(0, 3, 2, 1))

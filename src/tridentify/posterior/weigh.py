@@ -1,0 +1,179 @@
+"""Which of the two finishes a record gets: the likelihood's maximum, or the posterior mean."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+
+from tridentify.errors import OptionError, UnsupportedOrderError
+from tridentify.estimate import Estimate, Status, Step, Trace
+from tridentify.numerics.realization import Complex, denominator
+from tridentify.output_error.decide import Finished
+from tridentify.output_error.finish import Recorder, at_rounding
+from tridentify.output_error.point import Point, evaluate
+from tridentify.output_error.problem import Variant
+from tridentify.output_error.result import estimate_from
+from tridentify.posterior.mean import VAGUE, Posterior, is_short, posterior, vagueness
+from tridentify.record import Record
+from tridentify.strategy.moves import moved_poles
+from tridentify.structure import Structure
+
+FinishChoice = Literal["auto", "likelihood", "posterior"]
+CHOICES = ("auto", "likelihood", "posterior")
+RIVAL = 20.0
+APART = float(np.log(2.0))
+SOUND = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.WEAKLY_IDENTIFIABLE)
+
+
+def check_finish(finish: str) -> None:
+    """Refuse an unknown option.
+
+    Raises
+    ------
+    OptionError
+    """
+    if finish not in CHOICES:
+        raise OptionError(
+            f"found finish={finish!r}; expected 'auto', 'likelihood' or 'posterior'; choose one"
+        )
+
+
+def weigh(
+    finish: FinishChoice,
+    best: Finished,
+    records: Sequence[Record],
+    structure: Structure,
+    trace: Trace,
+    method: str,
+    say: Callable[[str], None],
+) -> Estimate:
+    """The estimate at the likelihood's maximum or, where that is not to be trusted, beyond it.
+
+    Parameters
+    ----------
+    finish : {"auto", "likelihood", "posterior"}
+    best : Finished
+        The maximum.
+    records : sequence of Record
+    structure : Structure
+    trace : Trace
+        Of the way to the maximum.
+    method : str
+        Its name.
+    say : callable
+        Is told what is going on.
+
+    Raises
+    ------
+    UnsupportedOrderError
+        If the data cannot tell the coefficients apart.
+    """
+    maximum = _maximum(best, records, structure, trace, method)
+    possible = is_short(best.point.problem) and not at_rounding(best.point)
+    if finish == "likelihood" or not possible:
+        return _given(maximum)
+    n = best.point.problem.n_poles
+    cov = None if isinstance(maximum, UnsupportedOrderError) else maximum.cov[:n, :n]
+    longest = max(e.duration for e in best.point.problem.experiments)
+    vague = np.inf if cov is None else vagueness(best.point.poles, cov, longest)
+    sound = best.status in SOUND
+    if finish == "auto" and sound and vague < VAGUE and not has_rivals(best.point):
+        return _given(maximum)
+    say("the posterior, as the record is short and noisy")
+    found = posterior(best.point.problem, [(best.point.poles, cov)])
+    if not found.usable:
+        return _given(maximum)
+    point = evaluate(best.point.problem, found.poles)
+    told = _in_words(finish, vague, sound, best, found)
+    trace = _continued(trace, point, found, told)
+    estimate = estimate_from(
+        point,
+        records,
+        structure,
+        best.nuisances,
+        Status.POSTERIOR_MEAN,
+        trace,
+        method,
+        best.criterion,
+    )
+    return replace(estimate, cov=found.covariance, draws=found.draws)
+
+
+def has_rivals(point: Point) -> bool:
+    """Whether one pole or pair could as well be somewhere else, the others held.
+
+    A sharp minimum has small standard errors even where it only fits the noise. Then other places,
+    farther off than a factor of two, come near its cost.
+    """
+    problem = point.problem
+    e = problem.experiments[0]
+    variant = Variant(e.free, e.offset, e.drift, (None,) * len(problem.experiments))
+    for move in moved_poles(problem, variant, point.poles):
+        if move.objective > point.objective + RIVAL:
+            return False
+        if abs(np.log(_middle(move.place) / _middle(move.before))) > APART:
+            return True
+    return False
+
+
+def _middle(poles: Complex) -> float:
+    return float(np.exp(np.log(np.abs(poles)).mean()))
+
+
+def _maximum(
+    best: Finished,
+    records: Sequence[Record],
+    structure: Structure,
+    trace: Trace,
+    method: str,
+) -> Estimate | UnsupportedOrderError:
+    try:
+        return estimate_from(
+            best.point,
+            records,
+            structure,
+            best.nuisances,
+            best.status,
+            trace,
+            method,
+            best.criterion,
+        )
+    except UnsupportedOrderError as refusal:
+        return refusal
+
+
+def _given(maximum: Estimate | UnsupportedOrderError) -> Estimate:
+    if isinstance(maximum, UnsupportedOrderError):
+        raise maximum
+    return maximum
+
+
+def _in_words(finish: str, vague: float, sound: bool, best: Finished, found: Posterior) -> str:
+    if finish == "posterior":
+        why = "as asked for"
+    elif not sound:
+        why = f"the likelihood's maximum is no usable end ({best.status.message})"
+    else:
+        why = f"a coefficient has a standard error of {100 * vague:.0f} % of its natural size"
+        if vague < VAGUE:
+            why = "poles elsewhere explain the record almost as well"
+    return (
+        f"posterior mean, not the likelihood's maximum: {why}; {found.evaluated} denominators "
+        f"weighed, worth {found.effective:.0f} independent ones"
+    )
+
+
+def _continued(trace: Trace, point: Point, found: Posterior, told: str) -> Trace:
+    recorder = Recorder(list(trace.passes))
+    step = Step(
+        "posterior",
+        denominator(point.poles)[1:],
+        float(point.rss.sum() / point.counts.sum()),
+        max(fit.solution.condition for fit in point.fits),
+        f"{found.evaluated} denominators, worth {found.effective:.0f}",
+    )
+    recorder.add(point, (step,), np.nan, "")
+    return Trace(tuple(recorder.passes), trace.starts, (*trace.decisions, told), told)

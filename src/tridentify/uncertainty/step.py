@@ -1,0 +1,99 @@
+"""The step response with a pointwise band, to first order in the standard errors.
+
+Response and derivatives are exact at any time (`tridentify.numerics.delta_method.step_response`);
+the realisation is the orthonormal cascade on the estimated poles, so that the conditioning does not
+depend on how fast, how slow or how far apart they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from tridentify.estimate import Estimate
+from tridentify.numerics import delta_method
+from tridentify.simulate import realize
+from tridentify.uncertainty.checks import checked_times, factor_of
+
+Real = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class StepBand:
+    """Response to a unit step of each input at time zero, from rest, with a pointwise band.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n_times,)
+        [s].
+    response, low, high : ndarray, shape (n_times, n_outputs, n_inputs)
+        [output units] for a step of one input unit.
+    level : float
+    """
+
+    t: Real
+    response: Real
+    low: Real
+    high: Real
+    level: float
+
+
+def step_band(estimate: Estimate, t: npt.ArrayLike, level: float = 0.95) -> StepBand:
+    """Step response of the model with a pointwise confidence band, by the delta method.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    t : array_like, shape (n_times,)
+        Rising times [s]; the step comes at zero.
+    level : float
+        Probability that the band holds at each time.
+
+    Returns
+    -------
+    StepBand
+
+    Raises
+    ------
+    OptionError
+        The level is no probability, or the times do not rise.
+
+    Examples
+    --------
+    >>> from tridentify import Record, Structure, TransferFunction, identify, simulate
+    >>> rng = np.random.default_rng(0)
+    >>> u = np.repeat(rng.choice([-1.0, 1.0], 40), 10)
+    >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(u, u, dt=0.02))[:, 0]
+    >>> record = Record(u, y + 0.01 * rng.standard_normal(u.size), dt=0.02)
+    >>> band = step_band(identify(record, Structure(1, 0)), [0.0, 1.0])
+    >>> bool(band.low[1, 0, 0] < 0.5 * (1 - np.exp(-4.0)) < band.high[1, 0, 0])
+    True
+    """
+    factor, times = factor_of(level), checked_times(t)
+    shape = (times.size, len(estimate.output_names), len(estimate.input_names))
+    response, half = np.empty(shape), np.empty(shape)
+    for i in range(shape[1]):
+        for j in range(shape[2]):
+            num, den, cov = estimate.channel(i, j)
+            value, jacobian = delta_method.step_response(
+                num, den, powers_of(den), times - estimate.model.delay[i, j]
+            )
+            response[:, i, j] = value
+            half[:, i, j] = factor * delta_method.standard_deviation(jacobian, cov)
+    return StepBand(times, response, response - half, response + half, level)
+
+
+def powers_of(den: Real) -> tuple[Real, Real, Real]:
+    """State equation with the poles of ``den`` whose outputs are ``p^{n-1} / den .. 1 / den``.
+
+    Examples
+    --------
+    >>> a, b, c = powers_of(np.array([1.0, 3.0, 2.0]))
+    >>> (c @ np.linalg.solve(1j * np.eye(2) - a, b)).round(12)  # at s = j: s / den, 1 / den
+    array([0.3+0.1j, 0.1-0.3j])
+    """
+    n = den.size - 1
+    a, b, c, _, _ = realize(den, list(np.eye(n)))
+    return a, b, c
