@@ -45,10 +45,11 @@ format: $(INSTALLED_DEV) ## format the sources and apply the safe lint fixes
 	@$(PY) -m ruff check --fix .
 	@$(PY) -m ruff format .
 
-bench: $(INSTALLED_DEV) ## run every script of benchmarks/ (minutes; by hand only)
+bench: $(INSTALLED_DEV) ## run every script of benchmarks/ (an hour and more; by hand only)
 	@set -e; for script in $(sort $(wildcard benchmarks/[a-z]*.py)); do \
 		echo "== $$script"; $(PY) "$$script"; \
 	done
+	@echo "== benchmarks/peers/run.py"; $(PY) benchmarks/peers/run.py --draws 5 --limit 20
 
 clean: ## remove caches and builds
 	@rm -rf build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache

@@ -58,15 +58,18 @@ Row = dict[str, Any]
 
 
 def contestants(with_rivals: bool) -> dict[str, Method]:
-    """Every method of the table with its default options; white noise where that is a choice."""
+    """Every method of the table with its default options, on the likelihood of white noise."""
     names = METHODS if with_rivals else (OURS,)
     return {name: white(METHODS[name]()) for name in names}
 
 
 def white(method: Method) -> Method:
-    """The method without a noise model, so that all costs are the same."""
-    if any(field.name == "noise" for field in fields(method)):  # type: ignore[arg-type]
-        return replace(method, noise="white")  # type: ignore[type-var]
+    """The method on the likelihood of white noise, so that all costs are the same."""
+    wanted = {"noise": "white", "finish": "likelihood"}
+    known = {field.name for field in fields(method)}  # type: ignore[arg-type]
+    chosen = {name: value for name, value in wanted.items() if name in known}
+    if chosen:
+        return replace(method, **chosen)  # type: ignore[type-var, arg-type]
     return method
 
 

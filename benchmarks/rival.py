@@ -1,9 +1,12 @@
-"""The best a user would write by hand for ``b0 / (s^2 + a1 s + a0)``, from rest, held input.
+"""The best a user would write by hand for ``b(s) / a(s)``, from rest, held input.
 
 Exact zero-order-hold discretisation in closed form, `scipy.signal.lfilter`,
 `scipy.optimize.least_squares`, started from least squares on state-variable filters. The user is
 given for nothing what has to be known: that the record starts at rest, that there is no offset,
 that the input is held, and a filter bandwidth near that of the system.
+
+For ``b0 / (s^2 + a1 s + a0)`` there is a closed form (`fit`); for any other number of poles and
+zeros the held-input equivalent is one matrix exponential of the companion form (`fit_any`).
 
 Run as a script, it compares the choices that such a user has, from which the defaults were taken.
 """
@@ -117,6 +120,107 @@ def fit(
         gtol=tolerance,
     )
     return RivalFit(found.x, 2.0 * float(found.cost) / u.size, count)
+
+
+class Plant(NamedTuple):
+    """``b(s) / a(s)``, descending powers, ``a`` without its leading one, and what the user is told.
+
+    ``bandwidth`` [rad/s] of the filters for the start; ``hold`` samples a level of the input.
+    """
+
+    a: tuple[float, ...]
+    b: tuple[float, ...]
+    bandwidth: float
+    hold: int
+
+    @property
+    def theta(self) -> Array:
+        """``a``, then ``b``."""
+        return np.array([*self.a, *self.b])
+
+
+SECOND_ORDER = Plant((1.0, 3.0), (0.5,), BANDWIDTH, 7)
+RAO_GARNIER = Plant((5.0, 408.0, 416.0, 1600.0), (-6400.0, 1600.0), 8.0, 2)
+
+
+def held_any(a: Array, b: Array, dt: float) -> tuple[Array, Array]:
+    """Numerators and denominator in ``z^-1`` of the held-input equivalent of ``b / a``.
+
+    ``b`` (k, m + 1) may hold several numerators, one a row. The numerator follows from the first
+    samples of the impulse response, ``num = den * (0, C B, C F B, ...)``.
+    """
+    n, rows = a.size, np.atleast_2d(b)
+    augmented = np.zeros((n + 1, n + 1))
+    augmented[0, :n], augmented[0, n] = -a * dt, dt
+    augmented[np.arange(1, n), np.arange(n - 1)] = dt
+    exponential = expm(augmented)
+    transition, state = exponential[:n, :n], exponential[:n, n]
+    den = np.real(np.poly(transition))
+    impulse = np.zeros((rows.shape[0], n + 1))
+    for k in range(1, n + 1):
+        impulse[:, k] = rows @ state[n - rows.shape[1] :]
+        state = transition @ state
+    return np.array([np.convolve(den, one)[: n + 1] for one in impulse]), den
+
+
+def simulate_any(theta: Array, n_poles: int, u: Array, dt: float) -> Array:
+    """Model output for a held input, from rest."""
+    num, den = held_any(theta[:n_poles], theta[n_poles:], dt)
+    return np.asarray(lfilter(num[0], den, u))
+
+
+def svf_start_any(
+    u: Array, y: Array, dt: float, n_poles: int, n_zeros: int, bandwidth: float
+) -> Array:
+    """Least squares on ``p^k y / (p + w)^n`` and ``p^k u / (p + w)^n``, held between samples."""
+    filter_ = np.poly(np.full(n_poles, -bandwidth))
+    num, den = held_any(filter_[1:], np.eye(n_poles), dt)
+    outputs = [lfilter(row, den, y) for row in num]
+    inputs = [lfilter(row, den, u) for row in num[n_poles - 1 - n_zeros :]]
+    highest = y - filter_[1:] @ np.array(outputs)
+    columns = np.column_stack([*(-one for one in outputs), *inputs])
+    return np.asarray(np.linalg.lstsq(columns, highest, rcond=None)[0])
+
+
+def fit_any(
+    u: Array,
+    y: Array,
+    dt: float,
+    plant: Plant,
+    *,
+    method: str = "lm",
+    tolerance: float = 1e-8,
+) -> RivalFit:
+    """As `fit` with differences for the Jacobian, for any number of poles and zeros.
+
+    Of ``plant`` only the numbers of coefficients and the bandwidth are used.
+    """
+    n = len(plant.a)
+    start = svf_start_any(u, y, dt, n, len(plant.b) - 1, plant.bandwidth)
+    count = 0
+
+    def residual(theta: Array) -> Array:
+        nonlocal count
+        count += 1
+        return simulate_any(theta, n, u, dt) - y
+
+    found = least_squares(
+        residual, start, method=method, x_scale=np.abs(start),
+        ftol=tolerance, xtol=tolerance, gtol=tolerance,
+    )  # fmt: skip
+    return RivalFit(found.x, 2.0 * float(found.cost) / u.size, count)
+
+
+def noisy(
+    plant: Plant, n_samples: int, seed: int, dt: float, decibel: float
+) -> tuple[Array, Array]:
+    """Input, a held random binary, and output with white noise at a signal-to-noise ratio [dB]."""
+    rng = np.random.default_rng(seed)
+    levels = rng.choice([-1.0, 1.0], size=n_samples // plant.hold + 1)
+    u = np.repeat(levels, plant.hold)[:n_samples]
+    clean = simulate_any(plant.theta, len(plant.a), u, dt)
+    scale = 10.0 ** (-decibel / 20.0) * clean.std()
+    return u, clean + scale * rng.standard_normal(n_samples)
 
 
 def held_binary(n_samples: int, seed: int, dt: float = 0.05, hold: int = 7) -> tuple[Array, Array]:

@@ -110,6 +110,6 @@ def test_the_aircraft_in_words_counts_the_heavy_tails() -> None:
     loud = Condition(record, 2.0, 0.3, 20.0 * np.eye(3), theta, flagged)
     text = " ".join(write_text(AircraftNumbers(0, 5, 1.9, 20, (loud,))).split())
     assert "3 of 5 at noise 2, 100 samples (2 lightly damped, 2 not flagged)" in text
-    assert text.index("heavy tails") < text.index("WHAT THE PAPER'S NUMBERS CAN MEAN")
+    assert text.index("What is left of tails") < text.index("WHAT THE PAPER'S NUMBERS CAN MEAN")
     quiet = Condition(record, 0.5, 0.1, 20.0 * np.eye(3), theta, ())
-    assert "heavy tails" not in write_text(AircraftNumbers(0, 5, 1.9, 20, (quiet,)))
+    assert "What is left of tails" not in write_text(AircraftNumbers(0, 5, 1.9, 20, (quiet,)))

@@ -16,9 +16,11 @@ from tridentify.errors import (
     ConstantOutputError,
     DataError,
     NonUniformTimeError,
+    OptionError,
     ScaleError,
     TooFewSamplesError,
     UnsupportedError,
+    UnsupportedOrderError,
     ZeroInputError,
     ZeroOutputError,
 )
@@ -31,6 +33,7 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 LARGEST = 1e100
+MOST_POLES = 20
 
 
 @runtime_checkable
@@ -101,6 +104,20 @@ def check(records: Sequence[Record], structure: Structure, method: str) -> None:
         )
 
 
+def check_count(name: str, value: object) -> None:
+    """Refuse an option that is no whole number of at least 1.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not isinstance(value, int) or isinstance(value, bool) or value < 1:
+        raise OptionError(
+            f"found {name}={value!r}; expected a whole number of at least 1; leave it out or "
+            "correct it"
+        )
+
+
 def _constant(values: Array) -> bool:
     seen = values[np.isfinite(values)]
     return bool(seen.size == 0 or seen.min() == seen.max())
@@ -138,6 +155,11 @@ def _check_support(structure: Structure, method: str) -> None:
         raise UnsupportedError(
             f"found separate denominators; {method} estimates one denominator shared by all "
             "channels; give poles as one number, or identify the channels one by one"
+        )
+    if poles_of(structure) > MOST_POLES:
+        raise UnsupportedOrderError(
+            f"found {structure.poles} poles; expected at most {MOST_POLES}, more than any record "
+            "determines; lower the number of poles"
         )
     if structure.delay == "free" or np.any(structure.delay):
         raise UnsupportedError(

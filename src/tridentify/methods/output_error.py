@@ -24,7 +24,7 @@ import numpy as np
 
 from tridentify.errors import IdentifiabilityError, OptionError
 from tridentify.estimate import Estimate, Start, Step, Trace
-from tridentify.methods.base import Progress, check
+from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.svf_least_squares import least_squares
 from tridentify.numerics.realization import Complex, denominator, sort_poles
 from tridentify.output_error.decide import decide
@@ -84,12 +84,7 @@ class OutputError:
                 f"found start={type(self.start).__name__}; expected a TransferFunction or None; "
                 "write for example TransferFunction([1.0], [1.0, 2.0, 2.0])"
             )
-        whole = isinstance(self.max_passes, int) and not isinstance(self.max_passes, bool)
-        if not whole or self.max_passes < 1:
-            raise OptionError(
-                f"found max_passes={self.max_passes!r}; expected a whole number of at least 1; "
-                "leave it out or raise it"
-            )
+        check_count("max_passes", self.max_passes)
         if self.start is not None and self.start.common_denominator is None:
             raise OptionError(
                 "found a start whose channels have different denominators; expected one that all "

@@ -28,7 +28,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from tridentify.estimate import Estimate, Status, Step, Trace
-from tridentify.methods.base import Progress, check
+from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.paper import PaperThreeModel
 from tridentify.numerics.realization import Complex
 from tridentify.output_error.colour import NoiseChoice, check_noise, settle
@@ -87,6 +87,8 @@ class ThreeModel:
     finish: FinishChoice = "auto"
 
     def __post_init__(self) -> None:
+        check_count("starts", self.starts)
+        check_count("max_passes", self.max_passes)
         check_noise(self.noise)
         check_finish(self.finish)
 

@@ -23,7 +23,7 @@ from tridentify.structure import Structure
 
 FinishChoice = Literal["auto", "likelihood", "posterior"]
 CHOICES = ("auto", "likelihood", "posterior")
-RIVAL = 20.0
+RIVAL = 30.0
 APART = float(np.log(2.0))
 SOUND = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.WEAKLY_IDENTIFIABLE)
 

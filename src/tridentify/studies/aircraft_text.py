@@ -159,7 +159,7 @@ def _reasons(result: AircraftNumbers) -> str:
 
 
 def _tails(result: AircraftNumbers) -> str:
-    """Why the efficient strategy has heavy tails in loud noise, with the counts of this run."""
+    """What is left of heavy tails in loud noise, with the counts of this run."""
     loud = [condition for condition in result.conditions if condition.ratio >= LOUD]
     counts = [_count_tails(condition) for condition in loud]
     if not any(far for far, _, _ in counts):
@@ -170,15 +170,13 @@ def _tails(result: AircraftNumbers) -> str:
         for condition, (far, light, silent) in zip(loud, counts, strict=True)
     )
     return _paragraph(
-        f"Why {ESTIMATORS[2]} has heavy tails at noise {LOUD:g} and more: it seeks the maximum of "
-        "the likelihood, and so much noise in so little response moves that maximum far away. A "
-        "fast mode with little damping rings along with the noise for a while, or a very fast one "
-        "follows the first samples, and most of these points do fit the record better than the "
-        "true coefficients. A good part of them are lesser minima, though, or where the search "
-        f"gave up. Not all are flagged. Outliers in this run: {listed}; lightly damped is "
-        f"a damping below {LIGHT:g}. A few such draws make the RMSE, so that medians and "
-        "quantiles are to be read there. Steps 1-4 have few operators and a fixed gamma, which "
-        "cannot follow the noise so far: milder tails, more bias."
+        f"What is left of tails in {ESTIMATORS[2]} at noise {LOUD:g} and more: the maximum of the "
+        "likelihood is often a fast mode with little damping that rings along with the noise, or "
+        "a very fast one that follows the first samples. There the mean of all models that "
+        "explain the record takes its place (the posterior mean), so that such a draw counts only "
+        "if hardly any other model explains the record as well. Outliers in this run: "
+        f"{listed}; lightly damped is a damping below {LIGHT:g}. The price is bias towards "
+        "slower and, for a step, less damped models; the intervals of the posterior allow for it."
     )
 
 

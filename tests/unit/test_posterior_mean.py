@@ -1,0 +1,403 @@
+"""The posterior mean against quadrature, and when `ThreeModel` ends on it."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from tridentify import (
+    Estimate,
+    Record,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    identify,
+    simulate,
+)
+from tridentify.errors import OptionError
+from tridentify.estimate import Status
+from tridentify.numerics.realization import denominator, sort_poles
+from tridentify.output_error.finish import coefficients
+from tridentify.output_error.point import evaluate
+from tridentify.output_error.problem import Problem
+from tridentify.posterior.mean import LONGEST, Posterior, posterior, vagueness
+from tridentify.posterior.sections import coordinates
+from tridentify.posterior.surface import surface, unit_of
+from tridentify.regression import Experiment
+
+REST = {"offset": False, "initial_state": "rest"}
+SECOND = Structure(2, 0, **REST)
+AIRCRAFT = TransferFunction([0.5], [1.0, 1.0, 3.0])
+TRUTH = np.array([1.0, 3.0, 0.5])
+DT = 0.05
+
+
+def noisy(ratio, seed=0, *, model=AIRCRAFT, n_samples=100, dt=DT, scale=1.0):
+    """Step record with noise of ``ratio`` times the root mean square of the output."""
+    u = np.ones(n_samples)
+    clean = simulate(model, Record(u, u, dt=dt)).ravel()
+    std = ratio * np.sqrt(np.mean(clean**2))
+    noise = std * np.random.default_rng(seed).standard_normal(n_samples)
+    return Record(u, scale * (clean + noise), dt=dt)
+
+
+def problem_of(record, n, m=0):
+    e = Experiment(record.u.copy(), record.y.copy(), record.dt, "zoh", False, False, False)
+    return Problem.of([e], n, ((m,),))
+
+
+def run(record, finish="posterior", structure=SECOND):
+    return identify(record, structure, ThreeModel(noise="white", finish=finish), throw=False)
+
+
+# --------------------------------------------------------------------------------- dense quadrature
+class Dense:
+    """The same density on a rank-one lattice that fills a box of coordinates, as weights."""
+
+    def __init__(self, problem, low, high, count):
+        self.unit, self.n = unit_of(problem), problem.n_poles
+        share = (np.arange(count)[:, None] + 0.5) * STRIDES[self.n]
+        share = np.modf(share / [count, 1.0][: self.n])[0]
+        low, high = np.log(low), np.log(high)
+        self.found = surface(problem, low + (high - low) * share)
+        self.weights = np.exp(self.found.log_density - self.found.log_density.max())
+        self.weights /= self.weights.sum()
+        edge = np.any(np.abs(share - 0.5) > 0.49, axis=1)
+        assert self.weights[edge].sum() < 1e-3, "the box ends where there still is something"
+        assert np.sum(self.weights**2) < 1.0 / 100.0, "the lattice is too coarse"
+        self.order = np.arange(1, self.n + 1)
+        self.a = self.found.denominators / self.unit**self.order
+
+    def pitman(self):
+        """Minimises the expected squared error relative to powers of the mean pole size."""
+        size = (self.found.scale / self.unit)[:, None] ** -(2.0 * self.order)
+        return (self.weights @ (self.a * size)) / (self.weights @ size)
+
+    def error(self, effective):
+        """Standard error of `pitman` from so many draws (delta method)."""
+        size = (self.found.scale / self.unit)[:, None] ** -(2.0 * self.order)
+        mean = self.weights @ size
+        influence = size * (self.a - self.pitman()) / mean
+        return np.sqrt(self.weights @ influence**2 / effective)
+
+    def probability(self, values, k):
+        """Posterior probability that ``a_{n-1-k}`` lies below each value."""
+        order = np.argsort(self.a[:, k])
+        below = np.cumsum(self.weights[order]) - 0.5 * self.weights[order]
+        return np.interp(values, self.a[order, k], below)
+
+    def probability_b(self, values):
+        """As `probability` for ``b_0``, Gaussian about least squares at each denominator."""
+        mean = self.found.numerators[:, 0] / self.unit**self.n
+        std = np.abs(self.found.roots[:, 0, 0]) / self.unit**self.n
+        return np.array([self.weights @ ndtr((value - mean) / std) for value in values])
+
+
+STRIDES = {1: np.array([1.0]), 2: np.array([1.0, 0.5 * (np.sqrt(5.0) - 1.0)])}
+LAG = TransferFunction([2.0], [1.0, 1.5])
+LEVELS = np.array([0.025, 0.16, 0.5, 0.84, 0.975])
+STARTS = {
+    "nowhere": [],
+    "at the maximum": [(np.array([-1.5 + 0j]), np.array([[0.2]]))],
+    "misplaced": [(np.array([-0.4 + 0j]), np.array([[1e-8]]))],
+    "without covariance": [(np.array([-3.0 + 0j]), None)],
+}
+
+
+@pytest.fixture(scope="module", params=[0.5, 1.5])
+def one_pole(request):
+    problem = problem_of(noisy(request.param, model=LAG, n_samples=60), 1)
+    return problem, Dense(problem, [1e-5], [300.0], 6000)
+
+
+@pytest.mark.parametrize("start", STARTS)
+def test_one_pole_is_quadrature(one_pole, start):
+    problem, dense = one_pole
+    found = posterior(problem, STARTS[start])
+    assert found.usable
+    assert found.effective >= 400.0
+    error = abs(-found.poles[0].real - dense.pitman()[0])
+    assert error < 4.0 * dense.error(found.effective)[0]
+    sampling = 4.0 * np.sqrt(LEVELS * (1.0 - LEVELS) / found.effective)
+    a, b = np.quantile(found.draws, LEVELS, axis=0).T
+    assert np.all(np.abs(dense.probability(a, 0) - LEVELS) < sampling)
+    assert np.all(np.abs(dense.probability_b(b) - LEVELS) < sampling)
+
+
+BOXES = {0.3: ((0.06, 0.12), (0.12, 0.6)), 1.0: ((0.03, 5e-4), (0.8, 4.0))}
+
+
+@pytest.fixture(scope="module", params=BOXES)
+def two_poles(request):
+    problem = problem_of(noisy(request.param), 2)
+    return problem, Dense(problem, *BOXES[request.param], 25_000)
+
+
+@pytest.mark.parametrize("near", [[], [(np.roots([1.0, 1.0, 3.0]), np.diag([0.2, 0.4]))]])
+def test_two_poles_are_quadrature(two_poles, near):
+    problem, dense = two_poles
+    found = posterior(problem, near)
+    mean = denominator(found.poles)[1:]
+    assert np.all(np.abs(mean - dense.pitman()) < 4.0 * dense.error(found.effective))
+    sampling = 4.0 * np.sqrt(LEVELS * (1.0 - LEVELS) / found.effective) + 0.01
+    quantiles = np.quantile(found.draws, LEVELS, axis=0).T
+    for k in range(2):
+        assert np.all(np.abs(dense.probability(quantiles[k], k) - LEVELS) < sampling)
+    assert np.all(np.abs(dense.probability_b(quantiles[2]) - LEVELS) < sampling)
+
+
+def test_draws_are_of_admissible_shape():
+    found = posterior(problem_of(noisy(1.0), 3, 1), [])
+    assert found.draws.shape == (1000, 5)
+    assert np.all(np.isfinite(found.draws))
+    assert np.all(found.draws[:, :3] > 0.0)
+    assert np.all(found.draws[:, 0] * found.draws[:, 1] > found.draws[:, 2]), "Hurwitz"
+    assert np.all(found.poles.real < 0.0)
+    assert 1.0 <= found.effective <= found.evaluated
+
+
+def test_covariance_is_that_of_gaussian_draws():
+    rng = np.random.default_rng(0)
+    root = np.array([[2.0, 0.0], [-1.0, 0.5]])
+    draws = rng.standard_normal((200_000, 2)) @ root.T
+    found = Posterior(np.array([-1.0 + 0j]), draws, 1.0, 1).covariance
+    assert found == pytest.approx(root @ root.T, rel=0.02)
+
+
+def test_covariance_forgives_a_far_draw():
+    draws = np.random.default_rng(0).standard_normal((10_000, 2))
+    before = Posterior(np.zeros(1), draws, 1.0, 1).covariance
+    draws[0] = 1e12
+    after = Posterior(np.zeros(1), draws, 1.0, 1).covariance
+    assert after == pytest.approx(before, abs=0.01)
+
+
+# --------------------------------------------------------------------------------------- vagueness
+def test_vagueness_of_a_lag_is_its_relative_standard_error():
+    found = vagueness(np.array([-2.0 + 0j]), np.array([[0.09]]), 100.0)
+    assert found == pytest.approx(0.3 / 2.0)
+
+
+def test_a_lag_slower_than_the_record_is_measured_against_its_length():
+    found = vagueness(np.array([-1e-3 + 0j]), np.array([[0.09]]), 5.0)
+    assert found == pytest.approx(0.3 / (1.0 / 5.0), rel=1e-6)
+
+
+@pytest.mark.parametrize("c", [0.4, 5.0])
+@pytest.mark.parametrize("length", [1000.0, 0.1])
+def test_vagueness_of_a_section_is_that_of_its_coefficients(c, length):
+    d = 4.0
+    cov = np.array([[0.04, 0.03], [0.03, 0.25]])
+    size_c = max(c, np.sqrt(d), 1.0 / length)
+    size_d = max(d, c / length, 1.0 / length**2)
+    expected = max(0.2 / size_c, 0.5 / size_d)
+    poles = sort_poles(np.roots([1.0, c, d]).astype(complex))
+    assert vagueness(poles, cov, length) == pytest.approx(expected, rel=1e-5)
+
+
+@pytest.mark.parametrize("which", [0, 1, 2])
+def test_vagueness_of_the_third_order_takes_the_worst_coefficient(which):
+    """``(p^2 + c p + d)(p + s)``; the covariance is made from known ones of c, d and s."""
+    c, d, s = 0.6, 4.0, 7.0
+    std = np.array([0.01, 0.01, 0.01])
+    std[which] = 0.5
+    jacobian = np.array([[1.0, 0.0, 1.0], [s, 1.0, c], [0.0, s, d]])
+    cov = jacobian @ np.diag(std**2) @ jacobian.T
+    poles = sort_poles(np.roots(np.polymul([1.0, c, d], [1.0, s])).astype(complex))
+    expected = (std / [np.sqrt(d), d, s])[which]
+    assert vagueness(poles, cov, 1e3) == pytest.approx(expected, rel=1e-4)
+
+
+@pytest.mark.parametrize("factor", [1e6, 1e-6])
+def test_vagueness_has_no_unit_of_time(factor):
+    poles = np.array([-0.3 + 2j, -0.3 - 2j, -1.0, -1.7])
+    root = np.random.default_rng(0).normal(size=(4, 4))
+    scale = factor ** np.arange(1.0, 5.0)
+    before = vagueness(poles, root @ root.T, 30.0)
+    after = vagueness(poles * factor, root @ root.T * np.outer(scale, scale), 30.0 / factor)
+    assert after == pytest.approx(before, rel=1e-6)
+
+
+# ------------------------------------------------------------------------------ through `identify`
+@pytest.fixture(scope="module")
+def short():
+    record = noisy(1.0)
+    return record, run(record)
+
+
+def test_the_status_and_the_trace_say_so(short):
+    _, estimate = short
+    assert estimate.status is Status.POSTERIOR_MEAN
+    assert estimate.status.ok
+    told = estimate.trace.decisions[-1]
+    assert "posterior mean" in told
+    assert "as asked for" in told
+    assert "denominators weighed" in told
+    assert estimate.trace.passes[-1].steps[0].name == "posterior"
+    assert estimate.trace.passes[-1].theta == pytest.approx(estimate.theta)
+
+
+def test_numerators_are_least_squares_at_the_mean(short):
+    record, estimate = short
+    poles = sort_poles(np.roots([1.0, *estimate.theta[:2]]).astype(complex))
+    assert estimate.theta == pytest.approx(coefficients(evaluate(problem_of(record, 2), poles)))
+
+
+def test_draws_are_there_to_read_only(short):
+    _, estimate = short
+    assert estimate.draws.shape == (1000, 3)
+    assert np.all(np.isfinite(estimate.draws))
+    assert not estimate.draws.flags.writeable
+    with pytest.raises(ValueError, match="read-only"):
+        estimate.draws[0, 0] = 1.0
+
+
+def test_intervals_are_quantiles_of_the_draws(short):
+    _, estimate = short
+    for k, parameter in enumerate(estimate.parameters.values()):
+        expected = np.quantile(estimate.draws[:, k], [0.05, 0.95])
+        assert parameter.interval(0.9) == pytest.approx(tuple(expected))
+        low, high = np.quantile(estimate.draws[:, k], [0.1586553, 0.8413447])
+        assert parameter.std == pytest.approx((high - low) / 2.0, rel=1e-4)
+
+
+def test_save_and_load_keep_draws_and_intervals(short, tmp_path):
+    _, estimate = short
+    loaded = Estimate.load(estimate.save(tmp_path / "estimate.json"))
+    assert loaded.status is Status.POSTERIOR_MEAN
+    assert np.array_equal(loaded.draws, estimate.draws)
+    assert not loaded.draws.flags.writeable
+    assert loaded.trace.decisions == estimate.trace.decisions
+    for name, parameter in estimate.parameters.items():
+        assert loaded.parameters[name].interval() == parameter.interval()
+
+
+def test_the_same_record_gives_the_same_draws(short):
+    record, estimate = short
+    again = run(record)
+    assert np.array_equal(again.theta, estimate.theta)
+    assert np.array_equal(again.draws, estimate.draws)
+
+
+@pytest.mark.parametrize("factor", [1e6, 1e-6])
+def test_another_unit_of_time_scales_the_mean(short, factor):
+    record, estimate = short
+    slow = run(Record(record.u, record.y, dt=DT * factor))
+    scale = factor ** np.array([1.0, 2.0, 2.0])
+    assert slow.status is Status.POSTERIOR_MEAN
+    assert slow.theta * scale == pytest.approx(estimate.theta, rel=1e-6)
+    assert slow.std * scale == pytest.approx(estimate.std, rel=1e-6)
+
+
+@pytest.mark.parametrize("factor", [1e3, 1e-9])
+def test_another_unit_of_the_output_scales_the_numerator(short, factor):
+    record, estimate = short
+    other = run(Record(record.u, factor * record.y, dt=DT))
+    scale = np.array([1.0, 1.0, factor])
+    assert other.status is Status.POSTERIOR_MEAN
+    assert other.theta == pytest.approx(estimate.theta * scale, rel=1e-6, abs=0.0)
+    assert other.std == pytest.approx(estimate.std * scale, rel=1e-6, abs=0.0)
+
+
+@pytest.mark.parametrize("factor", [1e4, -1e-4])
+def test_another_unit_of_the_input_scales_the_numerator_back(short, factor):
+    record, estimate = short
+    other = run(Record(factor * record.u, record.y, dt=DT))
+    expected = estimate.theta / [1.0, 1.0, factor]
+    assert other.theta == pytest.approx(expected, rel=1e-6, abs=0.0)
+
+
+def test_several_channels_and_records():
+    """Two outputs, two records, offsets: the draws follow the order of the names."""
+    rng = np.random.default_rng(3)
+    model = TransferFunction([[[1.0, 2.0]], [[-4.0]]], [[[1.0, 1.2, 4.0]]] * 2)
+    records = []
+    for n_samples in (60, 80):
+        u = np.repeat(rng.standard_normal(-(-n_samples // 10)), 10)[:n_samples]
+        y = simulate(model, Record(u, u, dt=0.1))
+        records.append(Record(u, y + 1.0 + 0.8 * rng.standard_normal(y.shape), dt=0.1))
+    structure = Structure(2, [[1], [0]], offset=True, initial_state="rest")
+    estimate = identify(records, structure, ThreeModel(noise="white", finish="posterior"))
+    assert estimate.status is Status.POSTERIOR_MEAN
+    assert estimate.draws.shape == (1000, len(estimate.names))
+    truth = np.array([1.2, 4.0, 1.0, 2.0, -4.0])
+    assert np.all(np.abs(estimate.theta - truth) < 4.5 * estimate.std)
+    middle = np.median(estimate.draws, axis=0)
+    assert np.all(np.abs(estimate.theta - middle) < 1.5 * estimate.std)
+
+
+# ------------------------------------------------------------------------------ the finish option
+@pytest.mark.parametrize("ratio", [0.05, 0.3, 1.0, 3.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_likelihood_never_gives_it_and_posterior_always(ratio, seed):
+    record = noisy(ratio, seed)
+    likelihood, mean = run(record, "likelihood"), run(record, "posterior")
+    assert likelihood.status is not Status.POSTERIOR_MEAN
+    assert likelihood.draws.shape == (0, 3)
+    assert mean.status is Status.POSTERIOR_MEAN
+    cost = [np.sum(e.residual(record) ** 2) for e in (likelihood, mean)]
+    assert cost[0] <= cost[1] * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("finish", ["auto", "likelihood", "posterior"])
+@pytest.mark.parametrize("model", [LAG, AIRCRAFT])
+def test_noise_free_records_never(finish, model):
+    order = len(model.den[0][0]) - 1
+    estimate = run(noisy(0.0, model=model), finish, Structure(order, 0, **REST))
+    assert estimate.status is Status.CONVERGED
+    truth = [*model.den[0][0][1:], *model.num[0][0]]
+    assert estimate.theta == pytest.approx(truth, rel=1e-7)
+
+
+def test_long_records_never():
+    record = noisy(0.3, model=LAG, n_samples=LONGEST + 1, dt=1e-3)
+    estimate = run(record, "posterior", Structure(1, 0, **REST))
+    assert estimate.status is Status.CONVERGED
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_well_identified_record_stays_on_the_maximum(seed):
+    rng = np.random.default_rng(seed)
+    u = np.repeat(np.sign(rng.standard_normal(50)), 8)
+    clean = simulate(AIRCRAFT, Record(u, u, dt=DT))
+    record = Record(u, clean + 0.1 * np.std(clean) * rng.standard_normal(clean.shape), dt=DT)
+    auto, likelihood = run(record, "auto"), run(record, "likelihood")
+    assert auto.status is Status.CONVERGED
+    assert np.array_equal(auto.theta, likelihood.theta)
+    assert auto.draws.shape == (0, 3)
+    # Both finishes then agree within a fraction of a standard error.
+    mean = run(record, "posterior")
+    assert np.all(np.abs(mean.theta - auto.theta) < 0.3 * auto.std)
+    assert mean.std == pytest.approx(auto.std, rel=0.2)
+
+
+def test_a_short_noisy_record_leaves_it_and_says_why():
+    estimate = run(noisy(3.0, 1), "auto")
+    assert estimate.status is Status.POSTERIOR_MEAN
+    told = estimate.trace.decisions[-1]
+    assert "natural size" in told or "no usable end" in told or "elsewhere" in told
+
+
+@pytest.mark.parametrize("finish", ["mean", "", "Posterior", None, True, 1])
+def test_an_unknown_finish_is_refused(finish):
+    with pytest.raises(OptionError, match="finish=.*'auto', 'likelihood' or 'posterior'"):
+        ThreeModel(finish=finish)
+
+
+def test_the_default_is_auto():
+    assert ThreeModel().finish == "auto"
+    assert dataclasses.replace(ThreeModel(), finish="likelihood") == ThreeModel(finish="likelihood")
+
+
+def test_coordinates_cover_every_pairing_of_the_same_poles():
+    """The mean does not depend on how real poles were paired where the search ended."""
+    problem = problem_of(noisy(1.0, n_samples=60), 2)
+    poles = np.array([-1.0 + 0j, -4.0 + 0j])
+    found = [posterior(problem, [(one, None)]) for one in (poles, poles[::-1])]
+    assert np.array_equal(coordinates(poles), coordinates(poles[::-1]))
+    for one, other in itertools.pairwise(found):
+        assert np.array_equal(one.draws, other.draws)
