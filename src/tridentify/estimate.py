@@ -9,22 +9,21 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import math
 import os
 import re
 import textwrap
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from statistics import NormalDist
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.encoding import decode, encode
 from tridentify.errors import DataError, UnreadableFileError
 from tridentify.files import write_atomically
 from tridentify.numerics import delta_method
+from tridentify.parameter import Nuisance, Parameter
 from tridentify.record import Record
 from tridentify.structure import Structure
 from tridentify.text import (
@@ -45,71 +44,6 @@ Row = tuple[str, float, float, str]
 SCHEMA = 1
 _WIDTH = 78
 _TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Parameter:
-    """One coefficient with its standard error.
-
-    Examples
-    --------
-    >>> a0 = Parameter("a0", 3.0, 0.1, "1/s^2")
-    >>> [round(end, 3) for end in a0.interval(0.95)]
-    [2.804, 3.196]
-    """
-
-    name: str
-    value: float
-    std: float
-    unit: str = ""
-    draws: Array = dataclasses.field(default_factory=lambda: np.zeros(0), repr=False)
-
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
-        """Interval that holds the probability ``level``.
-
-        Gaussian; between quantiles of the draws where the estimate is a posterior mean.
-        """
-        if self.draws.size:
-            low, high = np.quantile(self.draws, ((1 - level) / 2, (1 + level) / 2)).tolist()
-            return low, high
-        half = NormalDist().inv_cdf((1 + level) / 2) * self.std
-        return self.value - half, self.value + half
-
-    @property
-    def relative_std(self) -> float:
-        """``std / |value|``; infinite for a value of zero."""
-        return self.std / abs(self.value) if self.value else math.inf
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Nuisance:
-    """What was estimated along for one experiment.
-
-    Attributes
-    ----------
-    input_reference : ndarray, shape (n_inputs,)
-        Subtracted from the input before the model [input units].
-    offset, drift : ndarray, shape (n_outputs,)
-        Added to the model response [output units], [output units/s]; drift counts from ``t0`` [s].
-    free_response : ndarray, shape (n_outputs, n)
-        Numerators c(p) of the response c(p)/a(p) delta(t) to the initial state, descending powers.
-    offset_std, drift_std : ndarray, shape (n_outputs,)
-        Zero where not estimated.
-    initial_state : str
-        "rest", "equilibrium" or "free".
-    """
-
-    input_reference: Array
-    offset: Array
-    drift: Array
-    free_response: Array
-    offset_std: Array
-    drift_std: Array
-    initial_state: str = "rest"
-    t0: float = 0.0
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
@@ -436,7 +370,7 @@ class Estimate:
         OutputPathError
             The file cannot be written.
         """
-        document = {"schema": SCHEMA, **_encode(self)}
+        document = {"schema": SCHEMA, **encode(self)}
         return write_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
 
     @classmethod
@@ -464,7 +398,7 @@ class Estimate:
                 "with this version and save it"
             )
         try:
-            estimate: Estimate = _decode(cls, document)
+            estimate: Estimate = decode(cls, document)
         except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise DataError(
                 f"found a damaged estimate in {path} ({error!r}); expected the fields that "
@@ -477,50 +411,3 @@ def _row(parameter: Parameter) -> tuple[str, ...]:
     value, std = parameter.value, parameter.std
     ends = [format_value(end, std) for end in parameter.interval()] if std > 0 else ["", ""]
     return parameter.name, format_value(value, std), format_std(std), *ends, parameter.unit
-
-
-def _encode(value: Any) -> Any:
-    """JSON-ready copy: arrays as lists, nan as null, infinities as text."""
-    if isinstance(value, Status):
-        return value.name
-    if isinstance(value, (Structure, TransferFunction)):
-        return value.to_dict()
-    if dataclasses.is_dataclass(value):
-        return {f.name: _encode(getattr(value, f.name)) for f in dataclasses.fields(value)}
-    if isinstance(value, Mapping):
-        return {key: _encode(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_encode(item) for item in value]
-    if isinstance(value, (np.ndarray, np.generic)):
-        return _encode(value.tolist())
-    if isinstance(value, float) and not math.isfinite(value):
-        return None if math.isnan(value) else str(value)
-    return value
-
-
-def _decode(cls: type[Any], document: Mapping[str, Any]) -> Any:
-    """Build a dataclass from what `_encode` made of it, led by the annotations of its fields."""
-    fields = {field.name: str(field.type) for field in dataclasses.fields(cls)}
-    return cls(
-        **{k: _DECODERS.get(fields[k], lambda kept: kept)(value) for k, value in document.items()}
-    )
-
-
-def _tuple_of(cls: type[Any]) -> Callable[[Any], Any]:
-    return lambda items: tuple(_decode(cls, item) for item in items)
-
-
-_DECODERS: dict[str, Callable[[Any], Any]] = {
-    "Array": lambda value: np.array(value, dtype=np.float64),
-    "tuple[Array, ...]": lambda items: tuple(np.array(a, dtype=np.float64) for a in items),
-    "float": lambda value: math.nan if value is None else float(value),
-    "tuple[str, ...]": tuple,
-    "tuple[Step, ...]": _tuple_of(Step),
-    "tuple[Pass, ...]": _tuple_of(Pass),
-    "tuple[Start, ...]": _tuple_of(Start),
-    "tuple[Nuisance, ...]": _tuple_of(Nuisance),
-    "Trace": lambda value: _decode(Trace, value),
-    "Status": Status.__getitem__,
-    "Structure": Structure.from_dict,
-    "TransferFunction": TransferFunction.from_dict,
-}

@@ -96,7 +96,7 @@ _STATUS = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Step:
-    """One linear step of a pass: "parallel", "series-parallel", "series" or "output error"."""
+    """One step: "parallel", "series-parallel", "series", "output error" or "posterior"."""
 
     name: str
     coefficients: Array

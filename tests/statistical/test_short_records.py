@@ -98,3 +98,4 @@ def test_intervals_cover(outcome):
     low, high = outcome.intervals[:, :, 0], outcome.intervals[:, :, 1]
     covered = np.mean((low <= TRUTH) & (high >= TRUTH), axis=0)
     assert covered[0] >= 0.85
+    assert np.all(covered >= 0.8)

@@ -120,6 +120,8 @@ def test_places_span_the_band_at_every_damping():
     seen = [move.place for move in moved_poles(base, variant, kept)]
     sizes = np.abs(np.concatenate(seen))
     assert np.all((sizes > 0.99 * low) & (sizes < 1.01 * FARTHER * high))
+    pairs = np.array([place[0] for place in seen if place.size == 2])
+    assert set(np.round(-pairs.real / np.abs(pairs), 9)) == {0.1, 0.5}
 
 
 @pytest.mark.parametrize(

@@ -111,7 +111,7 @@ STARTS = {
 @pytest.fixture(scope="module", params=[0.5, 1.5])
 def one_pole(request):
     problem = problem_of(noisy(request.param, model=LAG, n_samples=60), 1)
-    return problem, Dense(problem, [1e-5], [300.0], 6000)
+    return problem, Dense(problem, [1e-5], [300.0], 4000)
 
 
 @pytest.mark.parametrize("start", STARTS)
@@ -134,7 +134,7 @@ BOXES = {0.3: ((0.06, 0.12), (0.12, 0.6)), 1.0: ((0.03, 5e-4), (0.8, 4.0))}
 @pytest.fixture(scope="module", params=BOXES)
 def two_poles(request):
     problem = problem_of(noisy(request.param), 2)
-    return problem, Dense(problem, *BOXES[request.param], 25_000)
+    return problem, Dense(problem, *BOXES[request.param], 12_000)
 
 
 @pytest.mark.parametrize("near", [[], [(np.roots([1.0, 1.0, 3.0]), np.diag([0.2, 0.4]))]])
@@ -148,6 +148,24 @@ def test_two_poles_are_quadrature(two_poles, near):
     for k in range(2):
         assert np.all(np.abs(dense.probability(quantiles[k], k) - LEVELS) < sampling)
     assert np.all(np.abs(dense.probability_b(quantiles[2]) - LEVELS) < sampling)
+
+
+def test_the_end_of_a_search_leads_to_light_damping():
+    """Far below the first box, which begins at 0.02."""
+    poles = 5.0 * np.array([-0.003 + 1j, -0.003 - 1j])
+    den = np.poly(poles).real
+    u = np.zeros(200)
+    u[5:15], u[15:25] = 1.0, -1.0
+    clean = simulate(TransferFunction([den[-1]], den), Record(u, u, dt=DT)).ravel()
+    y = clean + 0.3 * np.std(clean) * np.random.default_rng(0).standard_normal(200)
+    problem = problem_of(Record(u, y, dt=DT), 2)
+    dense = Dense(problem, (0.248, 1e-5), (0.252, 0.02), 8000)
+    found = posterior(problem, [(poles, None)])
+    assert found.effective >= 60.0
+    sampling = 4.0 * np.sqrt(LEVELS * (1.0 - LEVELS) / found.effective) + 0.01
+    quantiles = np.quantile(found.draws, LEVELS, axis=0).T
+    for k in range(2):
+        assert np.all(np.abs(dense.probability(quantiles[k], k) - LEVELS) < sampling)
 
 
 def test_draws_are_of_admissible_shape():
@@ -236,7 +254,7 @@ def test_the_status_and_the_trace_say_so(short):
     told = estimate.trace.decisions[-1]
     assert "posterior mean" in told
     assert "as asked for" in told
-    assert "denominators weighed" in told
+    assert "denominators weighed" in estimate.trace.stopped
     assert estimate.trace.passes[-1].steps[0].name == "posterior"
     assert estimate.trace.passes[-1].theta == pytest.approx(estimate.theta)
 
@@ -331,8 +349,8 @@ def test_several_channels_and_records():
 
 
 # ------------------------------------------------------------------------------ the finish option
-@pytest.mark.parametrize("ratio", [0.05, 0.3, 1.0, 3.0])
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("ratio", [0.05, 1.0, 3.0])
+@pytest.mark.parametrize("seed", range(2))
 def test_likelihood_never_gives_it_and_posterior_always(ratio, seed):
     record = noisy(ratio, seed)
     likelihood, mean = run(record, "likelihood"), run(record, "posterior")
@@ -364,7 +382,7 @@ def test_a_well_identified_record_stays_on_the_maximum(seed):
     rng = np.random.default_rng(seed)
     u = np.repeat(np.sign(rng.standard_normal(50)), 8)
     clean = simulate(AIRCRAFT, Record(u, u, dt=DT))
-    record = Record(u, clean + 0.1 * np.std(clean) * rng.standard_normal(clean.shape), dt=DT)
+    record = Record(u, clean + 0.3 * np.std(clean) * rng.standard_normal(clean.shape), dt=DT)
     auto, likelihood = run(record, "auto"), run(record, "likelihood")
     assert auto.status is Status.CONVERGED
     assert np.array_equal(auto.theta, likelihood.theta)
@@ -384,7 +402,7 @@ def test_a_short_noisy_record_leaves_it_and_says_why():
 
 @pytest.mark.parametrize("finish", ["mean", "", "Posterior", None, True, 1])
 def test_an_unknown_finish_is_refused(finish):
-    with pytest.raises(OptionError, match="finish=.*'auto', 'likelihood' or 'posterior'"):
+    with pytest.raises(OptionError, match=r"finish=.*'auto', 'likelihood' or 'posterior'"):
         ThreeModel(finish=finish)
 
 

@@ -178,17 +178,25 @@ def test_a_misplaced_start_costs_draws_and_no_bias():
     assert np.all(error < 4.0 * np.sqrt(np.diag(covariance) / found.effective))
 
 
-def test_a_needle_is_found():
-    """Three coordinates, each a hundredth of a per cent of the box."""
-    where, width = np.array([1.0, -2.0, 3.0]), 0.002
-    box = Mixture((Box(np.full(3, -10.0), np.full(3, 10.0)),), (1.0,))
+NEEDLE = np.array([1.0, -2.0, 3.0])
+BOX = Box(np.full(3, -10.0), np.full(3, 10.0))
+LED = Kernels(NEEDLE[None] + 0.02, 0.02 * np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ("width", "first"),
+    [(0.1, Mixture((BOX,), (1.0,))), (0.002, Mixture((BOX, LED), (0.5, 0.5)))],
+    ids=["from the box", "where a kernel leads"],
+)
+def test_a_needle_is_found(width, first):
+    """A two-hundredth of each side of the box; far less where the start is near."""
 
     def needle(points):
-        return -0.5 * np.sum((points - where) ** 2, axis=1) / width**2
+        return -0.5 * np.sum((points - NEEDLE) ** 2, axis=1) / width**2
 
-    found = sample(needle, box, 1000, (300.0,) * 12, generator())
+    found = sample(needle, first, 1000, (300.0,) * 12, generator())
     assert found.effective >= 300.0
-    error = np.abs(found.weights @ found.points - where)
+    error = np.abs(found.weights @ found.points - NEEDLE)
     assert np.all(error < 4.0 * width / np.sqrt(found.effective))
 
 

@@ -195,7 +195,9 @@ def _first(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) -> Mi
     order = np.arange(1, n + 1)
     for poles, cov in near:
         phi = coordinates(poles * unit)
-        if not np.all(np.isfinite(phi)) or np.any(phi < low - 1.0) or np.any(phi > high + 1.0):
+        outside = (phi < low - 1.0) | (phi > high + 1.0)
+        outside[1 : 2 * (n // 2) : 2] = False  # any damping that a search ended on
+        if not np.all(np.isfinite(phi)) or np.any(outside):
             continue
         spread = SPREAD[1] ** 2 * 0.1 * np.eye(n)
         if cov is not None and np.all(np.isfinite(cov)):

@@ -109,8 +109,11 @@ def _log_mean(values: Array) -> Array:
 
 
 def normalised(log_weights: Array) -> Array:
-    """Weights that add up to one."""
-    weights = np.exp(log_weights - log_weights.max())
+    """Weights that add up to one; equal ones where all points are impossible."""
+    top = log_weights.max()
+    if not np.isfinite(top):
+        return np.full(log_weights.shape, 1.0 / log_weights.size)
+    weights = np.exp(log_weights - top)
     return np.asarray(weights / weights.sum())
 
 
@@ -167,6 +170,7 @@ def sample(
     points = np.empty((0, 0))
     logs = np.empty(0)
     weights = np.empty(0)
+    effective = 0.0
     for goal in goals:
         drawn = proposals[-1].draw(count, generator)
         value = density(drawn)
@@ -180,11 +184,12 @@ def sample(
             axis=0,
         )
         weights = normalised(logs - mixed)
-        if effective_size(weights) >= goal or len(taken) == len(goals):
+        effective = effective_size(weights) if np.isfinite(logs).any() else 0.0
+        if effective >= goal or len(taken) == len(goals):
             break
         local = _adapted(points, logs - mixed, generator)
         proposals.append(Mixture((local, first), (0.9, 0.1)))
-    return Sampled(points, weights, effective_size(weights))
+    return Sampled(points, weights, effective)
 
 
 def _adapted(points: Array, log_weights: Array, generator: np.random.Generator) -> Kernels:

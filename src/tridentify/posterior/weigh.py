@@ -85,9 +85,11 @@ def weigh(
     say("the posterior, as the record is short and noisy")
     found = posterior(best.point.problem, [(best.point.poles, cov)])
     if not found.usable:
-        return _given(maximum)
+        told = "the posterior could not be sampled; the likelihood's maximum is kept"
+        kept = _given(maximum)
+        return replace(kept, trace=replace(kept.trace, decisions=(*kept.trace.decisions, told)))
     point = evaluate(best.point.problem, found.poles)
-    told = _in_words(finish, vague, sound, best, found)
+    told = _in_words(finish, vague, sound, best)
     trace = _continued(trace, point, found, told)
     estimate = estimate_from(
         point,
@@ -151,7 +153,7 @@ def _given(maximum: Estimate | UnsupportedOrderError) -> Estimate:
     return maximum
 
 
-def _in_words(finish: str, vague: float, sound: bool, best: Finished, found: Posterior) -> str:
+def _in_words(finish: str, vague: float, sound: bool, best: Finished) -> str:
     if finish == "posterior":
         why = "as asked for"
     elif not sound:
@@ -160,10 +162,7 @@ def _in_words(finish: str, vague: float, sound: bool, best: Finished, found: Pos
         why = f"a coefficient has a standard error of {100 * vague:.0f} % of its natural size"
         if vague < VAGUE:
             why = "poles elsewhere explain the record almost as well"
-    return (
-        f"posterior mean, not the likelihood's maximum: {why}; {found.evaluated} denominators "
-        f"weighed, worth {found.effective:.0f} independent ones"
-    )
+    return f"posterior mean, not the likelihood's maximum: {why}"
 
 
 def _continued(trace: Trace, point: Point, found: Posterior, told: str) -> Trace:
@@ -176,4 +175,7 @@ def _continued(trace: Trace, point: Point, found: Posterior, told: str) -> Trace
         f"{found.evaluated} denominators, worth {found.effective:.0f}",
     )
     recorder.add(point, (step,), np.nan, "")
-    return Trace(tuple(recorder.passes), trace.starts, (*trace.decisions, told), told)
+    stopped = (
+        f"{found.evaluated} denominators weighed, worth {found.effective:.0f} independent ones"
+    )
+    return Trace(tuple(recorder.passes), trace.starts, (*trace.decisions, told), stopped)

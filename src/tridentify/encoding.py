@@ -1,0 +1,62 @@
+"""Estimates as JSON-ready values and back, led by the annotations of the fields."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from tridentify.parameter import Nuisance
+from tridentify.structure import Structure
+from tridentify.trace import Pass, Start, Status, Step, Trace
+from tridentify.transfer_function import TransferFunction
+
+
+def encode(value: Any) -> Any:
+    """JSON-ready copy: arrays as lists, nan as null, infinities as text."""
+    if isinstance(value, Status):
+        return value.name
+    if isinstance(value, (Structure, TransferFunction)):
+        return value.to_dict()
+    if dataclasses.is_dataclass(value):
+        return {f.name: encode(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {key: encode(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [encode(item) for item in value]
+    if isinstance(value, (np.ndarray, np.generic)):
+        return encode(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None if math.isnan(value) else str(value)
+    return value
+
+
+def decode(cls: type[Any], document: Mapping[str, Any]) -> Any:
+    """Build a dataclass from what `_encode` made of it, led by the annotations of its fields."""
+    fields = {field.name: str(field.type) for field in dataclasses.fields(cls)}
+    return cls(
+        **{k: _DECODERS.get(fields[k], lambda kept: kept)(value) for k, value in document.items()}
+    )
+
+
+def _tuple_of(cls: type[Any]) -> Callable[[Any], Any]:
+    return lambda items: tuple(decode(cls, item) for item in items)
+
+
+_DECODERS: dict[str, Callable[[Any], Any]] = {
+    "Array": lambda value: np.array(value, dtype=np.float64),
+    "tuple[Array, ...]": lambda items: tuple(np.array(a, dtype=np.float64) for a in items),
+    "float": lambda value: math.nan if value is None else float(value),
+    "tuple[str, ...]": tuple,
+    "tuple[Step, ...]": _tuple_of(Step),
+    "tuple[Pass, ...]": _tuple_of(Pass),
+    "tuple[Start, ...]": _tuple_of(Start),
+    "tuple[Nuisance, ...]": _tuple_of(Nuisance),
+    "Trace": lambda value: decode(Trace, value),
+    "Status": Status.__getitem__,
+    "Structure": Structure.from_dict,
+    "TransferFunction": TransferFunction.from_dict,
+}
