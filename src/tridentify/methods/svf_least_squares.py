@@ -226,7 +226,7 @@ def least_squares(
             failed.append(error)
 
     n_poles = problems[0].n_poles
-    filters = _filters(problems[0], filter)
+    filters = candidate_filters(problems[0], filter)
     for k in sorted({0, len(choices) - 1}):
         for label, c in filters.items():
             attempt(k, label, c)
@@ -257,7 +257,7 @@ def _criterion(one: Tried) -> float:
     return one.fit.model.criterion
 
 
-def _filters(problem: Problem, filter: Sequence[float] | None) -> dict[str, Filter]:
+def candidate_filters(problem: Problem, filter: Sequence[float] | None) -> dict[str, Filter]:
     """The filter given, or those on the grid, by what they are called."""
     n = problem.n_poles
     if filter is not None:
