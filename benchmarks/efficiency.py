@@ -204,7 +204,7 @@ def summary(data: dict[str, Any]) -> list[str]:
 def picture(data: dict[str, Any], names: list[str]) -> Figure:
     """Worst RMSE over the bound of every method in every cell."""
     cells = data["cells"]
-    figure = Figure(figsize=(9.6, 1.6 + 0.85 * len(cells)), layout="constrained")
+    figure = Figure(figsize=(9.6, 1.6 + 1.2 * len(cells)), layout="constrained")
     ax = figure.subplots()
     ax.axvspan(1.0, AIM, color="#cfe8dc", zorder=0)
     ax.axvline(1.0, color=BLACK, linewidth=0.8, zorder=1)
@@ -224,7 +224,7 @@ def picture(data: dict[str, Any], names: list[str]) -> Figure:
             told = [f"{one[key]} {what}" for key, what in MARKS if one[key]]
             if one["worst"] > LIMIT:
                 told.insert(0, f"{one['worst']:.2g} times;")
-            ax.text(1.15 * LIMIT, where, " ".join(told), fontsize=6, va="center", color=colour)
+            ax.text(1.15 * LIMIT, where, " ".join(told), fontsize=5.5, va="center", color=colour)
     for k in range(len(cells) - 1):
         ax.axhline(-k - 0.5, color="#dddddd", linewidth=0.6)
     ax.set_xscale("log")
