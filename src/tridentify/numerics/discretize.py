@@ -41,9 +41,9 @@ def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discr
 
     Parameters
     ----------
-    a : (n, n) array
-        State matrix [1/s].
-    b : (n, m) array
+    a : (..., n, n) array
+        State matrix [1/s]; one, or a stack of them.
+    b : (..., n, m) array
         Input matrix [1/s per unit of input].
     dt : float
         Sampling interval [s].
@@ -53,7 +53,7 @@ def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discr
     Returns
     -------
     Discrete
-        ``transition`` (n, n), ``from_current`` (n, m), ``from_next`` (n, m).
+        ``transition`` (..., n, n), ``from_current`` (..., n, m), ``from_next`` (..., n, m).
 
     Raises
     ------
@@ -67,19 +67,20 @@ def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discr
     >>> bool(np.isclose(d.from_current[0, 0], 1 - np.exp(-1.0), rtol=1e-15))
     True
     """
-    n, m = b.shape
+    n, m = b.shape[-2:]
+    stack = a.shape[:-2]
     if intersample == "zoh":
-        augmented = np.zeros((n + m, n + m))
-        augmented[:n, :n] = a * dt
-        augmented[:n, n:] = b * dt
+        augmented = np.zeros((*stack, n + m, n + m))
+        augmented[..., :n, :n] = a * dt
+        augmented[..., :n, n:] = b * dt
         e = scipy.linalg.expm(augmented)
-        return Discrete(e[:n, :n], e[:n, n:], np.zeros((n, m)))
+        return Discrete(e[..., :n, :n], e[..., :n, n:], np.zeros((*stack, n, m)))
     if intersample != "foh":
         raise ValueError(f"intersample must be 'zoh' or 'foh', not {intersample!r}")
-    augmented = np.zeros((n + 2 * m, n + 2 * m))
-    augmented[:n, :n] = a * dt
-    augmented[:n, n : n + m] = b * dt
-    augmented[n : n + m, n + m :] = np.eye(m)
+    augmented = np.zeros((*stack, n + 2 * m, n + 2 * m))
+    augmented[..., :n, :n] = a * dt
+    augmented[..., :n, n : n + m] = b * dt
+    augmented[..., n : n + m, n + m :] = np.eye(m)
     e = scipy.linalg.expm(augmented)
-    held, ramp = e[:n, n : n + m], e[:n, n + m :]
-    return Discrete(e[:n, :n], held - ramp, ramp)
+    held, ramp = e[..., :n, n : n + m], e[..., :n, n + m :]
+    return Discrete(e[..., :n, :n], held - ramp, ramp)

@@ -36,10 +36,10 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 from numpy.typing import NDArray
 
 from tridentify.numerics.autoregression import Whitener
+from tridentify.numerics.discretize import discretize
 from tridentify.numerics.propagate import propagate
 from tridentify.output_error.problem import Problem
 from tridentify.posterior.sections import (
@@ -198,23 +198,6 @@ def _block_diagonal(blocks: list[Array]) -> Array:
     return whole
 
 
-def _discrete(a: Array, b: Array, dt: float, intersample: str) -> tuple[Array, Array, Array]:
-    """As `numerics.discretize.discretize`, for a batch of single-input systems."""
-    count, q = b.shape
-    extra = 1 if intersample == "zoh" else 2
-    whole = np.zeros((count, q + extra, q + extra))
-    whole[:, :q, :q] = a * dt
-    whole[:, :q, q] = b * dt
-    if extra == 2:
-        whole[:, q, q + 1] = 1.0
-    e = scipy.linalg.expm(whole)
-    transition = np.ascontiguousarray(e[:, :q, :q])
-    if extra == 1:
-        return transition, np.ascontiguousarray(e[:, :q, q]), np.zeros((count, q))
-    ramp = np.ascontiguousarray(e[:, :q, q + 1])
-    return transition, np.ascontiguousarray(e[:, :q, q]) - ramp, ramp
-
-
 def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, dt: float) -> list[Array]:
     """Per output the triangle (s, r, columns) of [states | inputs | y], nuisance terms removed.
 
@@ -223,7 +206,10 @@ def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, dt: float) -
     """
     count, q = bank_b.shape
     n_samples, n_inputs = e.u.shape
-    transition, current, following = _discrete(bank_a, bank_b, dt, e.intersample)
+    step = discretize(bank_a, bank_b[:, :, None], dt, e.intersample)
+    transition = np.ascontiguousarray(step.transition)
+    current = np.ascontiguousarray(step.from_current[:, :, 0])
+    following = np.ascontiguousarray(step.from_next[:, :, 0])
     nuisance = n * e.free + e.offset + e.drift
     width = nuisance + n_inputs * (q + 1) + 1
     columns = np.zeros((count, width, n_samples))
