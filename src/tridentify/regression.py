@@ -251,7 +251,9 @@ def regress(experiment: Experiment, bank: Cascade) -> Regression:
     return Regression(layout, tuple(signals), tuple(targets_list), tuple(counts))
 
 
-def response_of(experiment: Experiment, bank: Cascade, rows: Array) -> Array:
+def response_of(
+    experiment: Experiment, bank: Cascade, rows: Array, most: int | None = None
+) -> Array:
     """Combinations of the columns over time.
 
     Parameters
@@ -267,8 +269,12 @@ def response_of(experiment: Experiment, bank: Cascade, rows: Array) -> Array:
     """
     layout = _layout(experiment, bank)
     buffer = np.zeros((layout.n_signals, min(experiment.n_samples, BLOCK)))
-    found = np.empty((experiment.n_samples, rows.shape[0]))
+    count = experiment.n_samples if most is None else min(most, experiment.n_samples)
+    found = np.empty((count, rows.shape[0]))
     for start, stop, _ in _signals(experiment, bank, layout, buffer):
+        if start >= count:
+            break
+        stop = min(stop, count)
         found[start:stop] = (rows @ buffer[:, : stop - start]).T
     return found
 
@@ -345,11 +351,11 @@ def _signals(
         if layout.free and first == 0:
             propagate(
                 transition, from_current, from_next, nothing, impulse, buffer,
-                start=start, stop=stop, upper=upper,
+                start=start, stop=stop, upper=upper, branches=bank.branches,
             )  # fmt: skip
         propagate(
             transition, from_current, from_next, experiment.u, state, buffer[after_impulse:],
-            start=start, stop=stop, upper=upper,
+            start=start, stop=stop, upper=upper, branches=bank.branches,
         )  # fmt: skip
         row = layout.states
         buffer[row : row + layout.n_inputs, :count] = experiment.u[start:stop].T

@@ -15,16 +15,15 @@ from tridentify.errors import (
     ChannelCountError,
     ConstantOutputError,
     DataError,
-    NonUniformTimeError,
     OptionError,
     ScaleError,
     TooFewSamplesError,
-    UnsupportedError,
     UnsupportedOrderError,
     ZeroInputError,
     ZeroOutputError,
 )
 from tridentify.estimate import Estimate
+from tridentify.methods.capability import Capability, refuse_unsupported
 from tridentify.output_error.problem import poles_of
 from tridentify.record import Record
 from tridentify.structure import Structure
@@ -38,7 +37,10 @@ MOST_POLES = 20
 
 @runtime_checkable
 class Method(Protocol):
-    """An estimation method: options only, no data."""
+    """An estimation method: options only, no data.
+
+    Those of this package also say in ``capabilities`` what they can do beyond the plain case.
+    """
 
     @property
     def name(self) -> str:
@@ -50,7 +52,7 @@ class Method(Protocol):
         """Estimate the coefficients of ``structure`` from ``records``."""
 
 
-def check(records: Sequence[Record], structure: Structure, method: str) -> None:
+def check(records: Sequence[Record], structure: Structure, method: str, can: Capability) -> None:
     """Refuse what cannot be estimated, in one clear line.
 
     Raises
@@ -69,13 +71,8 @@ def check(records: Sequence[Record], structure: Structure, method: str) -> None:
                 f"found records with channels {record.input_names} -> {record.output_names} and "
                 f"{first.input_names} -> {first.output_names}; expected the same; select them alike"
             )
-        if record.dt is None:
-            steps = np.diff(record.t)
-            raise NonUniformTimeError(
-                f"found time steps between {steps.min():.6g} and {steps.max():.6g} s; {method} "
-                "expects a uniform step; interpolate the record onto a uniform grid first"
-            )
-    _check_support(structure, method)
+    refuse_unsupported(records, structure, method, can)
+    _check_order(structure)
     _check_scale(records)
     for j, name in enumerate(first.input_names):
         if not any(np.any(record.u[:, j]) for record in records):
@@ -150,25 +147,9 @@ def _check_outputs(records: Sequence[Record], structure: Structure) -> None:
             )
 
 
-def _check_support(structure: Structure, method: str) -> None:
-    if not structure.shared:
-        raise UnsupportedError(
-            f"found separate denominators; {method} estimates one denominator shared by all "
-            "channels; give poles as one number, or identify the channels one by one"
-        )
+def _check_order(structure: Structure) -> None:
     if poles_of(structure) > MOST_POLES:
         raise UnsupportedOrderError(
             f"found {structure.poles} poles; expected at most {MOST_POLES}, more than any record "
             "determines; lower the number of poles"
         )
-    if structure.delay == "free" or np.any(structure.delay):
-        raise UnsupportedError(
-            f"found delay={structure.delay!r}; {method} estimates models without delay; shift the "
-            "input by whole samples first"
-        )
-    for what in ("fixed", "bounds"):
-        if getattr(structure, what):
-            raise UnsupportedError(
-                f"found {what}={dict(getattr(structure, what))}; {method} estimates all "
-                f"coefficients freely; leave {what} out"
-            )

@@ -69,6 +69,7 @@ from numpy.typing import NDArray
 from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
 from tridentify.estimate import Estimate, Pass, Start, Status, Step, Trace
 from tridentify.methods.base import Progress, check
+from tridentify.methods.capability import Capability
 from tridentify.methods.filtered import (
     Filter,
     backward,
@@ -144,6 +145,11 @@ class BiasCompensatedLeastSquares:
         """``"BiasCompensatedLeastSquares"``."""
         return "BiasCompensatedLeastSquares"
 
+    @property
+    def capabilities(self) -> Capability:
+        """The plain case only."""
+        return Capability.NONE
+
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
     ) -> Estimate:
@@ -171,7 +177,7 @@ class BiasCompensatedLeastSquares:
             If the filtered signals are linearly dependent, or the record is too short for the
             filter.
         """
-        check(records, structure, self.name)
+        check(records, structure, self.name, self.capabilities)
         refuse_missing(records, self.name)
         if progress:
             progress("least squares on the filtered record, less the noise")

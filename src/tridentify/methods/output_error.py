@@ -25,6 +25,7 @@ import numpy as np
 from tridentify.errors import IdentifiabilityError, OptionError
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
+from tridentify.methods.capability import Capability
 from tridentify.methods.svf_least_squares import least_squares
 from tridentify.numerics.realization import Complex, denominator, sort_poles
 from tridentify.output_error.decide import decide
@@ -96,6 +97,11 @@ class OutputError:
         """``"OutputError"``."""
         return "OutputError"
 
+    @property
+    def capabilities(self) -> Capability:
+        """The plain case only."""
+        return Capability.NONE
+
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
     ) -> Estimate:
@@ -125,7 +131,7 @@ class OutputError:
             If the data cannot determine the coefficients.
         """
         say = progress or (lambda _: None)
-        check(records, structure, self.name)
+        check(records, structure, self.name, self.capabilities)
         self._check_start(records[0], structure)
         choices = candidates(records, structure)
         base, variants = build_base(records, structure, choices)

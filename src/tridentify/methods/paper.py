@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from tridentify.errors import ConvergenceError, OptionError
 from tridentify.estimate import Estimate, Pass, Status, Step, Trace
 from tridentify.methods.base import Progress, check
+from tridentify.methods.capability import Capability
 from tridentify.models.parallel import fit_parallel
 from tridentify.models.response import Response
 from tridentify.models.series import fit_series
@@ -125,6 +126,11 @@ class PaperThreeModel:
         return "ThreeModel.paper"
 
     @property
+    def capabilities(self) -> Capability:
+        """The plain case only."""
+        return Capability.NONE
+
+    @property
     def bank(self) -> OperatorBank:
         """The operators."""
         kind = AllPass if self.operators == "allpass" else Laguerre
@@ -154,7 +160,7 @@ class PaperThreeModel:
         ConvergenceError
             If a pass gives coefficients that are not finite.
         """
-        check(records, structure, self.name)
+        check(records, structure, self.name, self.capabilities)
         nuisances = candidates(records, structure)[0]
         problem = build(records, structure, nuisances)
         if len(self.filter) - 1 <= problem.n_poles:

@@ -60,6 +60,7 @@ from numpy.typing import NDArray
 from tridentify.errors import IdentifiabilityError, OptionError, shown
 from tridentify.estimate import Estimate, Pass, Start, Status, Step, Trace
 from tridentify.methods.base import Progress, check
+from tridentify.methods.capability import Capability
 from tridentify.methods.filtered import constants, filtered_outputs, refuse_missing
 from tridentify.methods.svf_instrumental_variable import instrumental_passes
 from tridentify.methods.svf_least_squares import least_squares
@@ -133,6 +134,11 @@ class RefinedInstrumentalVariable:
         """``"RefinedInstrumentalVariable"``."""
         return "RefinedInstrumentalVariable"
 
+    @property
+    def capabilities(self) -> Capability:
+        """The plain case only."""
+        return Capability.NONE
+
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
     ) -> Estimate:
@@ -157,7 +163,7 @@ class RefinedInstrumentalVariable:
             If the data cannot determine the coefficients.
         """
         say = progress or (lambda _: None)
-        check(records, structure, self.name)
+        check(records, structure, self.name, self.capabilities)
         refuse_missing(records, self.name)
         say("least squares and instrumental variables on the filtered record")
         poles, starts = _start(records, structure)

@@ -34,6 +34,7 @@ from dataclasses import dataclass, replace
 from tridentify.errors import IdentifiabilityError
 from tridentify.estimate import Estimate, Pass
 from tridentify.methods.base import Progress, check
+from tridentify.methods.capability import Capability
 from tridentify.methods.filtered import SvfFit, checked_filter, fit, refuse_missing
 from tridentify.methods.svf_least_squares import Chosen, described, least_squares, svf_estimate
 from tridentify.record import Record
@@ -84,6 +85,11 @@ class SvfInstrumentalVariable:
         """``"SvfInstrumentalVariable"``."""
         return "SvfInstrumentalVariable"
 
+    @property
+    def capabilities(self) -> Capability:
+        """The plain case only."""
+        return Capability.NONE
+
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
     ) -> Estimate:
@@ -108,7 +114,7 @@ class SvfInstrumentalVariable:
         IdentifiabilityError
             If the filtered signals are linearly dependent.
         """
-        check(records, structure, self.name)
+        check(records, structure, self.name, self.capabilities)
         refuse_missing(records, self.name)
         if progress:
             progress("instrumental variables on the filtered record")

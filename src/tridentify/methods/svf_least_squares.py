@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from tridentify.errors import IdentifiabilityError
 from tridentify.estimate import Estimate, Pass, Start, Status, Step, Trace
 from tridentify.methods.base import Progress, check
+from tridentify.methods.capability import Capability
 from tridentify.methods.filtered import (
     Filter,
     SvfFit,
@@ -106,6 +107,11 @@ class SvfLeastSquares:
         """``"SvfLeastSquares"``."""
         return "SvfLeastSquares"
 
+    @property
+    def capabilities(self) -> Capability:
+        """The plain case only."""
+        return Capability.NONE
+
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
     ) -> Estimate:
@@ -130,7 +136,7 @@ class SvfLeastSquares:
         IdentifiabilityError
             If the filtered signals are linearly dependent.
         """
-        check(records, structure, self.name)
+        check(records, structure, self.name, self.capabilities)
         refuse_missing(records, self.name)
         if progress:
             progress("least squares on the filtered record")

@@ -29,6 +29,7 @@ from dataclasses import dataclass, replace
 
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
+from tridentify.methods.capability import Capability
 from tridentify.methods.paper import PaperThreeModel
 from tridentify.numerics.realization import Complex
 from tridentify.output_error.colour import NoiseChoice, check_noise, settle
@@ -147,6 +148,11 @@ class ThreeModel:
         """``"ThreeModel"``."""
         return "ThreeModel"
 
+    @property
+    def capabilities(self) -> Capability:
+        """The plain case only."""
+        return Capability.NONE
+
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
     ) -> Estimate:
@@ -172,7 +178,7 @@ class ThreeModel:
             If the data cannot determine the coefficients.
         """
         say = progress or (lambda _: None)
-        check(records, structure, self.name)
+        check(records, structure, self.name, self.capabilities)
         choices = candidates(records, structure)
         base, variants = build_base(records, structure, choices)
         say("the three models, from several starts")
@@ -207,7 +213,7 @@ class ThreeModel:
         recorder.extend(best.recorder)
         self._certify(best.point, recorder)
         trace = Trace(tuple(recorder.passes), tuple(search.starts), decisions, best.why)
-        return weigh(self.finish, best, records, structure, trace, self.name, say)
+        return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
 
     def _certify(self, point: Point, recorder: Recorder) -> None:
         """Step 3 at the end: the weights must be (1, 0, ..., 0)."""

@@ -53,8 +53,49 @@ def _recursion(
                 state[j, i] = new[i]
 
 
+def _branched(
+    transition: Array,
+    from_current: Array,
+    from_next: Array,
+    upper: int,
+    u: Array,
+    state: Array,
+    start: int,
+    stop: int,
+    out: Array,
+    column: int,
+    trunk: int,
+    width: int,
+) -> None:
+    """The same for branches of ``width`` states that share the first ``trunk`` states."""
+    q = transition.shape[0]
+    channels = state.shape[0]
+    last = u.shape[0] - 1
+    new = np.empty(q)
+    for j in range(channels):
+        for k in range(start, stop):
+            position = column + k - start
+            for i in range(q):
+                out[j * q + i, position] = state[j, i]
+            now = u[k, j]
+            after = u[min(k + 1, last), j]
+            for i in range(q):
+                total = from_current[i] * now + from_next[i] * after
+                begin, end = 0, min(i + 1 + upper, q)
+                if i >= trunk:
+                    for m in range(trunk):
+                        total += transition[i, m] * state[j, m]
+                    begin = i - (i - trunk) % width
+                    end = min(end, begin + width)
+                for m in range(begin, end):
+                    total += transition[i, m] * state[j, m]
+                new[i] = total
+            for i in range(q):
+                state[j, i] = new[i]
+
+
 @cache
-def _compiled() -> Callable[..., None]:
+def _compiled(branched: bool) -> Callable[..., None]:
     """The recursion as machine code (compiled at the first call, afterwards read from disk)."""
     import numba
 
@@ -63,16 +104,23 @@ def _compiled() -> Callable[..., None]:
     state, out = numba.float64[:, ::1], numba.float64[:, :]
     whole = numba.int64
     signature = numba.void(read, column, column, whole, read, state, whole, whole, out, whole)
+    function: Callable[..., None] = _recursion
+    if branched:
+        function = _branched
+        signature = numba.void(
+            read, column, column, whole, read, state, whole, whole, out, whole, whole, whole
+        )
     try:
-        compiled: Any = numba.njit(signature, cache=True)(_recursion)
+        compiled: Any = numba.njit(signature, cache=True)(function)
     except RuntimeError:  # no folder on this machine can hold the cache
-        compiled = numba.njit(signature)(_recursion)
+        compiled = numba.njit(signature)(function)
     return compiled  # type: ignore[no-any-return]
 
 
 def warm_up() -> None:
     """Compile or load the sample loop now, so that a progress display can name the delay."""
-    _compiled()
+    _compiled(False)
+    _compiled(True)
 
 
 def propagate(
@@ -87,6 +135,7 @@ def propagate(
     stop: int | None = None,
     column: int = 0,
     upper: int | None = None,
+    branches: tuple[int, int] = (0, 0),
 ) -> None:
     """Run one bank of states over samples ``start .. stop-1`` of every input channel.
 
@@ -110,7 +159,8 @@ def propagate(
         Number of non-zero diagonals of ``transition`` above the main one (default: all).
     """
     q = transition.shape[0]
-    _compiled()(
+    more = branches if branches[1] else ()
+    _compiled(bool(more))(
         np.ascontiguousarray(transition),
         np.ascontiguousarray(from_current),
         np.ascontiguousarray(from_next),
@@ -121,4 +171,5 @@ def propagate(
         u.shape[0] if stop is None else stop,
         out,
         column,
+        *more,
     )

@@ -73,6 +73,7 @@ PER_UNKNOWN = 2.0
 MOSTLY = 0.5
 LOST = 10.0
 LONGEST = 20_000
+TESTED = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +156,7 @@ def settle(
         note = str(refusal).partition(";")[0].removeprefix("found ")
         told = () if at_rounding(first.point) else (f"noise taken as white: {note}",)
         return Coloured(first, reasons + told, False)
-    residuals = _series(first.point)
+    residuals = _series(first.point, TESTED)
     tinted = tuple(noise == "ar" or not is_white(series) for series in residuals)
     if not any(tinted):
         told = ("noise white: the residual passes the portmanteau test",)
@@ -239,9 +240,9 @@ def _stands(point: Point, before: Point) -> bool:
     return bool(np.all(moved <= STILL * standard_errors(point)))
 
 
-def _series(point: Point) -> list[list[Array]]:
+def _series(point: Point, most: int | None = None) -> list[list[Array]]:
     """Residuals, ``[output][experiment]``."""
-    residuals = point.residuals()
+    residuals = point.residuals(most)
     return [[one[:, i] for one in residuals] for i in range(point.problem.n_outputs)]
 
 

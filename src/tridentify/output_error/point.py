@@ -170,7 +170,7 @@ class Point:
         decrease = -n * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
         return roots_of(self.inner, alpha), decrease
 
-    def residuals(self) -> tuple[Array, ...]:
+    def residuals(self, most: int | None = None) -> tuple[Array, ...]:
         """Recorded minus fitted outputs over time, (n_samples, n_outputs) per experiment.
 
         Not whitened; ``nan`` where a sample is missing.
@@ -187,7 +187,7 @@ class Point:
                     rows[i, : layout.order] = self.response.free[e, i]
                 terms = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
                 rows[i, layout.nuisance] = terms
-            found.append(experiment.y - response_of(experiment, self.bank, rows))
+            found.append(experiment.y[:most] - response_of(experiment, self.bank, rows, most))
         return tuple(found)
 
     def sensitivities(self, combinations: Array, output: int) -> tuple[Array, ...]:

@@ -19,6 +19,7 @@ from tridentify.output_error.result import estimate_from
 from tridentify.posterior.mean import VAGUE, Posterior, is_short, posterior, vagueness
 from tridentify.record import Record
 from tridentify.strategy.moves import moved_poles
+from tridentify.strategy.search import Scan
 from tridentify.structure import Structure
 
 FinishChoice = Literal["auto", "likelihood", "posterior"]
@@ -49,6 +50,7 @@ def weigh(
     trace: Trace,
     method: str,
     say: Callable[[str], None],
+    scan: Scan | None = None,
 ) -> Estimate:
     """The estimate at the likelihood's maximum or, where that is not to be trusted, beyond it.
 
@@ -65,6 +67,8 @@ def weigh(
         Its name.
     say : callable
         Is told what is going on.
+    scan : Scan, optional
+        The search's last look at other places.
 
     Raises
     ------
@@ -80,7 +84,7 @@ def weigh(
     longest = max(e.duration for e in best.point.problem.experiments)
     vague = np.inf if cov is None else vagueness(best.point.poles, cov, longest)
     sound = best.status in SOUND
-    if finish == "auto" and sound and vague < VAGUE and not has_rivals(best.point):
+    if finish == "auto" and sound and vague < VAGUE and not has_rivals(best.point, scan):
         return _given(maximum)
     say("the posterior, as the record is short and noisy")
     found = posterior(best.point.problem, [(best.point.poles, cov)])
@@ -104,7 +108,7 @@ def weigh(
     return replace(estimate, cov=found.covariance, draws=found.draws)
 
 
-def has_rivals(point: Point) -> bool:
+def has_rivals(point: Point, scan: Scan | None = None) -> bool:
     """Whether one pole or pair could as well be somewhere else, the others held.
 
     A sharp minimum has small standard errors even where it only fits the noise. Then other places,
@@ -113,12 +117,26 @@ def has_rivals(point: Point) -> bool:
     problem = point.problem
     e = problem.experiments[0]
     variant = Variant(e.free, e.offset, e.drift, (None,) * len(problem.experiments))
-    for move in moved_poles(problem, variant, point.poles):
+    if scan is not None and _is_of(scan, point):
+        moves = scan.moves
+    else:
+        moves = moved_poles(problem, variant, point.poles)
+    for move in moves:
         if move.objective > point.objective + RIVAL:
             return False
         if abs(np.log(_middle(move.place) / _middle(move.before))) > APART:
             return True
     return False
+
+
+def _is_of(scan: Scan, point: Point) -> bool:
+    """Whether the search's last scan was of the same samples, nuisance terms and poles."""
+    e, chosen = point.problem.experiments[0], scan.variant
+    same = (chosen.free, chosen.offset, chosen.drift) == (e.free, e.offset, e.drift)
+    sizes = [[x.n_samples for x in p.experiments] for p in (scan.base, point.problem)]
+    whitened = any(a.size for p in (scan.base, point.problem) for a in p.noise)
+    near = np.allclose(scan.poles, point.poles, rtol=1e-3, atol=0.0)
+    return bool(same and sizes[0] == sizes[1] and not whitened and near)
 
 
 def _middle(poles: Complex) -> float:

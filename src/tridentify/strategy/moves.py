@@ -113,14 +113,16 @@ def _branches(kept: Complex, places: list[Complex]) -> tuple[Cascade, NDArray[np
     q = n + width * len(places)
     a, b = np.zeros((q, q)), np.zeros(q)
     a[:n, :n], b[:n] = trunk.a, trunk.b
-    for s, place in enumerate(places):
-        part = slice(n + width * s, n + width * (s + 1))
-        branch = cascade(place)
-        a[part, part], b[part] = branch.a, branch.b
+    upper = np.array([place[0] for place in places])
+    first = n + width * np.arange(len(places))
+    a[first, first] = width * upper.real
+    b[first] = np.sqrt(-2.0 * width * upper.real)
+    if width == 2:
+        a[first, first + 1], a[first + 1, first] = -np.abs(upper), np.abs(upper)
     a[n:, :n] = -np.outer(b[n:], trunk.b)
     own = n + np.arange(q - n).reshape(len(places), width)
     shared = np.tile(np.arange(n), (len(places), 1))
-    return Cascade(a, b, np.concatenate([kept, *places])), np.hstack([shared, own])
+    return Cascade(a, b, np.concatenate([kept, *places]), (n, width)), np.hstack([shared, own])
 
 
 def _krylov(a: Array, b: Array) -> Array:

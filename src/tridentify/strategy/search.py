@@ -40,7 +40,7 @@ from tridentify.output_error.finish import (
 )
 from tridentify.output_error.point import Point, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
-from tridentify.strategy.moves import moved_poles
+from tridentify.strategy.moves import Move, moved_poles
 from tridentify.strategy.passes import adapt
 from tridentify.strategy.starts import (
     SLOW_EDGE,
@@ -92,6 +92,16 @@ class Found:
         return evaluate_variant(self.base, self.variant, poles)
 
 
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """The last places looked at, and for what."""
+
+    base: Problem
+    variant: Variant
+    poles: Complex
+    moves: list[Move]
+
+
 @dataclass(eq=False)
 class Search:
     """Collects passes, starts and seeds while it looks for poles.
@@ -118,6 +128,7 @@ class Search:
     seeds: list[Complex] = field(default_factory=list)
     trails: list[tuple[Pass, ...]] = field(default_factory=list)
     variant: Variant | None = None
+    scan: Scan | None = None
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
@@ -136,7 +147,8 @@ class Search:
         else:
             second = self.follow(whole, variants, "record averaged: ")
         far = self.move(second, "record averaged: ")
-        self._choose(base, near.poles, far.poles, passes)
+        blind = explained(far) < WORTHWHILE <= explained(near)
+        self._choose(base, near.poles, far.poles, passes, blind)
 
     def again(self, base: Problem, variant: Variant, poles: Complex) -> Complex:
         """Another way in, after the end turned out to lie at a limit: runaway poles put back.
@@ -171,7 +183,9 @@ class Search:
         self.seeds.append(poles)
         self.trails.append(tuple(self.recorder.passes if passes is None else passes))
 
-    def _choose(self, base: Problem, near: Complex, far: Complex, passes: list[Pass]) -> None:
+    def _choose(
+        self, base: Problem, near: Complex, far: Complex, passes: list[Pass], blind: bool
+    ) -> None:
         """Poles of the window, of the averaged record, or both, judged on a longer window.
 
         Averaging spoils what is faster than a block, so its poles are dropped where the
@@ -179,15 +193,16 @@ class Search:
         slowest of them.
         """
         piece = window(base, LONGER * SMALL)
-        if not is_usable(piece):
+        if sum(e.n_samples for e in base.experiments) < 4 * LONGER * SMALL or not is_usable(piece):
             self._keep(near, passes)
-            self._keep(far)
+            if not blind:
+                self._keep(far)
             return
         at = partial(evaluate_variant, piece, free_variant(piece))
         point, other = at(near), at(far)
         shown = float(np.min(-far.real)) * piece.experiments[0].duration > SLOW_EDGE
         clear = other.objective - point.objective > CLEARLY
-        if clear and shown:
+        if clear and (shown or blind):
             self._keep(finish(at, point, Recorder(), MOST_SHARPENING)[0].poles, passes)
         else:
             self._keep(near, passes)
@@ -249,6 +264,7 @@ class Search:
         for _ in range(MOST_MOVES):
             before = best
             places = moved_poles(found.base, found.variant, before.poles)
+            self.scan = Scan(found.base, found.variant, before.poles, places)
             for place in places[:MOST_FOLLOWED]:
                 if place.objective > best.objective + NEAR:
                     break
