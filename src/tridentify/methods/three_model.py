@@ -184,8 +184,9 @@ class ThreeModel:
         say("the three models, from several starts")
         search = Search(self.starts)
         search.run(base, variants)
+        known = {search.known.poles.tobytes(): search.known.whole} if search.known else {}
         best, decisions, seed = decide(
-            records, structure, choices, base, variants, search.seeds, self.max_passes, say
+            records, structure, choices, base, variants, search.seeds, self.max_passes, say, known
         )
         if best.status not in SOUND:
             say("another search, as the end lies at a limit")
