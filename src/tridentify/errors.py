@@ -18,6 +18,7 @@ __all__ = [
     "ChannelCountError",
     "ChannelNameError",
     "CoefficientError",
+    "CoefficientMapError",
     "ConstantInputError",
     "ConvergenceError",
     "DataError",
@@ -38,6 +39,7 @@ __all__ = [
     "OrderError",
     "OutputPathError",
     "ParameterNameError",
+    "PhysicalParameterError",
     "RaggedRowError",
     "ResampleError",
     "SampleTypeError",
@@ -48,6 +50,7 @@ __all__ = [
     "TimeNotIncreasingError",
     "TooFewSamplesError",
     "TridentifyError",
+    "UndeterminedError",
     "UnitError",
     "UnreadableFileError",
     "UnsupportedError",
@@ -225,6 +228,14 @@ class CoefficientError(StructureError):
     """Coefficients of a transfer function are empty, not finite, or a denominator is zero."""
 
 
+class CoefficientMapError(StructureError):
+    """A map from physical parameters fails, or does not give the coefficients of its structure."""
+
+
+class PhysicalParameterError(StructureError):
+    """A physical parameter has no usable name, guess or known value, or does not exist."""
+
+
 class ImproperModelError(StructureError):
     """A numerator has a higher degree than its denominator."""
 
@@ -242,6 +253,10 @@ class IdentifiabilityError(TridentifyError, ArithmeticError):
 
 class ConstantInputError(IdentifiabilityError):
     """An input never changes while the initial state is free: its effect cannot be told apart."""
+
+
+class UndeterminedError(IdentifiabilityError):
+    """A physical parameter that the coefficients do not determine by itself was asked for."""
 
 
 class UnsupportedOrderError(IdentifiabilityError):
