@@ -26,6 +26,8 @@ __all__ = [
     "EmptyChannelError",
     "EmptyFileError",
     "EmptyRangeError",
+    "ForeignObjectError",
+    "FileTooLargeError",
     "IdentifiabilityError",
     "ImproperModelError",
     "LengthMismatchError",
@@ -45,10 +47,12 @@ __all__ = [
     "ShapeError",
     "StructureError",
     "TextInColumnError",
+    "ThousandsSeparatorError",
     "TimeNotIncreasingError",
     "TooFewSamplesError",
     "TridentifyError",
     "UnitError",
+    "UnitMismatchError",
     "UnreadableFileError",
     "UnsupportedError",
     "UnsupportedOrderError",
@@ -150,6 +154,10 @@ class UnitError(DataError):
     """A unit belongs to no channel, is no text, or is no unit of time where one is needed."""
 
 
+class UnitMismatchError(UnitError):
+    """Records to be identified together have a channel in different units."""
+
+
 class ZeroInputError(DataError):
     """An input is zero throughout, so that it says nothing about the system."""
 
@@ -167,7 +175,11 @@ class ScaleError(DataError):
 
 
 class UnreadableFileError(DataError, OSError):
-    """The file is missing, a directory, not permitted, or not UTF-8 text."""
+    """The file is missing, a directory, not permitted, damaged, or not of a known format."""
+
+
+class FileTooLargeError(DataError):
+    """The samples of the file would fill the memory."""
 
 
 class EmptyFileError(DataError):
@@ -188,6 +200,14 @@ class MissingColumnError(DataError):
 
 class TextInColumnError(DataError):
     """A cell of a column that is needed is not a number."""
+
+
+class ThousandsSeparatorError(DataError):
+    """Numbers are grouped, as in 1,234.5, so that the decimal sign cannot be told for sure."""
+
+
+class ForeignObjectError(DataError):
+    """A channel is an object of another program's own class, or of Python's pickle."""
 
 
 class RaggedRowError(DataError):
