@@ -31,7 +31,9 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.estimate import Estimate
-from tridentify.formats.csv import JITTER, SECONDS, read_record
+from tridentify.formats.assemble import JITTER
+from tridentify.formats.channels import SECONDS
+from tridentify.formats.read import read_record
 from tridentify.formats.text_table import TextTable, open_table, read_columns
 from tridentify.record import Record
 from tridentify.structure import Structure
