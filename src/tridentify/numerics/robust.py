@@ -194,7 +194,7 @@ def student_scale(r: Array, least: float) -> tuple[float, float]:
     ends = (math.log(FEWEST_DEGREES), math.log(MOST_DEGREES))
     found = minimize_scalar(loss, bounds=ends, method="bounded", options={"xatol": 1e-6})
     degrees = math.exp(min([float(found.x), *ends], key=loss))
-    return max(_student_scale(r, degrees, start), least), degrees
+    return max(start * _student_scale(r / start, degrees, 1.0), least), degrees
 
 
 def _student_scale(r: Array, degrees: float, scale: float) -> float:
@@ -204,7 +204,7 @@ def _student_scale(r: Array, degrees: float, scale: float) -> float:
         before = scale
         weighted = float(((degrees + 1.0) * squares / (degrees * scale**2 + squares)).mean())
         scale *= weighted ** (0.5 * (degrees + 3.0) / degrees)
-        if scale == 0 or abs(scale - before) <= STILL * before:
+        if scale <= ROUNDING or abs(scale - before) <= STILL * before:
             break
     return scale
 
