@@ -229,6 +229,8 @@ class Search:
         best, variant, reachable = found.point, found.variant, found.reachable
         extremes = _extremes(variants)
         further = ["discrete", "spread", "relaxed"]
+        if len(base.groups) > 1:
+            further.remove("discrete")
         for _ in range(MOST_ENRICHED):
             if at_rounding(best):
                 return Found(base, best, variant, reachable, True)
@@ -285,11 +287,8 @@ class Search:
     ) -> Point:
         """Follow starts until one reaches the criterion; the best point."""
         for start in parallel:
-            found = [start.filtered_poles(), start.reduced_poles()]
             firsts = [
-                evaluate_variant(start.base, start.variant, poles)
-                for poles in found
-                if poles is not None
+                evaluate_variant(start.base, start.variant, poles) for poles in start.candidates()
             ]
             first = min(firsts, key=lambda point: point.objective)
             best = self._adapted(
@@ -331,8 +330,10 @@ class Search:
         where: str,
     ) -> Point:
         """Poles from numerators of full degree, then the wanted degree."""
-        n = base.n_poles
-        zeros = tuple(tuple(max(m, n - 1) for m in row) for row in base.n_zeros)
+        zeros = tuple(
+            tuple(max(m, base.order(i, j) - 1) for j, m in enumerate(row))
+            for i, row in enumerate(base.n_zeros)
+        )
         if zeros == base.n_zeros:
             return best
         relaxed = replace(base, n_zeros=zeros)
