@@ -23,7 +23,7 @@ A free initial state enters as ``- (c_0(p) / c(p)) delta`` with its own numerato
 *Separate denominators.* Let the channels of denominator ``g`` make the part ``y_g`` of an output,
 ``y = sum_g y_g``, and let the parallel model say which part is which. The output error of ``a_g =
 c_g (1 + alpha_g X_g)`` is ``sum_g (y_M,g - (b_g / a_g) x_g)``, and each term is ``c_g / a_g`` times
-its equation error. To first order in ``alpha`` and in ``y_M,g - (b_g / c_g) x_g``, which both vanish
+its equation error. To first order in ``alpha`` and ``y_M,g - (b_g / c_g) x_g``, which both vanish
 at the solution, that factor is one, so
 
     eps = sum_g [(a_g / c_g) y_M,g - (b_g / c_g) x_g]
