@@ -33,9 +33,9 @@ def simulate(
     model : TransferFunction
     record : Record
         Only its input, time and intersample behaviour are used.
-    free_response : (n_outputs, n) array, optional
+    free_response : (n_outputs, n) or (n_outputs, n_inputs, n) array, optional
         Numerators ``c_0(p)``, descending powers, of the free response ``c_0(p) / a(p) delta(t -
-        t0)`` of each output, with ``a`` its (first) denominator.
+        t0)`` of each output, with ``a`` its (first) denominator, or of each channel with its own.
 
     Returns
     -------
@@ -82,15 +82,17 @@ def simulate(
         numerators = [model.num[i][j] for i, j in channels]
         _drive(result, den, channels, numerators, inputs, record.dt, record.intersample)
     if free_response is not None:
-        for i, c_0 in enumerate(np.atleast_2d(free_response)):
-            if np.any(c_0):
-                response = np.zeros((record.n_samples, 1))
-                none = np.zeros((record.n_samples, 1))
-                _drive(
-                    response, model.den[i][0], [(0, 0)], [c_0], none, record.dt,
-                    record.intersample, impulse=True,
-                )  # fmt: skip
-                result[:, i] += response[:, 0]
+        free = np.atleast_2d(free_response)
+        own = free if free.ndim == 3 else free[:, None, :]
+        for i, j in zip(*np.nonzero(np.any(own, axis=2)), strict=True):
+            response = np.zeros((record.n_samples, 1))
+            none = np.zeros((record.n_samples, 1))
+            c_0 = own[i, j, -(model.den[i][j].size - 1) :]
+            _drive(
+                response, model.den[i][j], [(0, 0)], [c_0], none, record.dt,
+                record.intersample, impulse=True,
+            )  # fmt: skip
+            result[:, i] += response[:, 0]
     return result
 
 

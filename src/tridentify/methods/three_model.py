@@ -165,8 +165,8 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
+        """Separate denominators."""
+        return Capability.SEPARATE_DENOMINATORS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

@@ -18,10 +18,10 @@ from types import MappingProxyType
 import numpy as np
 
 from tridentify.estimate import Status
-from tridentify.numerics.realization import Complex, cascade
+from tridentify.numerics.realization import Complex
 from tridentify.output_error.finish import Recorder, at_rounding, criterion, finish
 from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.output_error.point import Point, evaluate
+from tridentify.output_error.point import Point, bank_of, evaluate
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.record import Record
 from tridentify.regression import Regression, regress
@@ -135,7 +135,7 @@ def _predict(
     """Every choice one Gauss-Newton step ahead of the best seed; and which seed that is."""
     found = []
     for poles in seeds:
-        bank = cascade(np.tile(poles, 2))
+        bank = bank_of(base, poles, 2)[0]
         whole = known.get(poles.tobytes()) or tuple(regress(e, bank) for e in base.experiments)
         found.append(
             [evaluate(v.problem(base), poles, 2, v.regressions(whole, bank)) for v in variants]

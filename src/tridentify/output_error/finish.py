@@ -56,17 +56,19 @@ class Recorder:
 
 
 def coefficients(point: Point) -> Array:
-    """Physical coefficients in the order of `Structure.names`: ``a``, then each ``b``."""
-    problem, n = point.problem, point.problem.n_poles
-    a = denominator(point.poles)
-    table = numerators(point.poles)
-    parts = [a[1:]]
-    for i in range(problem.n_outputs):
-        for j, m in enumerate(problem.n_zeros[i]):
-            proper = point.response.rows[i, j, :n] @ table
+    """Physical coefficients in the order of `Structure.names`."""
+    problem = point.problem
+    found = np.zeros(problem.n_coefficients)
+    a_places, b_places = problem.places()
+    for place, branch in zip(a_places, point.branches, strict=True):
+        n, a = branch.inner.order, denominator(branch.inner.poles)
+        table = numerators(branch.inner.poles)
+        found[place] = a[1:]
+        for i, j in np.argwhere(branch.channels).tolist():
+            proper = point.response.rows[i, j, branch.own] @ table
             full = np.concatenate([[0.0], proper]) + point.response.direct[i, j] * a
-            parts.append(full[n - m :])
-    return np.concatenate(parts)
+            found[b_places[i, j]] = full[n - problem.n_zeros[i][j] :]
+    return found
 
 
 def mean_square(point: Point) -> float:
@@ -181,7 +183,7 @@ def _error_step(point: Point, damping: float) -> Step:
     note = f"damping {damping:.1e}" if damping else ""
     return Step(
         "output error",
-        denominator(point.poles)[1:],
+        point.problem.lower_coefficients(point.poles),
         float(point.rss.sum() / point.counts.sum()),
         condition,
         note,

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import ConstantInputError, OptionError, TooFewSamplesError
-from tridentify.output_error.problem import Problem, Variant, poles_of
+from tridentify.output_error.problem import Problem, Variant, states_of
 from tridentify.record import Record
 from tridentify.regression import Experiment
 from tridentify.structure import Structure
@@ -45,8 +45,13 @@ class Nuisances:
 
     def count(self, n_poles: int, n_outputs: int, n_experiments: int) -> int:
         """Number of unknowns."""
-        per_output = n_poles * (self.initial_state == "free") + self.offset + self.drift
-        return per_output * n_outputs * n_experiments
+        return self.total((n_poles,) * n_outputs, n_experiments)
+
+    def total(self, states: Sequence[int], n_experiments: int) -> int:
+        """Number of unknowns where each output has states of its own number."""
+        fixed = self.offset + self.drift
+        free = self.initial_state == "free"
+        return sum(n * free + fixed for n in states) * n_experiments
 
 
 def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, ...]:
@@ -109,14 +114,17 @@ def _affordable(
     first = records[0]
     n_coefficients = len(structure.names(first.input_names, first.output_names))
     samples = sum(int(np.isfinite(record.y).sum()) for record in records)
+    states = states_of(structure, first.n_outputs, first.n_inputs)
 
     def unknowns(nuisances: Nuisances) -> int:
-        count = nuisances.count(poles_of(structure), first.n_outputs, len(records))
-        return n_coefficients + count
+        return n_coefficients + nuisances.total(states, len(records))
 
     def enough(nuisances: Nuisances) -> bool:
-        own = nuisances.count(poles_of(structure), 1, 1)
-        return all(int(n) > own for record in records for n in np.isfinite(record.y).sum(axis=0))
+        return all(
+            int(n) > nuisances.total((own,), 1)
+            for record in records
+            for n, own in zip(np.isfinite(record.y).sum(axis=0), states, strict=True)
+        )
 
     kept = [n for n in found if samples > unknowns(n) + 2 and enough(n)]
     if not kept:
@@ -163,7 +171,7 @@ def build(
             )
         )
     zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
-    return Problem.of(experiments, poles_of(structure), zeros)
+    return Problem.of(experiments, structure.poles, zeros)
 
 
 def reference_of(record: Record, nuisances: Nuisances) -> Array:

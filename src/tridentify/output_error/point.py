@@ -7,6 +7,10 @@ moving ``a -> a (1 + alpha X)`` changes the output by ``- X y_0`` per unit of ``
 Projecting these scores off the columns of ``b`` and the nuisance terms gives the Jacobian of
 the reduced cost (Kaufman 1975), whose Gauss-Newton step is that of the full problem.
 
+Where channels have denominators of their own, ``y_0 = sum_g y_g`` with the part ``y_g`` of the
+channels (and of the free response) of denominator ``g``. Each has scores of its own, ``- X_g y_g``,
+and its own branch of the bank; all else is as with one.
+
 The bank holds the poles of ``a`` several times over: twice is enough for ``y_0`` and all its
 scores, since both are polynomials of degree below ``2 n`` over ``a^2``; a third time lets Step
 2 filter the parallel model's output once more.
@@ -19,6 +23,7 @@ are those of its innovations (`regression`), and so are ``RSS`` and everything m
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -26,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.models.response import (
+    Branch,
     Columns,
     FilteredResponse,
     Response,
@@ -35,11 +41,9 @@ from tridentify.numerics.least_squares import Solution, solve
 from tridentify.numerics.realization import (
     Cascade,
     Complex,
-    DegreeBasis,
-    cascade,
-    degree_basis,
     filter_map,
     roots_of,
+    side_by_side,
 )
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress, response_of
@@ -69,10 +73,8 @@ class Point:
     poles : (n,) complex array
     bank : Cascade
         The poles repeated.
-    inner : Cascade
-        The poles once.
-    basis : DegreeBasis
-        Of ``inner``.
+    branches : tuple of Branch
+        The part of the bank that belongs to each denominator.
     regressions : tuple of Regression
     fits : tuple of OutputFit
     response : Response
@@ -82,8 +84,7 @@ class Point:
     problem: Problem
     poles: Complex
     bank: Cascade
-    inner: Cascade
-    basis: DegreeBasis
+    branches: tuple[Branch, ...]
     regressions: tuple[Regression, ...]
     fits: tuple[OutputFit, ...]
     response: Response
@@ -116,10 +117,27 @@ class Point:
         """(n_outputs,) one over the residual standard deviations."""
         return np.asarray(1.0 / np.sqrt(self.variance))
 
+    @property
+    def inner(self) -> Cascade:
+        """The poles once, where all channels share them."""
+        (branch,) = self.branches
+        return branch.inner
+
+    @cached_property
+    def parts(self) -> tuple[Response, ...]:
+        """What each denominator contributes, on the states of its branch."""
+        return tuple(self.response.part(one.states, one.channels) for one in self.branches)
+
     @cached_property
     def score_states(self) -> FilteredResponse:
         """``X y_0`` on the bank: minus the derivatives of the outputs with respect to ``alpha``."""
-        return self.response.filtered(self.bank, filter_map(self.inner, self.bank))
+        found = [
+            part.filtered(one.bank, filter_map(one.inner, one.bank)).spread(
+                one.states, self.bank.order
+            )
+            for one, part in zip(self.branches, self.parts, strict=True)
+        ]
+        return FilteredResponse.joined(found)
 
     @cached_property
     def _decomposition(self) -> tuple[Array, Array, Array, Array, float]:
@@ -168,7 +186,8 @@ class Point:
         n = float(self.counts.sum())
         fraction = min(share / total**2, 1.0) if total else 0.0
         decrease = -n * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
-        return roots_of(self.inner, alpha), decrease
+        roots = [roots_of(one.inner, alpha[one.poles]) for one in self.branches]
+        return np.concatenate(roots), decrease
 
     def residuals(self, most: int | None = None) -> tuple[Array, ...]:
         """Recorded minus fitted outputs over time, (n_samples, n_outputs) per experiment.
@@ -210,7 +229,7 @@ class Point:
                 (n,) * self.problem.n_outputs,
             )
             blocks: dict[object, Array] = {"a": -self.score_states.signals(unit, e, output)}
-            linear = linear_blocks(self.problem, self.basis, self.inner.order, unit, e, output)
+            linear = linear_blocks(self.problem, self.branches, unit, e, output)
             blocks |= {(output, key): block for key, block in linear.items()}
             rows = np.zeros((n, combinations.shape[1]))
             for key, block in blocks.items():
@@ -235,7 +254,7 @@ class Point:
         for i in range(self.problem.n_outputs):
             for e, regression in enumerate(self.regressions):
                 blocks: dict[object, Array] = {"a": -self.score_states.signals(regression, e, i)}
-                linear = linear_blocks(self.problem, self.basis, self.inner.order, regression, e, i)
+                linear = linear_blocks(self.problem, self.branches, regression, e, i)
                 blocks |= {(i, key): block for key, block in linear.items()}
                 columns.add(blocks, regression.targets[i])
                 owner.append(np.full(regression.targets[i].size, i))
@@ -244,26 +263,57 @@ class Point:
 
 def linear_blocks(
     problem: Problem,
-    basis: DegreeBasis,
-    n: int,
+    branches: Sequence[Branch],
     regression: Regression,
     experiment: int,
     output: int,
 ) -> dict[object, Array]:
-    """Columns of ``b``, the free response, offset and drift at a fixed denominator."""
+    """Columns of ``b``, the free response, offset and drift at fixed denominators."""
     q = regression.layout.order
     blocks: dict[object, Array] = {}
     for j, m in enumerate(problem.n_zeros[output]):
+        branch = next(one for one in branches if one.channels[output, j])
+        n = branch.inner.order
         rows = np.zeros((q, min(m + 1, n)))
-        rows[:n] = basis.rows[: min(m + 1, n)].T
+        rows[branch.own] = branch.basis.rows[: min(m + 1, n)].T
         block = regression.input_signal(output, j, rows)
         if m == n:
             direct = regression.signals[output][:, regression.layout.direct(j)]
             block = np.column_stack([block, direct])
         blocks["b", j] = block
     if regression.layout.free:
-        blocks["free", experiment] = regression.signals[output][:, :n]
+        blocks["free", experiment] = regression.signals[output][:, free_states(branches, output)]
     return blocks | nuisance_blocks(regression, experiment, output)
+
+
+def free_states(branches: Sequence[Branch], output: int) -> NDArray[np.intp]:
+    """States of the bank that span the free response of one output."""
+    used = [one.own for one in branches if one.channels[output].any()]
+    return np.concatenate([np.arange(own.start, own.stop) for own in used])
+
+
+def bank_of(problem: Problem, poles: Complex, repeats: int) -> tuple[Cascade, tuple[Branch, ...]]:
+    """The poles repeated, a branch for each denominator.
+
+    Parameters
+    ----------
+    problem : Problem
+    poles : (n,) complex array
+        Admissible poles.
+    repeats : int
+
+    Returns
+    -------
+    bank : Cascade
+    branches : tuple of Branch
+    """
+    branches = []
+    for group in problem.groups:
+        channels = np.zeros((problem.n_outputs, problem.n_inputs), dtype=bool)
+        channels[tuple(np.transpose(group.channels))] = True
+        own = poles[group.poles]
+        branches.append(Branch.of(own, repeats, repeats * group.first, group.first, channels))
+    return side_by_side([branch.bank for branch in branches]), tuple(branches)
 
 
 def evaluate(
@@ -288,12 +338,10 @@ def evaluate(
     -------
     Point
     """
-    inner = cascade(poles)
-    bank = cascade(np.tile(poles, repeats))
-    basis = degree_basis(inner)
+    bank, branches = bank_of(problem, poles, repeats)
     if regressions is None:
         regressions = tuple(regress(e, bank) for e in problem.experiments)
-    n, q = problem.n_poles, bank.order
+    q = bank.order
     rows = np.zeros((problem.n_outputs, problem.n_inputs, q))
     direct = np.zeros((problem.n_outputs, problem.n_inputs))
     free = np.zeros((len(problem.experiments), problem.n_outputs, q))
@@ -301,25 +349,27 @@ def evaluate(
     for i in range(problem.n_outputs):
         columns = Columns()
         for e, regression in enumerate(regressions):
-            blocks = linear_blocks(problem, basis, n, regression, e, i)
+            blocks = linear_blocks(problem, branches, regression, e, i)
             columns.add(blocks, regression.targets[i])
         matrix, target = columns.assemble()
         solution = solve(matrix, target)
         fits.append(OutputFit(columns, matrix, solution, target - matrix @ solution.x))
         for j, m in enumerate(problem.n_zeros[i]):
+            branch = next(one for one in branches if one.channels[i, j])
+            n = branch.inner.order
             beta = columns.pick(solution.x, ("b", j))
-            rows[i, j, :n] = beta[:n] @ basis.rows[: min(m + 1, n)]
+            rows[i, j, branch.own] = beta[:n] @ branch.basis.rows[: min(m + 1, n)]
             direct[i, j] = beta[n] if m == n else 0.0
-        for e in range(len(regressions)):
-            c_0 = columns.pick(solution.x, ("free", e))
-            free[e, i, : c_0.size] = c_0
-    return Point(
-        problem, poles, bank, inner, basis, regressions, tuple(fits), Response(rows, direct, free)
-    )
+        started = free_states(branches, i)
+        for e, regression in enumerate(regressions):
+            if regression.layout.free:
+                free[e, i, started] = columns.pick(solution.x, ("free", e))
+    response = Response(rows, direct, free)
+    return Point(problem, poles, bank, branches, regressions, tuple(fits), response)
 
 
 def evaluate_variant(base: Problem, variant: Variant, poles: Complex, repeats: int = 2) -> Point:
     """As `evaluate`, for a choice of nuisance terms of a problem that has more of them."""
-    bank = cascade(np.tile(poles, repeats))
+    bank = bank_of(base, poles, repeats)[0]
     whole = tuple(regress(e, bank) for e in base.experiments)
     return evaluate(variant.problem(base), poles, repeats, variant.regressions(whole, bank))

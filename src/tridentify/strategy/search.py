@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from tridentify.estimate import Pass, Start
 from tridentify.numerics.least_squares import solve
-from tridentify.numerics.realization import Complex, cascade
+from tridentify.numerics.realization import Complex
 from tridentify.numerics.whiteness import is_white
 from tridentify.output_error.finish import (
     Recorder,
@@ -40,7 +40,7 @@ from tridentify.output_error.finish import (
     finish,
     mean_square,
 )
-from tridentify.output_error.point import Point, evaluate, evaluate_variant
+from tridentify.output_error.point import Point, bank_of, evaluate, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress
 from tridentify.strategy.moves import Move, moved_poles
@@ -182,7 +182,7 @@ class Search:
         if explained(near) < WORTHWHILE or base.noise:
             return False
         poles = _sharpened(base, near.poles)
-        bank = cascade(np.tile(poles, 2))
+        bank = bank_of(base, poles, 2)[0]
         whole = tuple(regress(e, bank) for e in base.experiments)
         point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
         if at_rounding(point) or not _is_white(point):
@@ -271,6 +271,8 @@ class Search:
         best, variant, reachable = found.point, found.variant, found.reachable
         extremes = _extremes(variants)
         further = ["discrete", "spread", "relaxed"]
+        if len(base.groups) > 1:
+            further.remove("discrete")
         for _ in range(MOST_ENRICHED):
             if at_rounding(best):
                 return Found(base, best, variant, reachable, True)
@@ -327,11 +329,8 @@ class Search:
     ) -> Point:
         """Follow starts until one reaches the criterion; the best point."""
         for start in parallel:
-            found = [start.filtered_poles(), start.reduced_poles()]
             firsts = [
-                evaluate_variant(start.base, start.variant, poles)
-                for poles in found
-                if poles is not None
+                evaluate_variant(start.base, start.variant, poles) for poles in start.candidates()
             ]
             first = min(firsts, key=lambda point: point.objective)
             best = self._adapted(
@@ -373,8 +372,10 @@ class Search:
         where: str,
     ) -> Point:
         """Poles from numerators of full degree, then the wanted degree."""
-        n = base.n_poles
-        zeros = tuple(tuple(max(m, n - 1) for m in row) for row in base.n_zeros)
+        zeros = tuple(
+            tuple(max(m, base.order(i, j) - 1) for j, m in enumerate(row))
+            for i, row in enumerate(base.n_zeros)
+        )
         if zeros == base.n_zeros:
             return best
         relaxed = replace(base, n_zeros=zeros)

@@ -44,7 +44,7 @@ def averaged(problem: Problem) -> Problem:
     total = sum(e.n_samples for e in problem.experiments)
     block = -(-total // SMALL)
     experiments = [_averaged(e, _visible(e, block)) for e in problem.experiments]
-    return Problem.of(experiments, problem.n_poles, problem.n_zeros)
+    return problem.over(experiments)
 
 
 def _visible(e: Experiment, block: int) -> int:
@@ -96,7 +96,7 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
     start = starts[int(np.argmax(movement))]
     part = slice(start, start + length)
     piece = replace(e, u=np.ascontiguousarray(e.u[part]), y=e.y[part].copy(), free=True)
-    return Problem.of([piece], problem.n_poles, problem.n_zeros)
+    return problem.over([piece])
 
 
 def free_variant(problem: Problem) -> Variant:
