@@ -194,7 +194,8 @@ class OutputError:
         """Admissible poles to begin with, and in words where they come from."""
         if self.start is None and not structure.shared:
             best = laguerre_starts(base, variants)[0]
-            poles = best.candidates()[-1]
+            points = [evaluate_variant(base, best.variant, one) for one in best.candidates()]
+            poles = min(points, key=lambda point: point.objective).poles
             return poles, f"{best.name}, reduced channel by channel"
         if self.start is None:
             return _own_start(base, records, structure)

@@ -107,6 +107,16 @@ def at_rounding(point: Point) -> bool:
     return bool(np.all(point.rss / point.counts < ROUNDING * point.problem.size))
 
 
+def _gain(point: Point, trial: Point) -> float:
+    """Fall of `Point.objective`; outputs at rounding count only when all are."""
+    limit = ROUNDING * point.problem.size
+    exact = (point.rss < limit * point.counts) & (trial.rss < limit * trial.counts)
+    if exact.all() or not exact.any():
+        return point.objective - trial.objective
+    before, after = np.log(point.variance[~exact]), np.log(trial.variance[~exact])
+    return float(point.counts[~exact] @ (before - after))
+
+
 def finish(
     at: Callable[[Complex], Point], point: Point, recorder: Recorder, most: int = MOST_STEPS
 ) -> tuple[Point, Status, str]:
@@ -142,7 +152,7 @@ def finish(
         poles, predicted = point.step(damping)
         poles, note = problem.admissible(poles)
         trial = at(poles)
-        gain = point.objective - trial.objective
+        gain = _gain(point, trial)
         exact += at_rounding(trial)
         if exact and (gain < 0.5 * point.counts.sum() or exact > 3):
             best = trial if gain > 0 else point
