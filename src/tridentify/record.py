@@ -34,7 +34,7 @@ from tridentify.checks.samples import (
     time_slack,
     warn_if_input_moves,
 )
-from tridentify.errors import EmptyRangeError, OptionError, ResampleError, shown
+from tridentify.errors import EmptyRangeError, OptionError, ResampleError, ShapeError, shown
 
 __all__ = ["FloatArray", "Intersample", "Record"]
 
@@ -373,6 +373,38 @@ class Record:
             output_names=names_out,
             units=MappingProxyType({k: v for k, v in self.units.items() if k in kept}),
         )
+
+    def with_outputs(self, y: ArrayLike) -> Record:
+        """Put other samples in place of the outputs.
+
+        Parameters
+        ----------
+        y : array_like, shape (n_samples, n_outputs)
+            ``nan`` marks a missing sample.
+
+        Returns
+        -------
+        Record
+            Same inputs, time, names and units.
+
+        Raises
+        ------
+        ShapeError, SampleTypeError, NotFiniteError, EmptyChannelError
+            The samples do not fit, or are not usable.
+
+        Examples
+        --------
+        >>> record = Record([0, 1, 1], [0.0, 1.0, 9.9], dt=0.1)
+        >>> record.with_outputs(np.where(record.y >= 9.9, np.nan, record.y)).y.ravel()
+        array([ 0.,  1., nan])
+        """
+        outputs = sample_array("y", y)
+        if outputs.shape != self.y.shape:
+            raise ShapeError(
+                f"found outputs of shape {outputs.shape}; expected {self.y.shape}, one value for "
+                "each of the present ones; keep the shape of record.y"
+            )
+        return self._derive(y=outputs)
 
     def _labelled(self, names: tuple[str, ...]) -> str:
         return ", ".join(f"{n} [{self.units[n]}]" if n in self.units else n for n in names)

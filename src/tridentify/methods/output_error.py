@@ -18,7 +18,7 @@ what the search is worth is the difference between the two.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,8 +26,10 @@ from tridentify.errors import IdentifiabilityError, OptionError
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
+from tridentify.methods.robust import check_loss, robust_estimate
 from tridentify.methods.svf_least_squares import least_squares
 from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.robust import Loss
 from tridentify.output_error.decide import decide
 from tridentify.output_error.finish import Recorder, coefficients, mean_square
 from tridentify.output_error.nuisance import build_base, candidates
@@ -53,6 +55,8 @@ class OutputError:
         separate denominators it is a Laguerre model, reduced channel by channel.
     max_passes : int
         Most steps on the output error.
+    loss : {"squared", "huber", "student"}
+        What is minimised, as in `ThreeModel`.
 
     Raises
     ------
@@ -79,6 +83,7 @@ class OutputError:
 
     start: TransferFunction | None = None
     max_passes: int = 60
+    loss: Loss = "squared"
 
     def __post_init__(self) -> None:
         if not (self.start is None or isinstance(self.start, TransferFunction)):
@@ -87,6 +92,7 @@ class OutputError:
                 "write for example TransferFunction([1.0], [1.0, 2.0, 2.0])"
             )
         check_count("max_passes", self.max_passes)
+        check_loss(self.loss)
 
     @property
     def name(self) -> str:
@@ -129,6 +135,13 @@ class OutputError:
         say = progress or (lambda _: None)
         check(records, structure, self.name, self.capabilities)
         self._check_start(records[0], structure)
+        if self.loss != "squared":
+            plain = replace(self, loss="squared")
+
+            def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
+                return replace(plain, start=near.model).estimate(seen, wanted)
+
+            return robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
         choices = candidates(records, structure)
         base, variants = build_base(records, structure, choices)
         say("a single start")

@@ -20,7 +20,7 @@ from tridentify.output_error.problem import REFLECTED, TOO_FAST
 Array = NDArray[np.float64]
 
 SETTLED = 1e-7
-SETTLED_LONG = 1e-5
+SETTLED_LONG = 1e-4  # a hundredth of a standard error, squared
 LONG = 50_000
 ROUNDING = 1e-22
 MOST_STEPS = 60

@@ -301,7 +301,7 @@ def spread_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelSt
     low, high = rate_limits(base)
     found = []
     for damping in SPREAD_DAMPING:
-        poles = _spread(base, damping, _most(base, MOST_SPREAD))
+        poles = spread_poles(base, damping, _most(base, MOST_SPREAD))
         name = f"poles spread over the band, damping {damping:g}"
         found += _starts(name, base, variants, poles, (), float(np.sqrt(low * high)), whole=True)
     return sorted(found, key=lambda start: start.criterion)
@@ -326,7 +326,7 @@ def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> list[Par
     low, high = rate_limits(base)
     found = []
     for damping in SPREAD_DAMPING:
-        spread = _spread(base, damping, _most(base, MOST_SPREAD) // 2)
+        spread = spread_poles(base, damping, _most(base, MOST_SPREAD) // 2)
         operators = np.concatenate([poles, poles, spread])
         name = f"the poles so far and a spread, damping {damping:g}"
         rate = float(np.sqrt(low * high))
@@ -335,7 +335,8 @@ def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> list[Par
     return sorted(found, key=lambda start: start.criterion)
 
 
-def _spread(base: Problem, damping: float, count: int) -> Complex:
+def spread_poles(base: Problem, damping: float, count: int) -> Complex:
+    """Poles over the whole band, real for a damping of 1 and in pairs below it."""
     low, high = rate_limits(base)
     if damping == 1.0:
         return -np.geomspace(low, 3.0 * high, count).astype(np.complex128)
