@@ -150,8 +150,8 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
+        """Delays that are known, and any instants."""
+        return Capability.DELAY | Capability.NON_UNIFORM_TIME
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

@@ -183,8 +183,13 @@ def model_of(problem: Problem, theta: Array, record: Record) -> TransferFunction
             at += m + 1
         num.append(line)
     dens = [[den] * problem.n_inputs] * problem.n_outputs
+    delays = problem.experiments[0].delays
     return TransferFunction(
-        num, dens, input_names=record.input_names, output_names=record.output_names
+        num,
+        dens,
+        delay=0.0 if delays is None else delays,
+        input_names=record.input_names,
+        output_names=record.output_names,
     )
 
 
@@ -275,9 +280,16 @@ def _nuisance(
                 drift_std=drift_std,
                 initial_state=nuisances.initial_state,
                 t0=float(record.t[0]),
+                free_after=free_after(problem, e),
             )
         )
     return tuple(found)
+
+
+def free_after(problem: Problem, experiment: int) -> float:
+    """When the free response of an experiment begins, after its first sample [s]."""
+    e = problem.experiments[experiment]
+    return float(e.instants[e.start]) if e.free else 0.0
 
 
 def fingerprint(records: Sequence[Record]) -> str:
@@ -285,6 +297,8 @@ def fingerprint(records: Sequence[Record]) -> str:
     digest = hashlib.sha256()
     for record in records:
         digest.update(np.array([record.t[0], record.dt or 0.0]).tobytes())
+        if record.dt is None:
+            digest.update(record.t)  # type: ignore[arg-type]
         digest.update(record.u)  # type: ignore[arg-type]
         digest.update(record.y)  # type: ignore[arg-type]
     return digest.hexdigest()
@@ -415,4 +429,5 @@ def _held_nuisance(
         drift_std=np.full(problem.n_outputs, np.nan if nuisances.drift else 0.0),
         initial_state=nuisances.initial_state,
         t0=float(record.t[0]),
+        free_after=free_after(problem, e),
     )
