@@ -234,7 +234,8 @@ class Point:
             rows = np.zeros((n, combinations.shape[1]))
             for key, block in blocks.items():
                 rows += block @ combinations[width[key]]
-            signals = response_of(experiment, self.bank, rows.T)
+            owners = [output] * rows.shape[1]
+            signals = response_of(experiment, self.bank, rows.T, outputs=owners)
             found.append(np.where(np.isnan(experiment.y[:, [output]]), np.nan, signals))
         return tuple(found)
 
