@@ -169,6 +169,7 @@ def degrees_of_freedom(point: Point) -> Array:
     for group in point.problem.groups:
         outputs = sorted({i for i, _ in group.channels})
         shared[outputs] += group.order / len(outputs)
+    shared += point.problem.n_delays / own.size
     sizes = [a.size for a in point.problem.noise]
     noise = np.array(sizes or np.zeros(own.size), dtype=np.float64)
     return np.asarray(np.maximum(point.counts - own - shared - noise, 1.0))
@@ -229,6 +230,8 @@ def _transform(point: Point, keys: dict[object, slice], width: int) -> Array:
             if m == n:
                 block = np.vstack([block, a])
             transform[b_places[i, j], keys[i, ("b", j)]] = block[:, n - m :].T
+    if problem.n_delays:
+        transform[-problem.n_delays :, keys["delay"]] = np.eye(problem.n_delays)
     return transform
 
 

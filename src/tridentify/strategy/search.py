@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from tridentify.estimate import Pass, Start
 from tridentify.numerics.least_squares import solve
-from tridentify.numerics.realization import Complex, cascade
+from tridentify.numerics.realization import Complex
 from tridentify.numerics.whiteness import is_white
 from tridentify.output_error.finish import (
     Recorder,
@@ -40,7 +40,7 @@ from tridentify.output_error.finish import (
     finish,
     mean_square,
 )
-from tridentify.output_error.point import Point, evaluate, evaluate_variant
+from tridentify.output_error.point import Point, bank_of, evaluate, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress
 from tridentify.strategy.moves import Move, moved_poles
@@ -182,7 +182,7 @@ class Search:
         if explained(near) < WORTHWHILE or base.noise:
             return False
         poles = _sharpened(base, near.poles)
-        bank = cascade(np.tile(poles, 2))
+        bank = bank_of(base, poles, 2)[0]
         whole = tuple(regress(e, bank) for e in base.experiments)
         point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
         if at_rounding(point) or not _is_white(point):
