@@ -23,6 +23,7 @@ __all__ = [
     "ConvergenceError",
     "DataError",
     "DataWarning",
+    "DelayError",
     "DuplicateColumnError",
     "EmptyChannelError",
     "EmptyFileError",
@@ -242,6 +243,10 @@ class ParameterNameError(StructureError):
 
 class BoundsError(StructureError):
     """A bound is not a pair (low, high) with low < high, or a fixed value is not finite."""
+
+
+class DelayError(StructureError):
+    """A delay leaves no output sample that a recorded input could explain."""
 
 
 class CoefficientError(StructureError):

@@ -65,6 +65,11 @@ class Nuisance:
         Zero where not estimated.
     initial_state : str
         "rest", "equilibrium" or "free".
+    t0 : float
+        First instant of the record [s].
+    free_after : float
+        How long after ``t0`` the free response begins [s]: with delays, when the last of the
+        inputs has arrived. What came before is not explained.
     """
 
     input_reference: Array
@@ -75,6 +80,7 @@ class Nuisance:
     drift_std: Array
     initial_state: str = "rest"
     t0: float = 0.0
+    free_after: float = 0.0
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

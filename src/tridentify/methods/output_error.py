@@ -11,7 +11,8 @@ The cost is not convex in ``a``: the end depends on the start, and this method h
 That is either a model that the user gives, of which only the denominator matters, or the
 series-parallel model fitted to the raw record through state-variable filters
 (`SvfLeastSquares`), whose bias grows with the noise; missing samples of the output are joined by
-straight lines for this start alone. `ThreeModel` is the same finish with a search in front of it;
+straight lines for this start alone, and delayed or unevenly sampled records are put onto an even
+grid. `ThreeModel` is the same finish with a search in front of it;
 what the search is worth is the difference between the two.
 """
 
@@ -22,7 +23,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.errors import IdentifiabilityError, OptionError
+from tridentify.checks.samples import typical_step
+from tridentify.errors import DataError, IdentifiabilityError, OptionError
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
@@ -40,6 +42,10 @@ from tridentify.record import Record
 from tridentify.strategy.starts import discrete_poles, laguerre_starts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
+
+GAP = 20.0
+FEWEST = 20
+MOST = 20_000
 
 
 @dataclass(frozen=True)
@@ -101,8 +107,9 @@ class OutputError:
 
     @property
     def capabilities(self) -> Capability:
-        """Separate denominators."""
-        return Capability.SEPARATE_DENOMINATORS
+        """Separate denominators, delays that are known, and any instants."""
+        plain = Capability.DELAY | Capability.NON_UNIFORM_TIME
+        return plain | Capability.SEPARATE_DENOMINATORS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -207,7 +214,8 @@ class OutputError:
         """Admissible poles to begin with, and in words where they come from."""
         if self.start is None and not structure.shared:
             best = laguerre_starts(base, variants)[0]
-            poles = best.candidates()[-1]
+            points = [evaluate_variant(base, best.variant, one) for one in best.candidates()]
+            poles = min(points, key=lambda point: point.objective).poles
             return poles, f"{best.name}, reduced channel by channel"
         if self.start is None:
             return _own_start(base, records, structure)
@@ -227,9 +235,12 @@ def _own_start(
     The latter where no state-variable filter gives signals that can be told apart, as with many
     poles.
     """
+    even = [part for record in records for part in _even(record, structure)]
     try:
-        model = least_squares([_joined(record) for record in records], structure, None).fit.model
-    except IdentifiabilityError:
+        if not even:
+            raise IdentifiabilityError("found no stretch without gaps")
+        model = least_squares(even, replace(structure, delay=0.0), None).fit.model
+    except (IdentifiabilityError, DataError):
         return discrete_poles(base), "discrete-time least squares on the raw record"
     note = "state-variable-filter least squares on the raw record"
     return base.admissible(model.poles)[0], f"{note}, {model.note}" if model.note else note
@@ -252,3 +263,49 @@ def _joined(record: Record) -> Record:
         input_names=record.input_names,
         output_names=record.output_names,
     )
+
+
+def _even(record: Record, structure: Structure) -> list[Record]:
+    """Stretches on an even grid, the inputs late by their delays: good enough for a start.
+
+    What lies between the samples of the output is a straight line. Where an input has several
+    delays its mean counts.
+    """
+    delays = np.mean(structure.delay_matrix(record.n_outputs, record.n_inputs), axis=0)
+    if record.dt is not None and not delays.any():
+        return [_joined(record)]
+    steps = np.diff(record.t)
+    edges = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+    found = []
+    for part in np.split(np.arange(record.n_samples), edges):
+        own = record.t[part]
+        seen = np.isfinite(record.y[part])
+        if part.size < FEWEST or seen.sum(axis=0).min() < FEWEST:
+            continue
+        duration = own[-1] - own[0]
+        count = int(min(duration / typical_step(own), MOST))
+        grid = own[0] + np.arange(count + 1) * (duration / count)
+        u = np.empty((grid.size, record.n_inputs))
+        for j, delay in enumerate(delays):
+            if record.intersample == "zoh":
+                last = np.searchsorted(record.t, grid - delay + 1e-9 * duration / count, "right")
+                u[:, j] = record.u[np.maximum(last - 1, 0), j]
+            else:
+                u[:, j] = np.interp(grid - delay, record.t, record.u[:, j])
+        y = np.column_stack(
+            [
+                np.interp(grid, own[s], one[s])
+                for s, one in zip(seen.T, record.y[part].T, strict=True)
+            ]
+        )
+        found.append(
+            Record(
+                u,
+                y,
+                dt=duration / count,
+                intersample=record.intersample,
+                input_names=record.input_names,
+                output_names=record.output_names,
+            )
+        )
+    return found

@@ -165,8 +165,9 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """Separate denominators."""
-        return Capability.SEPARATE_DENOMINATORS
+        """Separate denominators, delays that are known, and any instants."""
+        plain = Capability.DELAY | Capability.NON_UNIFORM_TIME
+        return plain | Capability.SEPARATE_DENOMINATORS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None

@@ -112,6 +112,8 @@ def decide(
             break
         say(f"output error ({choices[k].label})")
         problem = build(records, structure, choices[k]).whitened(base.noise)
+        if base.limits is not None:
+            problem = problem.delayed(base.delays).freed(base.limits)
         at = partial(evaluate, problem)
         same = _same_input(problem, base, variants[k])
         start = promised[k].point if same else at(promised[k].point.poles)

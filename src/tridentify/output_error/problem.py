@@ -70,6 +70,8 @@ class Problem:
     size : (n_outputs,) array
         Mean squares of the outputs as recorded: what rounding is relative to.
     groups : tuple of Group
+    limits : (n_inputs,) array, optional
+        Where the delays of the inputs are estimated along: how large each may become [s].
     """
 
     experiments: tuple[Experiment, ...]
@@ -78,6 +80,7 @@ class Problem:
     power: Array
     size: Array
     groups: tuple[Group, ...]
+    limits: Array | None = None
 
     @classmethod
     def of(
@@ -118,7 +121,27 @@ class Problem:
     def over(self, experiments: Sequence[Experiment]) -> Problem:
         """The same orders and groups for other experiments."""
         found = Problem.of(experiments, self.n_poles, self.n_zeros)
-        return replace(found, groups=self.groups)
+        return replace(found, groups=self.groups, limits=self.limits)
+
+    @property
+    def delays(self) -> Array:
+        """(n_inputs,) how late each input reaches the first output [s]."""
+        delays = self.experiments[0].delays
+        return np.zeros(self.n_inputs) if delays is None else np.asarray(delays[0])
+
+    def delayed(self, delays: Array) -> Problem:
+        """The same problem with these delays [s] of the inputs, in every experiment."""
+        late = np.tile(delays, (self.n_outputs, 1)) if np.any(delays) else None
+        return replace(self, experiments=tuple(replace(e, delays=late) for e in self.experiments))
+
+    def freed(self, limits: Array | None) -> Problem:
+        """The same problem with delays estimated along up to some limits, or known (None)."""
+        return replace(self, limits=limits)
+
+    @property
+    def n_delays(self) -> int:
+        """Number of delays that are estimated along."""
+        return 0 if self.limits is None else self.limits.size
 
     @property
     def n_outputs(self) -> int:
@@ -159,6 +182,7 @@ class Problem:
         a : tuple of slice
             Of every group.
         b : dict of (output, input) to slice
+            Delays that are estimated along stand behind all of them.
         """
         a: dict[int, slice] = {}
         b: dict[tuple[int, int], slice] = {}
@@ -181,7 +205,7 @@ class Problem:
     @property
     def n_coefficients(self) -> int:
         """Number of physical coefficients."""
-        return self.n_poles + sum(m + 1 for row in self.n_zeros for m in row)
+        return self.n_poles + sum(m + 1 for row in self.n_zeros for m in row) + self.n_delays
 
     @property
     def n_nuisance(self) -> int:

@@ -169,6 +169,7 @@ def degrees_of_freedom(point: Point) -> Array:
     for group in point.problem.groups:
         outputs = sorted({i for i, _ in group.channels})
         shared[outputs] += group.order / len(outputs)
+    shared += point.problem.n_delays / own.size
     sizes = [a.size for a in point.problem.noise]
     noise = np.array(sizes or np.zeros(own.size), dtype=np.float64)
     return np.asarray(np.maximum(point.counts - own - shared - noise, 1.0))
@@ -183,8 +184,13 @@ def model_of(problem: Problem, theta: Array, record: Record) -> TransferFunction
         for i, j in group.channels:
             den[i][j] = np.concatenate([[1.0], theta[place]])
             num[i][j] = theta[b_places[i, j]]
+    delays = problem.experiments[0].delays
     return TransferFunction(
-        num, den, input_names=record.input_names, output_names=record.output_names
+        num,
+        den,
+        delay=0.0 if delays is None else delays,
+        input_names=record.input_names,
+        output_names=record.output_names,
     )
 
 
@@ -224,6 +230,8 @@ def _transform(point: Point, keys: dict[object, slice], width: int) -> Array:
             if m == n:
                 block = np.vstack([block, a])
             transform[b_places[i, j], keys[i, ("b", j)]] = block[:, n - m :].T
+    if problem.n_delays:
+        transform[-problem.n_delays :, keys["delay"]] = np.eye(problem.n_delays)
     return transform
 
 
@@ -274,6 +282,7 @@ def _nuisance(
                 drift_std=drift_std,
                 initial_state=nuisances.initial_state,
                 t0=float(record.t[0]),
+                free_after=free_after(problem, e),
             )
         )
     return tuple(found)
@@ -295,11 +304,19 @@ def _free_response(point: Point, experiment: int) -> Array:
     return found
 
 
+def free_after(problem: Problem, experiment: int) -> float:
+    """When the free response of an experiment begins, after its first sample [s]."""
+    e = problem.experiments[experiment]
+    return float(e.instants[e.start]) if e.free else 0.0
+
+
 def fingerprint(records: Sequence[Record]) -> str:
     """SHA-256 of the samples and their times, in hexadecimal."""
     digest = hashlib.sha256()
     for record in records:
         digest.update(np.array([record.t[0], record.dt or 0.0]).tobytes())
+        if record.dt is None:
+            digest.update(record.t)  # type: ignore[arg-type]
         digest.update(record.u)  # type: ignore[arg-type]
         digest.update(record.y)  # type: ignore[arg-type]
     return digest.hexdigest()
@@ -430,4 +447,5 @@ def _held_nuisance(
         drift_std=np.full(problem.n_outputs, np.nan if nuisances.drift else 0.0),
         initial_state=nuisances.initial_state,
         t0=float(record.t[0]),
+        free_after=free_after(problem, e),
     )

@@ -197,11 +197,12 @@ def discrete_poles(base: Problem) -> Complex:
     parts = []
     dt = base.experiments[0].dt
     for e in base.experiments:
-        if e.n_samples <= 2 * n + 2 or not math.isclose(e.dt, dt, rel_tol=1e-6):
+        same = e.t is None and math.isclose(e.dt, dt, rel_tol=1e-6)
+        if e.n_samples <= 2 * n + 2 or not same:
             continue
-        lags = sliding_window_view(e.u, n + 1, axis=0)[:, :, ::-1]
-        inputs = np.column_stack([lags.reshape(lags.shape[0], -1), np.ones(lags.shape[0])])
         for i in range(n_outputs):
+            lags = sliding_window_view(e.sampled[i].direct, n + 1, axis=0)[:, :, ::-1]
+            inputs = np.column_stack([lags.reshape(lags.shape[0], -1), np.ones(lags.shape[0])])
             y = sliding_window_view(e.y[:, i] / scale[i], n + 1)[:, ::-1]
             seen = np.isfinite(y).all(axis=1)
             if seen.sum() <= 2 * n:
