@@ -48,6 +48,7 @@ BIWEIGHT = 4.685
 ABSOLUTE_ROUNDS = 12
 BIWEIGHT_ROUNDS = 8
 NEAR_ZERO = 0.05
+RIDGE = 1e-12
 MOST_SET_ASIDE = 0.4
 
 
@@ -92,10 +93,12 @@ def _best_poles(problem: Problem) -> Complex:
     count = max(count, min(problem.n_poles + 1, samples // 4), 1)
     tried = [spread_poles(problem, damping, count) for damping in SPREAD_DAMPING]
     tried += [np.full(count, -g, dtype=np.complex128) for g in np.geomspace(low, high, RATES)]
-    return min(tried, key=lambda poles: _residuals(problem, poles)[1])
+    return min(tried, key=lambda poles: _residuals(problem, poles, 0)[1])
 
 
-def _residuals(problem: Problem, poles: Complex) -> tuple[Array, float]:
+def _residuals(
+    problem: Problem, poles: Complex, rounds: int = BIWEIGHT_ROUNDS
+) -> tuple[Array, float]:
     """Residuals (n_samples, n_outputs), and the sum of the outputs' log absolute residuals."""
     experiment = problem.experiments[0]
     bank = cascade(poles)
@@ -106,7 +109,7 @@ def _residuals(problem: Problem, poles: Complex) -> tuple[Array, float]:
         seen = np.isfinite(y)
         if seen.any():
             own = basis if seen.all() else np.linalg.qr(basis[seen])[0]
-            residuals[seen, i], absolute = _robust_fit(own, y[seen])
+            residuals[seen, i], absolute = _robust_fit(own, y[seen], rounds)
             total += float(np.log(absolute + 1e-12 * float(np.abs(y[seen]).mean()) + 1e-300))
     return residuals, total
 
@@ -123,7 +126,7 @@ def _basis(problem: Problem, bank: Cascade) -> Array:
     return np.asarray(u[:, s > 1e-10 * s[0]])
 
 
-def _robust_fit(basis: Array, y: Array) -> tuple[Array, float]:
+def _robust_fit(basis: Array, y: Array, rounds: int) -> tuple[Array, float]:
     """Residuals by least absolute values, then the biweight; mean absolute one of the former."""
     residual = y - np.median(y)
     for _ in range(ABSOLUTE_ROUNDS):
@@ -131,7 +134,7 @@ def _robust_fit(basis: Array, y: Array) -> tuple[Array, float]:
         floor = NEAR_ZERO * float(np.median(size)) + 1e-300
         residual = y - basis @ _weighted(basis, y, 1.0 / np.maximum(size, floor))
     absolute = float(np.abs(residual).mean())
-    for _ in range(BIWEIGHT_ROUNDS):
+    for _ in range(rounds):
         scale = median_scale(residual, basis.shape[1])
         if scale == 0:
             break
@@ -141,8 +144,11 @@ def _robust_fit(basis: Array, y: Array) -> tuple[Array, float]:
 
 
 def _weighted(basis: Array, y: Array, weights: Array) -> Array:
-    root = np.sqrt(weights / weights.max())
-    return np.asarray(np.linalg.lstsq(basis * root[:, None], y * root, rcond=1e-10)[0])
+    # of an orthonormal basis, the normal equations have at most the condition of the weights
+    scaled = basis.T * (weights / weights.max())
+    gram = scaled @ basis
+    gram[np.diag_indices_from(gram)] += RIDGE * np.trace(gram)
+    return np.asarray(np.linalg.solve(gram, scaled @ y))
 
 
 def _far(residuals: Array, unknowns: int) -> Flags:
