@@ -153,6 +153,11 @@ def find_channel(source: OpenFile, name: str) -> Channel:
     fits = exact or [channel for channel in source.channels if channel.name == wanted and wanted]
     if not fits:
         listed = ", ".join(channel.header for channel in source.channels if channel.header)
+        if not listed:
+            raise MissingColumnError(
+                f"found no channel in {shown(source.path.name)}; expected {shown(name)}; check that "
+                "the file was written completely"
+            )
         raise MissingColumnError(
             f"found no column {shown(name)} in {shown(source.path.name)}; expected one of "
             f"{shown(listed, 300)[1:-1]}; correct the name"
