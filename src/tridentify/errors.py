@@ -19,6 +19,7 @@ __all__ = [
     "ChannelNameError",
     "CoefficientError",
     "ConstantInputError",
+    "ContradictoryConstraintsError",
     "ConvergenceError",
     "DataError",
     "DataWarning",
@@ -26,6 +27,7 @@ __all__ = [
     "EmptyChannelError",
     "EmptyFileError",
     "EmptyRangeError",
+    "EqualityError",
     "IdentifiabilityError",
     "ImproperModelError",
     "LengthMismatchError",
@@ -38,11 +40,13 @@ __all__ = [
     "OrderError",
     "OutputPathError",
     "ParameterNameError",
+    "PriorError",
     "RaggedRowError",
     "ResampleError",
     "SampleTypeError",
     "SamplingError",
     "ShapeError",
+    "StaticGainError",
     "StructureError",
     "TextInColumnError",
     "TimeNotIncreasingError",
@@ -214,11 +218,27 @@ class OptionError(StructureError, TypeError):
 
 
 class ParameterNameError(StructureError):
-    """A fixed or bounded coefficient does not exist in the structure."""
+    """A coefficient that is fixed, bounded or known otherwise does not exist in the structure."""
 
 
 class BoundsError(StructureError):
     """A bound is not a pair (low, high) with low < high, or a fixed value is not finite."""
+
+
+class EqualityError(StructureError):
+    """A linear equality is not a pair (weights by coefficient, value) of finite numbers."""
+
+
+class PriorError(StructureError):
+    """A prior is not a pair (mean, standard deviation) with a positive standard deviation."""
+
+
+class StaticGainError(StructureError):
+    """A known static gain is no finite number, or is nested for other channels."""
+
+
+class ContradictoryConstraintsError(StructureError):
+    """Constraints contradict one another, or leave no stable model or nothing to estimate."""
 
 
 class CoefficientError(StructureError):

@@ -22,13 +22,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from tridentify.constraints.solve import Seeds, constrain, resolve, seen
 from tridentify.errors import IdentifiabilityError, OptionError
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
 from tridentify.methods.svf_least_squares import least_squares
 from tridentify.numerics.realization import Complex, denominator, sort_poles
-from tridentify.output_error.decide import decide
+from tridentify.output_error.decide import Finished, decide
 from tridentify.output_error.finish import Recorder, coefficients, mean_square
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import evaluate_variant
@@ -99,8 +100,8 @@ class OutputError:
 
     @property
     def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
+        """Knowledge of the coefficients."""
+        return Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -133,26 +134,9 @@ class OutputError:
         say = progress or (lambda _: None)
         check(records, structure, self.name, self.capabilities)
         self._check_start(records[0], structure)
-        choices = candidates(records, structure)
-        base, variants = build_base(records, structure, choices)
-        say("a single start")
-        poles, note = self._start_poles(base, records, structure)
-        best, decisions, _ = decide(
-            records, structure, choices, base, variants, [poles], self.max_passes, say
-        )
-        first = evaluate_variant(base, variants[choices.index(best.nuisances)], poles)
-        recorder = Recorder()
-        step = Step(
-            "series-parallel" if self.start is None else "output error",
-            denominator(first.poles)[1:],
-            mean_square(first),
-            max(fit.solution.condition for fit in first.fits),
-            note,
-        )
-        recorder.add(first, (step,), np.nan, note)
-        recorder.extend(best.recorder)
-        start = Start(note, coefficients(first), mean_square(first))
-        trace = Trace(tuple(recorder.passes), (start,), decisions, best.why)
+        if structure.constrained:
+            return self._constrained(records, structure, say)
+        best, trace = self._free(records, structure, say, self.start)
         return estimate_from(
             best.point,
             records,
@@ -163,6 +147,48 @@ class OutputError:
             self.name,
             best.criterion,
         )
+
+    def _constrained(
+        self, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> Estimate:
+        """The single start without the constraints, then the maximum within them."""
+        known = resolve(records, structure)
+        looked_at = seen(records, structure, known)
+        seeds = Seeds((), (), Trace(()))
+        if looked_at is not None:
+            start = None if known.integrators else self.start
+            best, trace = self._free(*looked_at, say, start)
+            seeds = Seeds((coefficients(best.point), trace.starts[0].theta), (), trace)
+        return constrain(records, structure, known, seeds, self.name, say, self.max_passes, "white")
+
+    def _free(
+        self,
+        records: Sequence[Record],
+        structure: Structure,
+        say: Progress,
+        start: TransferFunction | None,
+    ) -> tuple[Finished, Trace]:
+        """The minimum reached without constraints, and the way there."""
+        choices = candidates(records, structure)
+        base, variants = build_base(records, structure, choices)
+        say("a single start")
+        poles, note = _start_poles(base, records, structure, start)
+        best, decisions, _ = decide(
+            records, structure, choices, base, variants, [poles], self.max_passes, say
+        )
+        first = evaluate_variant(base, variants[choices.index(best.nuisances)], poles)
+        recorder = Recorder()
+        step = Step(
+            "series-parallel" if start is None else "output error",
+            denominator(first.poles)[1:],
+            mean_square(first),
+            max(fit.solution.condition for fit in first.fits),
+            note,
+        )
+        recorder.add(first, (step,), np.nan, note)
+        recorder.extend(best.recorder)
+        begun = Start(note, coefficients(first), mean_square(first))
+        return best, Trace(tuple(recorder.passes), (begun,), decisions, best.why)
 
     def _check_start(self, record: Record, structure: Structure) -> None:
         """Refuse a start for other orders or channels."""
@@ -183,16 +209,20 @@ class OutputError:
                 "give every channel a numerator"
             )
 
-    def _start_poles(
-        self, base: Problem, records: Sequence[Record], structure: Structure
-    ) -> tuple[Complex, str]:
-        """Admissible poles to begin with, and in words where they come from."""
-        if self.start is None:
-            return _own_start(base, records, structure)
-        den = self.start.common_denominator
-        assert den is not None
-        poles, note = base.admissible(sort_poles(np.roots(den).astype(np.complex128)))
-        return poles, f"the start given, {note}" if note else "the start given"
+
+def _start_poles(
+    base: Problem,
+    records: Sequence[Record],
+    structure: Structure,
+    start: TransferFunction | None,
+) -> tuple[Complex, str]:
+    """Admissible poles to begin with, and in words where they come from."""
+    if start is None:
+        return _own_start(base, records, structure)
+    den = start.common_denominator
+    assert den is not None
+    poles, note = base.admissible(sort_poles(np.roots(den).astype(np.complex128)))
+    return poles, f"the start given, {note}" if note else "the start given"
 
 
 def _own_start(

@@ -20,6 +20,9 @@ Where the record is short and noisy, the end is the mean over the posterior (`po
 
 Where the residual is not white, the noise gets an autoregressive model and all steps are repeated
 on whitened samples (`output_error.colour`).
+
+Where something is known of the coefficients, all this is the search; the end is the maximum of the
+likelihood (and of the priors) within the constraints (`constraints`).
 """
 
 from __future__ import annotations
@@ -27,6 +30,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from tridentify.constraints.solve import Seeds, constrain, resolve, seen
+from tridentify.errors import UnsupportedError
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
@@ -34,7 +39,7 @@ from tridentify.methods.paper import PaperThreeModel
 from tridentify.numerics.realization import Complex
 from tridentify.output_error.colour import NoiseChoice, check_noise, settle
 from tridentify.output_error.decide import Finished, decide
-from tridentify.output_error.finish import Recorder
+from tridentify.output_error.finish import Recorder, coefficients
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import Point
 from tridentify.output_error.problem import Problem
@@ -150,8 +155,8 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
+        """Knowledge of the coefficients."""
+        return Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -179,6 +184,36 @@ class ThreeModel:
         """
         say = progress or (lambda _: None)
         check(records, structure, self.name, self.capabilities)
+        if structure.constrained:
+            return self._constrained(records, structure, say)
+        best, search, trace = self._maximum(records, structure, say)
+        return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
+
+    def _constrained(
+        self, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> Estimate:
+        """The search without the constraints, then the maximum within them."""
+        if self.finish == "posterior":
+            raise UnsupportedError(
+                "found finish='posterior' together with knowledge of the coefficients; expected "
+                "finish='auto' or 'likelihood', as the posterior mean keeps no constraints; choose "
+                "one of them"
+            )
+        known = resolve(records, structure)
+        looked_at = seen(records, structure, known)
+        seeds = Seeds((), (), Trace(()))
+        if looked_at is not None:
+            best, search, trace = self._maximum(*looked_at, say)
+            tried = [s.theta for s in sorted(search.starts, key=lambda start: start.cost)]
+            seeds = Seeds((coefficients(best.point), *tried), best.point.problem.noise, trace)
+        return constrain(
+            records, structure, known, seeds, self.name, say, self.max_passes, self.noise
+        )
+
+    def _maximum(
+        self, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> tuple[Finished, Search, Trace]:
+        """The likelihood's maximum without constraints, and the way there."""
         choices = candidates(records, structure)
         base, variants = build_base(records, structure, choices)
         say("the three models, from several starts")
@@ -213,7 +248,7 @@ class ThreeModel:
         recorder.extend(best.recorder)
         self._certify(best.point, recorder)
         trace = Trace(tuple(recorder.passes), tuple(search.starts), decisions, best.why)
-        return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
+        return best, search, trace
 
     def _certify(self, point: Point, recorder: Recorder) -> None:
         """Step 3 at the end: the weights must be (1, 0, ..., 0)."""
