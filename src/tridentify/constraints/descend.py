@@ -165,8 +165,10 @@ def descend(problem: Problem, known: Known, theta: Array, most: int = MOST_STEPS
     damping, growth, exact, idle, outside = 0.0, 2.0, 0, 0, False
     status, why = Status.MAX_PASSES, f"{most} steps on the constrained cost"
     for _ in range(most):
-        left = step(here, known, 0.0).fall
+        promised = step(here, known, 0.0)
+        left = promised.fall
         if left < settled:
+            here = _polished(here, known, room, promised)
             status = Status.CONVERGED
             why = f"the next step would lower the cost by {left:.0e}, less than {settled:.0e}"
             break
@@ -201,6 +203,14 @@ def descend(problem: Problem, known: Known, theta: Array, most: int = MOST_STEPS
     multipliers = np.where(_at_bound(known, here.theta), last.multipliers, 0.0)
     gradient = gradient_share(here, known, multipliers != 0)
     return Reached(here, known, status, why, tuple(steps), multipliers, gradient)
+
+
+def _polished(here: Fit, known: Known, room: Room, last: Move) -> Fit:
+    """One step more, which Gauss-Newton steps make with many digits, unless it leads uphill."""
+    if is_exact(here) or not room.holds(last.theta[known.moving]):
+        return here
+    trial = fit_at(here.problem, known, last.theta)
+    return trial if cost(trial, known) <= cost(here, known) else here
 
 
 def _verdict(

@@ -77,6 +77,15 @@ class Known:
         """The coefficients ``a_{n-1}, ..., a_k`` of the poles that are not at the origin."""
         return slice(0, self.n_poles - self.integrators)
 
+    @property
+    def only_bounds(self) -> bool:
+        """Whether bounds are all that is known."""
+        return (
+            not self.determined.any()
+            and self.n_free == self.origin.size
+            and not (np.isfinite(self.spread).any())
+        )
+
     def penalty(self, theta: Array) -> float:
         """Minus two log prior, up to a constant."""
         return float(np.sum(((theta - self.mean) / self.spread) ** 2))

@@ -126,6 +126,28 @@ def _integrated(record: Record, count: int, structure: Structure) -> Record:
     )
 
 
+def unmoved(structure: Structure, estimate: Estimate) -> Estimate | None:
+    """A free estimate that lies within the bounds, where bounds are all that is known; else None.
+
+    It is the constrained one then, a posterior mean too if no draw lies beyond.
+    """
+    bounds = structure.bounds or {}
+    if replace(structure, bounds=None).constrained or not estimate.status.ok:
+        return None
+    draws = np.vstack([estimate.theta, estimate.draws])
+    for name, (low, high) in bounds.items():
+        values = draws[:, estimate.names.index(name)]
+        if (low is not None and values.min() <= low) or (high is not None and values.max() >= high):
+            return None
+    trace = estimate.trace
+    told = (*trace.decisions, "constraints: the free estimate lies within all bounds, none active")
+    return replace(
+        estimate,
+        structure=replace(estimate.structure, bounds=structure.bounds),
+        trace=replace(trace, decisions=told),
+    )
+
+
 def constrain(
     records: Sequence[Record],
     structure: Structure,

@@ -18,12 +18,13 @@ what the search is worth is the difference between the two.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.constraints.solve import Seeds, constrain, resolve, seen
-from tridentify.errors import IdentifiabilityError, OptionError
+from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
+from tridentify.errors import IdentifiabilityError, OptionError, UnsupportedOrderError
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
@@ -137,6 +138,11 @@ class OutputError:
         if structure.constrained:
             return self._constrained(records, structure, say)
         best, trace = self._free(records, structure, say, self.start)
+        return self._estimate(best, records, structure, trace)
+
+    def _estimate(
+        self, best: Finished, records: Sequence[Record], structure: Structure, trace: Trace
+    ) -> Estimate:
         return estimate_from(
             best.point,
             records,
@@ -158,6 +164,11 @@ class OutputError:
         if looked_at is not None:
             start = None if known.integrators else self.start
             best, trace = self._free(*looked_at, say, start)
+            if known.only_bounds:
+                with suppress(UnsupportedOrderError):
+                    kept = unmoved(structure, self._estimate(best, *looked_at, trace))
+                    if kept is not None:
+                        return kept
             seeds = Seeds((coefficients(best.point), trace.starts[0].theta), (), trace)
         return constrain(records, structure, known, seeds, self.name, say, self.max_passes, "white")
 

@@ -28,10 +28,11 @@ likelihood (and of the priors) within the constraints (`constraints`).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from tridentify.constraints.solve import Seeds, constrain, resolve, seen
-from tridentify.errors import UnsupportedError
+from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
+from tridentify.errors import UnsupportedError, UnsupportedOrderError
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
@@ -204,6 +205,12 @@ class ThreeModel:
         seeds = Seeds((), (), Trace(()))
         if looked_at is not None:
             best, search, trace = self._maximum(*looked_at, say)
+            if known.only_bounds:
+                with suppress(UnsupportedOrderError):
+                    free = weigh(self.finish, best, *looked_at, trace, self.name, say, search.scan)
+                    kept = unmoved(structure, free)
+                    if kept is not None:
+                        return kept
             tried = [s.theta for s in sorted(search.starts, key=lambda start: start.cost)]
             seeds = Seeds((coefficients(best.point), *tried), best.point.problem.noise, trace)
         return constrain(
