@@ -176,7 +176,7 @@ class Structure:
                     )
 
     def _check_constraints(self) -> None:
-        for name in self._known:
+        for name in self.known:
             match = _PARAMETER.fullmatch(name)
             orders = self.poles if match and match[1] == "a" else self.zeros
             largest = orders if isinstance(orders, int) else max(max(row) for row in orders)
@@ -201,15 +201,15 @@ class Structure:
         return self.bounds or {}
 
     @property
-    def _known(self) -> tuple[str, ...]:
-        """Names of all coefficients of which something is known, in the order given."""
+    def known(self) -> tuple[str, ...]:
+        """Names of the coefficients of which something is said, kind by kind; may repeat."""
         named = [name for weights, _ in self.equalities or () for name in weights]
         return (*self._fixed, *self._bounds, *named, *(self.priors or {}))
 
     @property
     def constrained(self) -> bool:
         """Whether anything is known of the coefficients."""
-        return bool(self._known) or self.static_gain is not None
+        return bool(self.known) or self.static_gain is not None
 
     @property
     def shared(self) -> bool:
@@ -365,7 +365,7 @@ class Structure:
         if self.delay == "free":
             one = len(input_names) == 1
             names += ["delay"] if one else [f"delay[{source}]" for source in input_names]
-        for name in self._known:
+        for name in self.known:
             # without channels at hand (the default names) a bracketed name cannot be judged
             if name not in names and not ("[" in name and (input_names, output_names) == _DEFAULT):
                 raise ParameterNameError(

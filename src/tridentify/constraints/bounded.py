@@ -72,6 +72,8 @@ def bounded_least_squares(
     if found is None:
         return None
     active = np.flatnonzero(found > 0)
+    if not active.size:  # violated by no more than rounding
+        return Bounded(free / norms, multipliers)
     x = _on(scaled, target, inside[active], bottom[active])
     slack = SLACK * (1.0 + np.abs(bottom) + np.linalg.norm(x))
     if np.any(inside @ x < bottom - slack):

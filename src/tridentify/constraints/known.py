@@ -22,7 +22,12 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-from tridentify.errors import ContradictoryConstraintsError, UnsupportedError
+from tridentify.errors import (
+    ContradictoryConstraintsError,
+    ParameterNameError,
+    UnsupportedError,
+    shown,
+)
 from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
@@ -122,6 +127,7 @@ def known_of(
         )
     names = structure.names(input_names, output_names)
     assert isinstance(structure.poles, int)
+    _refuse_unknown(structure, names)
     size = np.ones(len(names)) if scale is None else scale
     values, rows = _substituted(_equalities(structure, names, input_names, output_names), names)
     origin, directions = _null_space(values, rows, size, names)
@@ -138,6 +144,16 @@ def known_of(
     known = Known(names, n, origin, directions, low, high, mean, spread, integrators)
     _refuse_contradictions(known, structure, size)
     return known
+
+
+def _refuse_unknown(structure: Structure, names: tuple[str, ...]) -> None:
+    """Names of other channels; `Structure.names` cannot judge them for a single one."""
+    for name in structure.known:
+        if name not in names:
+            raise ParameterNameError(
+                f"found {shown(name)} among what is known; expected one of {', '.join(names)}; "
+                "correct the name"
+            )
 
 
 def _equalities(
