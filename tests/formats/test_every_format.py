@@ -165,6 +165,8 @@ class File:
             time.sleep(1000)
         if deed == "grow":
             return [np.ones(2**40)]
+        if deed == "import":
+            import no_such_module
         if deed == "raise":
             raise KeyError("two\\nlines")
         if deed == "print":
@@ -202,6 +204,7 @@ def misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         ("exit", errors.UnreadableFileError, "makes its reader fail"),
         ("hang", errors.UnreadableFileError, "not read within 2 s"),
         ("grow", errors.FileTooLargeError, "at most .* GiB"),
+        ("import", errors.MissingDependencyError, "no_such_module.*install them anew"),
         ("raise", errors.UnreadableFileError, "damaged content"),
     ],
 )

@@ -171,6 +171,23 @@ def test_an_archive_that_unpacks_to_more_than_memory_is_refused(
         read_record(path, dt=1.0, inputs=["u"], outputs=["y"])
 
 
+@pytest.mark.parametrize("suffix", ["parquet", "feather"])
+def test_columns_that_unpack_to_more_than_memory_are_refused(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"bomb.{suffix}"
+    repeated = pl.DataFrame({"u": np.zeros(1000)}).lazy()
+    frame = repeated.select(pl.col("u").repeat_by(20_000).explode()).collect()
+    frame = frame.with_columns(y=pl.col("u"))
+    write = frame.write_parquet if suffix == "parquet" else frame.write_ipc
+    write(path, compression="zstd")
+    assert path.stat().st_size < 1_000_000
+    with isolation.IsolatedFile(path, "tridentify.formats.arrow", suffix) as source:
+        monkeypatch.setattr(isolation, "memory_limit", lambda: 10_000_000)
+        with pytest.raises(errors.FileTooLargeError, match=r"0\.298 GiB of samples"):
+            source.read([0, 1])
+
+
 def test_a_header_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:
     stream = io.BytesIO()
     header = {"descr": "<f8", "fortran_order": False, "shape": (2**50,)}

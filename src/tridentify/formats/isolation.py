@@ -26,7 +26,13 @@ from typing import IO, Any
 import numpy as np
 
 from tridentify import errors
-from tridentify.errors import FileTooLargeError, TridentifyError, UnreadableFileError, shown
+from tridentify.errors import (
+    FileTooLargeError,
+    MissingDependencyError,
+    TridentifyError,
+    UnreadableFileError,
+    shown,
+)
 from tridentify.formats.channels import Channel, FloatArray
 
 __all__ = ["IsolatedFile"]
@@ -193,6 +199,11 @@ class IsolatedFile:
             return kind(str(answer["message"]))
         if answer["error"] == "MemoryError":
             return too_large(self.path, "more")
+        if answer["error"] == "ImportError":
+            return MissingDependencyError(
+                f"found a reader of {self.kind} files that cannot be loaded "
+                f"({shown(answer['message'], 80)}); expected its packages; install them anew"
+            )
         return self._unreadable(f"damaged content ({shown(answer['message'], 80)})")
 
     def _unreadable(self, what: str) -> UnreadableFileError:
