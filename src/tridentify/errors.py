@@ -18,10 +18,12 @@ __all__ = [
     "ChannelCountError",
     "ChannelNameError",
     "CoefficientError",
+    "CoefficientMapError",
     "ConstantInputError",
     "ConvergenceError",
     "DataError",
     "DataWarning",
+    "DelayError",
     "DuplicateColumnError",
     "EmptyChannelError",
     "EmptyFileError",
@@ -40,6 +42,7 @@ __all__ = [
     "OrderError",
     "OutputPathError",
     "ParameterNameError",
+    "PhysicalParameterError",
     "RaggedRowError",
     "ResampleError",
     "SampleTypeError",
@@ -51,6 +54,7 @@ __all__ = [
     "TimeNotIncreasingError",
     "TooFewSamplesError",
     "TridentifyError",
+    "UndeterminedError",
     "UnitError",
     "UnitMismatchError",
     "UnreadableFileError",
@@ -241,8 +245,20 @@ class BoundsError(StructureError):
     """A bound is not a pair (low, high) with low < high, or a fixed value is not finite."""
 
 
+class DelayError(StructureError):
+    """A delay leaves no output sample that a recorded input could explain."""
+
+
 class CoefficientError(StructureError):
     """Coefficients of a transfer function are empty, not finite, or a denominator is zero."""
+
+
+class CoefficientMapError(StructureError):
+    """A map from physical parameters fails, or does not give the coefficients of its structure."""
+
+
+class PhysicalParameterError(StructureError):
+    """A physical parameter has no usable name, guess or known value, or does not exist."""
 
 
 class ImproperModelError(StructureError):
@@ -262,6 +278,10 @@ class IdentifiabilityError(TridentifyError, ArithmeticError):
 
 class ConstantInputError(IdentifiabilityError):
     """An input never changes while the initial state is free: its effect cannot be told apart."""
+
+
+class UndeterminedError(IdentifiabilityError):
+    """A physical parameter that the coefficients do not determine by itself was asked for."""
 
 
 class UnsupportedOrderError(IdentifiabilityError):

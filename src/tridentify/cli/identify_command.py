@@ -81,6 +81,14 @@ class Noise(StrEnum):
     AR = "ar"
 
 
+class Loss(StrEnum):
+    """What is minimised."""
+
+    SQUARED = "squared"
+    HUBER = "huber"
+    STUDENT = "student"
+
+
 @dataclass(frozen=True)
 class Source:
     """Which part of which file is the record."""
@@ -171,6 +179,14 @@ def identify(
             "(ar where the residual is not white).",
         ),
     ] = Noise.AUTO,
+    loss: Annotated[
+        Loss,
+        _model(
+            metavar="HOW",
+            help="What is minimised: squared, or huber or student (robust, for outliers and noise "
+            "with heavy tails).",
+        ),
+    ] = Loss.SQUARED,
     out: Annotated[
         Path | None,
         _result(
@@ -203,14 +219,14 @@ def identify(
         drift=drift.answer,
         initial_state=initial_state.value,
     )
-    check_method(method, noise)
+    check_method(method, noise, loss)
     written: Sequence[Path] = ()
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
         record = load(source, activity)
         load_sample_loop(activity)
-        estimate = estimate_model(record, structure, method, activity.stage, noise)
+        estimate = estimate_model(record, structure, method, activity.stage, noise, loss)
         if results is not None:
             write_results(estimate, record, results.draft, activity, title)
             written = results.publish()
@@ -265,20 +281,23 @@ def nested_zeros(given: Sequence[str], n_outputs: int, n_inputs: int) -> int | l
     return [row * n_inputs if len(row) == 1 else row for row in rows]
 
 
-def check_method(name: str, noise: Noise = Noise.AUTO) -> None:
-    """Refuse a method that does not exist, or that has no choice of the noise."""
+def check_method(name: str, noise: Noise = Noise.AUTO, loss: Loss = Loss.SQUARED) -> None:
+    """Refuse a method that does not exist, or that has no choice of the noise or the loss."""
     from tridentify.identify import METHODS
 
     if name not in METHODS:
         raise OptionError(
             f"found --method {shown(name)}; expected one of {', '.join(METHODS)}; choose one"
         )
-    if noise is not Noise.AUTO and not hasattr(METHODS[name](), "noise"):
-        able = ", ".join(key for key, make in METHODS.items() if hasattr(make(), "noise"))
-        raise OptionError(
-            f"found --noise {noise.value} with --method {name}; expected one of {able}; leave "
-            "--noise out or choose another method"
-        )
+    asked = {"noise": noise.value} if noise is not Noise.AUTO else {}
+    asked |= {"loss": loss.value} if loss is not Loss.SQUARED else {}
+    for option, value in asked.items():
+        if not hasattr(METHODS[name](), option):
+            able = ", ".join(key for key, make in METHODS.items() if hasattr(make(), option))
+            raise OptionError(
+                f"found --{option} {value} with --method {name}; expected one of {able}; leave "
+                f"--{option} out or choose another method"
+            )
 
 
 def load(source: Source, activity: Activity) -> Record:
@@ -414,6 +433,7 @@ def estimate_model(
     method: str = "three-model",
     progress: Callable[[str], None] | None = None,
     noise: Noise = Noise.AUTO,
+    loss: Loss = Loss.SQUARED,
 ) -> Estimate:
     """Identify one record.
 
@@ -430,6 +450,8 @@ def estimate_model(
     chosen: Any = METHODS[method]()
     if noise is not Noise.AUTO:
         chosen = replace(chosen, noise=noise.value)
+    if loss is not Loss.SQUARED:
+        chosen = replace(chosen, loss=loss.value)
     estimate = run([record], structure, chosen, throw=False, progress=progress)
     if not estimate.status.ok:
         raise ConvergenceError(
