@@ -18,6 +18,7 @@ from tridentify.errors import (
     OptionError,
     ScaleError,
     TooFewSamplesError,
+    UnitError,
     UnsupportedOrderError,
     ZeroInputError,
     ZeroOutputError,
@@ -57,7 +58,7 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
 
     Raises
     ------
-    DataError, NonUniformTimeError, ZeroInputError, ZeroOutputError, TooFewSamplesError
+    DataError, NonUniformTimeError, UnitError, ZeroInputError, ZeroOutputError, TooFewSamplesError
         About the records.
     ChannelCountError, UnsupportedError
         About the structure.
@@ -71,6 +72,7 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
                 f"found records with channels {record.input_names} -> {record.output_names} and "
                 f"{first.input_names} -> {first.output_names}; expected the same; select them alike"
             )
+        _check_units(first, record)
     refuse_unsupported(records, structure, method, can)
     _check_order(structure)
     _check_scale(records)
@@ -113,6 +115,17 @@ def check_count(name: str, value: object) -> None:
             f"found {name}={value!r}; expected a whole number of at least 1; leave it out or "
             "correct it"
         )
+
+
+def _check_units(first: Record, record: Record) -> None:
+    """One channel must have one unit in all records that name it."""
+    for name in (*first.input_names, *first.output_names):
+        found = (first.units.get(name), record.units.get(name))
+        if None not in found and found[0] != found[1]:
+            raise UnitError(
+                f"found {name!r} in {found[0]} in one record and in {found[1]} in another; "
+                "expected one unit; convert the samples of one of them"
+            )
 
 
 def _constant(values: Array) -> bool:
