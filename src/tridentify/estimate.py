@@ -278,7 +278,8 @@ class Estimate:
         Returns
         -------
         ndarray, shape (n_samples, n_outputs)
-            [output units].
+            [output units]; ``nan`` before the last delayed input has arrived, where the initial
+            state is free: what came before the record is not known.
         """
         from tridentify.simulate import simulate
 
@@ -299,7 +300,9 @@ class Estimate:
             output_names=record.output_names,
         )
         free = terms.free_response if np.any(terms.free_response) else None
-        response = simulate(self.model, shifted, free_response=free)
+        response = simulate(self.model, shifted, free_response=free, free_after=terms.free_after)
+        if terms.free_after:
+            response[record.t - record.t[0] < (1.0 - 1e-9) * terms.free_after] = np.nan
         ramp = np.outer(record.t - terms.t0, terms.drift)
         fitted: Array = response + terms.offset + ramp
         return fitted

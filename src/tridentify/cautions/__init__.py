@@ -165,7 +165,7 @@ def missed_outputs(estimate: Estimate, record: Record, experiment: int) -> list[
 def _beginning(record: Record) -> Record:
     """The first 20,000 samples, or all where an output has none among them."""
     seen = np.isfinite(record.y[:LONGEST]).any(axis=0).all()
-    if record.dt is not None and record.n_samples > LONGEST and seen:
+    if record.n_samples > LONGEST and seen:
         return record.slice(None, float(record.t[LONGEST - 1]))
     return record
 

@@ -165,8 +165,9 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
+        """Separate denominators, delays that are known, and any instants."""
+        plain = Capability.DELAY | Capability.NON_UNIFORM_TIME
+        return plain | Capability.SEPARATE_DENOMINATORS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -201,8 +202,9 @@ class ThreeModel:
         say("the three models, from several starts")
         search = Search(self.starts)
         search.run(base, variants)
+        known = {search.known.poles.tobytes(): search.known.whole} if search.known else {}
         best, decisions, seed = decide(
-            records, structure, choices, base, variants, search.seeds, self.max_passes, say
+            records, structure, choices, base, variants, search.seeds, self.max_passes, say, known
         )
         if best.status not in SOUND:
             say("another search, as the end lies at a limit")
