@@ -105,8 +105,8 @@ class OutputError:
 
     @property
     def capabilities(self) -> Capability:
-        """Delays that are known, and any instants."""
-        return Capability.DELAY | Capability.NON_UNIFORM_TIME
+        """Delays that are known, any instants, band-limited inputs."""
+        return Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -246,7 +246,8 @@ def _even(record: Record, structure: Structure) -> list[Record]:
     delays its mean counts.
     """
     delays = np.mean(structure.delay_matrix(record.n_outputs, record.n_inputs), axis=0)
-    if record.dt is not None and not delays.any():
+    held = record.intersample != "band-limited"
+    if record.dt is not None and not delays.any() and held:
         return [_joined(record)]
     steps = np.diff(record.t)
     edges = np.flatnonzero(steps > GAP * np.median(steps)) + 1
@@ -277,7 +278,7 @@ def _even(record: Record, structure: Structure) -> list[Record]:
                 u,
                 y,
                 dt=duration / count,
-                intersample=record.intersample,
+                intersample="zoh" if record.intersample == "zoh" else "foh",
                 input_names=record.input_names,
                 output_names=record.output_names,
             )

@@ -150,8 +150,8 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """Delays that are known, and any instants."""
-        return Capability.DELAY | Capability.NON_UNIFORM_TIME
+        """Delays that are known, any instants, band-limited inputs."""
+        return Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
