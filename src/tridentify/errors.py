@@ -18,6 +18,7 @@ __all__ = [
     "ChannelCountError",
     "ChannelNameError",
     "CoefficientError",
+    "CoefficientMapError",
     "ConstantInputError",
     "ConvergenceError",
     "DataError",
@@ -27,6 +28,8 @@ __all__ = [
     "EmptyChannelError",
     "EmptyFileError",
     "EmptyRangeError",
+    "ForeignObjectError",
+    "FileTooLargeError",
     "IdentifiabilityError",
     "ImproperModelError",
     "LengthMismatchError",
@@ -39,6 +42,7 @@ __all__ = [
     "OrderError",
     "OutputPathError",
     "ParameterNameError",
+    "PhysicalParameterError",
     "RaggedRowError",
     "ResampleError",
     "SampleTypeError",
@@ -46,10 +50,13 @@ __all__ = [
     "ShapeError",
     "StructureError",
     "TextInColumnError",
+    "ThousandsSeparatorError",
     "TimeNotIncreasingError",
     "TooFewSamplesError",
     "TridentifyError",
+    "UndeterminedError",
     "UnitError",
+    "UnitMismatchError",
     "UnreadableFileError",
     "UnsupportedError",
     "UnsupportedOrderError",
@@ -151,6 +158,10 @@ class UnitError(DataError):
     """A unit belongs to no channel, is no text, or is no unit of time where one is needed."""
 
 
+class UnitMismatchError(UnitError):
+    """Records to be identified together have a channel in different units."""
+
+
 class ZeroInputError(DataError):
     """An input is zero throughout, so that it says nothing about the system."""
 
@@ -168,7 +179,11 @@ class ScaleError(DataError):
 
 
 class UnreadableFileError(DataError, OSError):
-    """The file is missing, a directory, not permitted, or not UTF-8 text."""
+    """The file is missing, a directory, not permitted, damaged, or not of a known format."""
+
+
+class FileTooLargeError(DataError):
+    """The samples of the file would fill the memory."""
 
 
 class EmptyFileError(DataError):
@@ -189,6 +204,14 @@ class MissingColumnError(DataError):
 
 class TextInColumnError(DataError):
     """A cell of a column that is needed is not a number."""
+
+
+class ThousandsSeparatorError(DataError):
+    """Numbers are grouped, as in 1,234.5, so that the decimal sign cannot be told for sure."""
+
+
+class ForeignObjectError(DataError):
+    """A channel is an object of another program's own class, or of Python's pickle."""
 
 
 class RaggedRowError(DataError):
@@ -230,6 +253,14 @@ class CoefficientError(StructureError):
     """Coefficients of a transfer function are empty, not finite, or a denominator is zero."""
 
 
+class CoefficientMapError(StructureError):
+    """A map from physical parameters fails, or does not give the coefficients of its structure."""
+
+
+class PhysicalParameterError(StructureError):
+    """A physical parameter has no usable name, guess or known value, or does not exist."""
+
+
 class ImproperModelError(StructureError):
     """A numerator has a higher degree than its denominator."""
 
@@ -247,6 +278,10 @@ class IdentifiabilityError(TridentifyError, ArithmeticError):
 
 class ConstantInputError(IdentifiabilityError):
     """An input never changes while the initial state is free: its effect cannot be told apart."""
+
+
+class UndeterminedError(IdentifiabilityError):
+    """A physical parameter that the coefficients do not determine by itself was asked for."""
 
 
 class UnsupportedOrderError(IdentifiabilityError):

@@ -67,6 +67,13 @@ class Estimate:
         white noise.
     draws : ndarray, shape (n_draws, n_parameters)
         Equally likely coefficients where the estimate is a posterior mean (``status``), else empty.
+    loss : str
+        What was minimised: ``"squared"``, or a robust loss, ``"huber"`` or ``"student"``. With one
+        of these ``noise_variance`` is the square of the noise's robust scale, and ``fit`` leaves
+        the outliers out.
+    outliers : ndarray, shape (n_outliers, 4)
+        Samples beyond four standard deviations of the noise under a robust loss: position of the
+        experiment, of the output and of the sample, and the weight that it had (at most 1).
 
     Examples
     --------
@@ -105,6 +112,8 @@ class Estimate:
     cautions: tuple[str, ...] = ()
     noise_model: tuple[Array, ...] = ()
     draws: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    loss: str = "squared"
+    outliers: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -112,6 +121,9 @@ class Estimate:
         if not self.draws.size:
             object.__setattr__(self, "draws", np.zeros((0, len(self.names))))
             self.draws.setflags(write=False)
+        if not self.outliers.size:
+            object.__setattr__(self, "outliers", np.zeros((0, 4)))
+            self.outliers.setflags(write=False)
         n_parameters, n_outputs = len(self.names), len(self.output_names)
         shapes: dict[str, tuple[int, ...]] = {"theta": (n_parameters,), "fit": (n_outputs,)}
         shapes |= {"cov": (n_parameters, n_parameters), "noise_variance": (n_outputs,)}

@@ -58,8 +58,9 @@ class Nuisance:
         Subtracted from the input before the model [input units].
     offset, drift : ndarray, shape (n_outputs,)
         Added to the model response [output units], [output units/s]; drift counts from ``t0`` [s].
-    free_response : ndarray, shape (n_outputs, n)
-        Numerators c(p) of the response c(p)/a(p) delta(t) to the initial state, descending powers.
+    free_response : ndarray, shape (n_outputs, n) or (n_outputs, n_inputs, n)
+        Numerators c(p) of the response c(p)/a(p) delta(t) to the initial state, descending powers;
+        of every channel where denominators are separate, zeros in front of the shorter ones.
     offset_std, drift_std : ndarray, shape (n_outputs,)
         Zero where not estimated.
     initial_state : str

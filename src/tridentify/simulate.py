@@ -38,9 +38,10 @@ def simulate(
     record : Record
         Only its input, time and intersample behaviour are used. Before its first sample the input
         counts as zero.
-    free_response : (n_outputs, n) array, optional
+    free_response : (n_outputs, n) or (n_outputs, n_inputs, n) array, optional
         Numerators ``c_0(p)``, descending powers, of the free response ``c_0(p) / a(p) delta(t -
-        t0 - free_after)`` of each output, with ``a`` its (first) denominator.
+        t0 - free_after)`` of each output, with ``a`` its (first) denominator, or of each channel
+        with its own.
     free_after : float
         When the free response begins, after the first sample [s]; at a sample.
 
@@ -86,11 +87,13 @@ def simulate(
         nothing = _signal(record, np.zeros((record.n_samples, 1)), ())
         since = record.t - record.t[0]
         begin = int(np.searchsorted(since, (1.0 - 1e-9) * free_after))
-        for i, c_0 in enumerate(np.atleast_2d(free_response)):
-            if np.any(c_0):
-                response = np.zeros((record.n_samples, 1))
-                _drive(response, model.den[i][0], [(0, 0)], [c_0], nothing, impulse=begin)
-                result[:, i] += response[:, 0]
+        free = np.atleast_2d(free_response)
+        own = free if free.ndim == 3 else free[:, None, :]
+        for i, j in zip(*np.nonzero(np.any(own, axis=2)), strict=True):
+            response = np.zeros((record.n_samples, 1))
+            c_0 = own[i, j, -(model.den[i][j].size - 1) :]
+            _drive(response, model.den[i][j], [(0, 0)], [c_0], nothing, impulse=begin)
+            result[:, i] += response[:, 0]
     return result
 
 

@@ -28,16 +28,18 @@ from tridentify.errors import DataError, IdentifiabilityError, OptionError
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
+from tridentify.methods.robust import check_loss, robust_estimate
 from tridentify.methods.svf_least_squares import least_squares
-from tridentify.numerics.realization import Complex, denominator, sort_poles
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.robust import Loss
 from tridentify.output_error.decide import decide
 from tridentify.output_error.finish import Recorder, coefficients, mean_square
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import evaluate_variant
-from tridentify.output_error.problem import Problem, poles_of
+from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
-from tridentify.strategy.starts import discrete_poles
+from tridentify.strategy.starts import discrete_poles, laguerre_starts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
@@ -53,11 +55,14 @@ class OutputError:
     Parameters
     ----------
     start : TransferFunction, optional
-        Where to begin. Only its denominator is used, which all channels must share: numerators and
-        nuisance terms are fitted at every denominator. Unstable poles are reflected. Without it the
-        start is a series-parallel model of the raw record.
+        Where to begin. Only its denominators are used, which all channels must share where the
+        structure says so: numerators and nuisance terms are fitted at every denominator. Unstable
+        poles are reflected. Without it the start is a series-parallel model of the raw record; for
+        separate denominators it is a Laguerre model, reduced channel by channel.
     max_passes : int
         Most steps on the output error.
+    loss : {"squared", "huber", "student"}
+        What is minimised, as in `ThreeModel`.
 
     Raises
     ------
@@ -84,6 +89,7 @@ class OutputError:
 
     start: TransferFunction | None = None
     max_passes: int = 60
+    loss: Loss = "squared"
 
     def __post_init__(self) -> None:
         if not (self.start is None or isinstance(self.start, TransferFunction)):
@@ -92,11 +98,7 @@ class OutputError:
                 "write for example TransferFunction([1.0], [1.0, 2.0, 2.0])"
             )
         check_count("max_passes", self.max_passes)
-        if self.start is not None and self.start.common_denominator is None:
-            raise OptionError(
-                "found a start whose channels have different denominators; expected one that all "
-                "share; give TransferFunction a single den"
-            )
+        check_loss(self.loss)
 
     @property
     def name(self) -> str:
@@ -105,8 +107,9 @@ class OutputError:
 
     @property
     def capabilities(self) -> Capability:
-        """Delays that are known, any instants, band-limited inputs."""
-        return Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
+        """Separate denominators, known delays, any instants, band-limited inputs."""
+        sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
+        return sampling | Capability.SEPARATE_DENOMINATORS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -139,10 +142,17 @@ class OutputError:
         say = progress or (lambda _: None)
         check(records, structure, self.name, self.capabilities)
         self._check_start(records[0], structure)
+        if self.loss != "squared":
+            plain = replace(self, loss="squared")
+
+            def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
+                return replace(plain, start=near.model).estimate(seen, wanted)
+
+            return robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
         choices = candidates(records, structure)
         base, variants = build_base(records, structure, choices)
         say("a single start")
-        poles, note = self._start_poles(base, records, structure)
+        poles, note = self._start_poles(base, variants, records, structure)
         best, decisions, _ = decide(
             records, structure, choices, base, variants, [poles], self.max_passes, say
         )
@@ -150,7 +160,7 @@ class OutputError:
         recorder = Recorder()
         step = Step(
             "series-parallel" if self.start is None else "output error",
-            denominator(first.poles)[1:],
+            base.lower_coefficients(first.poles),
             mean_square(first),
             max(fit.solution.condition for fit in first.fits),
             note,
@@ -174,30 +184,46 @@ class OutputError:
         """Refuse a start for other orders or channels."""
         if self.start is None:
             return
-        den = self.start.common_denominator
-        assert den is not None
-        n = poles_of(structure)
-        if den.size - 1 != n:
-            raise OptionError(
-                f"found a start with {den.size - 1} poles for a structure with {n}; expected the "
-                "same order; change one of the two"
-            )
         if self.start.n_inputs != record.n_inputs or self.start.n_outputs != record.n_outputs:
             raise OptionError(
                 f"found a start with {self.start.n_inputs} inputs and {self.start.n_outputs} "
                 f"outputs; expected {record.n_inputs} and {record.n_outputs} as in the record; "
                 "give every channel a numerator"
             )
+        if structure.shared and self.start.common_denominator is None:
+            raise OptionError(
+                "found a start whose channels have different denominators; expected one that all "
+                "share; give TransferFunction a single den, or nest the poles of the structure"
+            )
+        wanted = structure.poles_matrix(record.n_outputs, record.n_inputs)
+        for dens, orders in zip(self.start.den, wanted, strict=True):
+            for den, n in zip(dens, orders, strict=True):
+                if den.size - 1 != n:
+                    raise OptionError(
+                        f"found a start with {den.size - 1} poles for a structure with {n}; "
+                        "expected the same order; change one of the two"
+                    )
 
     def _start_poles(
-        self, base: Problem, records: Sequence[Record], structure: Structure
+        self,
+        base: Problem,
+        variants: Sequence[Variant],
+        records: Sequence[Record],
+        structure: Structure,
     ) -> tuple[Complex, str]:
         """Admissible poles to begin with, and in words where they come from."""
+        if self.start is None and not structure.shared:
+            best = laguerre_starts(base, variants)[0]
+            points = [evaluate_variant(base, best.variant, one) for one in best.candidates()]
+            poles = min(points, key=lambda point: point.objective).poles
+            return poles, f"{best.name}, reduced channel by channel"
         if self.start is None:
             return _own_start(base, records, structure)
-        den = self.start.common_denominator
-        assert den is not None
-        poles, note = base.admissible(sort_poles(np.roots(den).astype(np.complex128)))
+        found = []
+        for group in base.groups:
+            i, j = group.channels[0]
+            found.append(sort_poles(np.roots(self.start.den[i][j]).astype(np.complex128)))
+        poles, note = base.admissible(np.concatenate(found))
         return poles, f"the start given, {note}" if note else "the start given"
 
 

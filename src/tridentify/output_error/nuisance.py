@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.errors import ConstantInputError, DelayError, OptionError, TooFewSamplesError
-from tridentify.output_error.problem import Problem, Variant, poles_of
+from tridentify.output_error.problem import Problem, Variant, states_of
 from tridentify.record import Record
 from tridentify.regression import Experiment
 from tridentify.structure import Structure
@@ -54,8 +54,13 @@ class Nuisances:
 
     def count(self, n_poles: int, n_outputs: int, n_experiments: int) -> int:
         """Number of unknowns."""
-        per_output = n_poles * (self.initial_state == "free") + self.offset + self.drift
-        return per_output * n_outputs * n_experiments
+        return self.total((n_poles,) * n_outputs, n_experiments)
+
+    def total(self, states: Sequence[int], n_experiments: int) -> int:
+        """Number of unknowns where each output has states of its own number."""
+        fixed = self.offset + self.drift
+        free = self.initial_state == "free"
+        return sum(n * free + fixed for n in states) * n_experiments
 
 
 def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, ...]:
@@ -122,14 +127,17 @@ def _affordable(
     n_coefficients = len(structure.names(first.input_names, first.output_names))
     seen = [np.isfinite(explained(record, structure)).sum(axis=0) for record in records]
     samples = int(sum(counts.sum() for counts in seen))
+    states = states_of(structure, first.n_outputs, first.n_inputs)
 
     def unknowns(nuisances: Nuisances) -> int:
-        count = nuisances.count(poles_of(structure), first.n_outputs, len(records))
-        return n_coefficients + count
+        return n_coefficients + nuisances.total(states, len(records))
 
     def enough(nuisances: Nuisances) -> bool:
-        own = nuisances.count(poles_of(structure), 1, 1)
-        return all(int(n) > own for counts in seen for n in counts)
+        return all(
+            int(n) > nuisances.total((own,), 1)
+            for counts in seen
+            for n, own in zip(counts, states, strict=True)
+        )
 
     kept = [n for n in found if samples > unknowns(n) + 2 and enough(n)]
     if not kept:
@@ -179,7 +187,7 @@ def build(
             )
         )
     zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
-    return Problem.of(experiments, poles_of(structure), zeros)
+    return Problem.of(experiments, structure.poles, zeros)
 
 
 def first_explained(record: Record, structure: Structure) -> int:

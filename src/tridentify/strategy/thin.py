@@ -48,7 +48,7 @@ def averaged(problem: Problem) -> Problem:
     total = sum(e.n_samples for e in problem.experiments)
     block = -(-total // SMALL)
     experiments = [_averaged(e, _visible(e, block)) for e in problem.experiments]
-    return Problem.of(experiments, problem.n_poles, problem.n_zeros)
+    return problem.over(experiments)
 
 
 def _visible(e: Experiment, block: int) -> int:
@@ -122,7 +122,7 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
         t=None if e.t is None else since,
         start=arrived,
     )
-    return Problem.of([piece], problem.n_poles, problem.n_zeros)
+    return problem.over([piece])
 
 
 def free_variant(problem: Problem) -> Variant:
