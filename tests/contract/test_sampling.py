@@ -58,6 +58,11 @@ def test_what_is_not_claimed_is_refused(key):
     if Capability.NON_UNIFORM_TIME not in can:
         with pytest.raises(err.NonUniformTimeError):
             identify(recorded(PLAIN, 0.5), Structure(2, 1), METHODS[key]())
+    if Capability.BAND_LIMITED not in can:
+        record = recorded(PLAIN)
+        smooth = Record(record.u, record.y, dt=DT, intersample="band-limited")
+        with pytest.raises(err.UnsupportedError, match="band-limited"):
+            identify(smooth, Structure(2, 1), METHODS[key]())
 
 
 def test_without_noise_the_truth(key, case):

@@ -16,7 +16,11 @@ from tridentify.report.html import warnings_about
 from tridentify.text import format_std, format_value
 from tridentify.uncertainty import DerivedQuantity, derived
 
-HELD = {"zoh": "held between samples (zoh)", "foh": "joined by lines between samples (foh)"}
+HELD = {
+    "zoh": "held between samples (zoh)",
+    "foh": "joined by lines between samples (foh)",
+    "band-limited": "band-limited",
+}
 
 
 def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]]) -> Table:

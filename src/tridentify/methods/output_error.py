@@ -114,9 +114,9 @@ class OutputError:
 
     @property
     def capabilities(self) -> Capability:
-        """All of them but delays to be estimated."""
-        plain = Capability.DELAY | Capability.NON_UNIFORM_TIME
-        return plain | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
+        """All of them."""
+        sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
+        return sampling | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -315,7 +315,8 @@ def _even(record: Record, structure: Structure) -> list[Record]:
     delays its mean counts.
     """
     delays = np.mean(structure.delay_matrix(record.n_outputs, record.n_inputs), axis=0)
-    if record.dt is not None and not delays.any():
+    held = record.intersample != "band-limited"
+    if record.dt is not None and not delays.any() and held:
         return [_joined(record)]
     steps = np.diff(record.t)
     edges = np.flatnonzero(steps > GAP * np.median(steps)) + 1
@@ -346,7 +347,7 @@ def _even(record: Record, structure: Structure) -> list[Record]:
                 u,
                 y,
                 dt=duration / count,
-                intersample=record.intersample,
+                intersample="zoh" if record.intersample == "zoh" else "foh",
                 input_names=record.input_names,
                 output_names=record.output_names,
             )

@@ -170,9 +170,9 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """All of them but delays to be estimated."""
-        plain = Capability.DELAY | Capability.NON_UNIFORM_TIME
-        return plain | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
+        """All of them."""
+        sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
+        return sampling | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
