@@ -23,10 +23,13 @@ __all__ = [
     "ConvergenceError",
     "DataError",
     "DataWarning",
+    "DelayError",
     "DuplicateColumnError",
     "EmptyChannelError",
     "EmptyFileError",
     "EmptyRangeError",
+    "ForeignObjectError",
+    "FileTooLargeError",
     "IdentifiabilityError",
     "ImproperModelError",
     "LengthMismatchError",
@@ -47,11 +50,13 @@ __all__ = [
     "ShapeError",
     "StructureError",
     "TextInColumnError",
+    "ThousandsSeparatorError",
     "TimeNotIncreasingError",
     "TooFewSamplesError",
     "TridentifyError",
     "UndeterminedError",
     "UnitError",
+    "UnitMismatchError",
     "UnreadableFileError",
     "UnsupportedError",
     "UnsupportedOrderError",
@@ -153,6 +158,10 @@ class UnitError(DataError):
     """A unit belongs to no channel, is no text, or is no unit of time where one is needed."""
 
 
+class UnitMismatchError(UnitError):
+    """Records to be identified together have a channel in different units."""
+
+
 class ZeroInputError(DataError):
     """An input is zero throughout, so that it says nothing about the system."""
 
@@ -170,7 +179,11 @@ class ScaleError(DataError):
 
 
 class UnreadableFileError(DataError, OSError):
-    """The file is missing, a directory, not permitted, or not UTF-8 text."""
+    """The file is missing, a directory, not permitted, damaged, or not of a known format."""
+
+
+class FileTooLargeError(DataError):
+    """The samples of the file would fill the memory."""
 
 
 class EmptyFileError(DataError):
@@ -191,6 +204,14 @@ class MissingColumnError(DataError):
 
 class TextInColumnError(DataError):
     """A cell of a column that is needed is not a number."""
+
+
+class ThousandsSeparatorError(DataError):
+    """Numbers are grouped, as in 1,234.5, so that the decimal sign cannot be told for sure."""
+
+
+class ForeignObjectError(DataError):
+    """A channel is an object of another program's own class, or of Python's pickle."""
 
 
 class RaggedRowError(DataError):
@@ -222,6 +243,10 @@ class ParameterNameError(StructureError):
 
 class BoundsError(StructureError):
     """A bound is not a pair (low, high) with low < high, or a fixed value is not finite."""
+
+
+class DelayError(StructureError):
+    """A delay leaves no output sample that a recorded input could explain."""
 
 
 class CoefficientError(StructureError):

@@ -34,7 +34,14 @@ from tridentify.checks.samples import (
     time_slack,
     warn_if_input_moves,
 )
-from tridentify.errors import EmptyRangeError, OptionError, ResampleError, shown
+from tridentify.errors import (
+    EmptyRangeError,
+    OptionError,
+    ResampleError,
+    SampleTypeError,
+    ShapeError,
+    shown,
+)
 
 __all__ = ["FloatArray", "Intersample", "Record"]
 
@@ -373,6 +380,83 @@ class Record:
             output_names=names_out,
             units=MappingProxyType({k: v for k, v in self.units.items() if k in kept}),
         )
+
+    def mask(self, where: ArrayLike) -> Record:
+        """Mark output samples as missing, say those where the sensor was saturated.
+
+        A missing sample tells nothing about the model. That a saturated one lay beyond the limit
+        is lost with it; where noise decides which samples are beyond, the rest is a little biased.
+
+        Parameters
+        ----------
+        where : array_like of bool, shape (n_samples, n_outputs) or (n_samples,)
+            True for a sample that does not count; one column goes for all outputs.
+
+        Returns
+        -------
+        Record
+            The same with ``nan`` there.
+
+        Raises
+        ------
+        ShapeError
+            The flags do not fit the outputs.
+        SampleTypeError
+            They are not boolean.
+        EmptyChannelError
+            An output would have no sample left.
+
+        Examples
+        --------
+        >>> record = Record([0, 1, 1], [0.0, 1.0, 9.99], dt=0.1)
+        >>> record.mask(record.y >= 9.99).y.ravel()
+        array([ 0.,  1., nan])
+        """
+        flags = np.asarray(where)
+        if flags.dtype != np.bool_:
+            raise SampleTypeError(
+                f"found flags of type {flags.dtype}; expected True or False for each sample; "
+                "compare the outputs with a limit, as in record.y >= 9.99"
+            )
+        if flags.shape not in (self.y.shape, (self.n_samples,)):
+            raise ShapeError(
+                f"found flags of shape {flags.shape}; expected {self.y.shape}, or "
+                f"{(self.n_samples,)} for all outputs alike; keep the shape of record.y"
+            )
+        column = flags if flags.ndim == 2 else flags[:, np.newaxis]
+        return self._derive(y=np.where(column, np.nan, self.y))
+
+    def with_outputs(self, y: ArrayLike) -> Record:
+        """Put other samples in place of the outputs.
+
+        Parameters
+        ----------
+        y : array_like, shape (n_samples, n_outputs)
+            ``nan`` marks a missing sample.
+
+        Returns
+        -------
+        Record
+            Same inputs, time, names and units.
+
+        Raises
+        ------
+        ShapeError, SampleTypeError, NotFiniteError, EmptyChannelError
+            The samples do not fit, or are not usable.
+
+        Examples
+        --------
+        >>> record = Record([0, 1, 1], [0.0, 1.0, 9.9], dt=0.1)
+        >>> record.with_outputs(np.where(record.y >= 9.9, np.nan, record.y)).y.ravel()
+        array([ 0.,  1., nan])
+        """
+        outputs = sample_array("y", y)
+        if outputs.shape != self.y.shape:
+            raise ShapeError(
+                f"found outputs of shape {outputs.shape}; expected {self.y.shape}, one value for "
+                "each of the present ones; keep the shape of record.y"
+            )
+        return self._derive(y=outputs)
 
     def _labelled(self, names: tuple[str, ...]) -> str:
         return ", ".join(f"{n} [{self.units[n]}]" if n in self.units else n for n in names)

@@ -151,6 +151,28 @@ def uniform_step(t: FloatArray) -> float | None:
     return step if -tolerance <= departure.min() and departure.max() <= tolerance else None
 
 
+def typical_step(t: FloatArray) -> float:
+    """One of the shorter sampling intervals: what limits the dynamics that can be seen.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n_samples,)
+        Increasing sampling instants [s].
+
+    Returns
+    -------
+    float
+        A tenth of the intervals are shorter [s].
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> round(typical_step(np.array([0.0, 0.1, 0.2, 0.3, 86400.0, 86400.1])), 9)
+    0.1
+    """
+    return float(np.quantile(np.diff(t), 0.1))
+
+
 def time_slack(t: FloatArray) -> float:
     """Rounding allowed at the end of a stretch of time [s]."""
     return TIME_TOLERANCE * float(t[-1] - t[0]) / (len(t) - 1)

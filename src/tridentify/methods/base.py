@@ -24,7 +24,7 @@ from tridentify.errors import (
 )
 from tridentify.estimate import Estimate
 from tridentify.methods.capability import Capability, refuse_unsupported
-from tridentify.output_error.problem import poles_of
+from tridentify.output_error.problem import states_of
 from tridentify.record import Record
 from tridentify.structure import Structure
 
@@ -136,19 +136,21 @@ def _check_outputs(records: Sequence[Record], structure: Structure) -> None:
     """Every output must have more samples than coefficients of its own."""
     first = records[0]
     zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
+    states = states_of(structure, first.n_outputs, first.n_inputs)
     for i, name in enumerate(first.output_names):
         samples = sum(int(np.isfinite(record.y[:, i]).sum()) for record in records)
-        own = sum(m + 1 for m in zeros[i])
-        if samples <= own + poles_of(structure):
+        own = sum(m + 1 for m in zeros[i]) + states[i]
+        if samples <= own:
             raise TooFewSamplesError(
-                f"found {samples} samples of output {name!r} for {own + poles_of(structure)} "
+                f"found {samples} samples of output {name!r} for {own} "
                 f"unknowns; expected more samples than unknowns; record longer, lower the orders, "
                 "or leave the channel out"
             )
 
 
 def _check_order(structure: Structure) -> None:
-    if poles_of(structure) > MOST_POLES:
+    poles = structure.poles
+    if (poles if isinstance(poles, int) else max(map(max, poles))) > MOST_POLES:
         raise UnsupportedOrderError(
             f"found {structure.poles} poles; expected at most {MOST_POLES}, more than any record "
             "determines; lower the number of poles"

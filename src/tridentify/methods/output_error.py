@@ -11,33 +11,41 @@ The cost is not convex in ``a``: the end depends on the start, and this method h
 That is either a model that the user gives, of which only the denominator matters, or the
 series-parallel model fitted to the raw record through state-variable filters
 (`SvfLeastSquares`), whose bias grows with the noise; missing samples of the output are joined by
-straight lines for this start alone. `ThreeModel` is the same finish with a search in front of it;
+straight lines for this start alone, and delayed or unevenly sampled records are put onto an even
+grid. `ThreeModel` is the same finish with a search in front of it;
 what the search is worth is the difference between the two.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.errors import IdentifiabilityError, OptionError
+from tridentify.checks.samples import typical_step
+from tridentify.errors import DataError, IdentifiabilityError, OptionError
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
+from tridentify.methods.robust import check_loss, robust_estimate
 from tridentify.methods.svf_least_squares import least_squares
-from tridentify.numerics.realization import Complex, denominator, sort_poles
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.robust import Loss
 from tridentify.output_error.decide import decide
 from tridentify.output_error.finish import Recorder, coefficients, mean_square
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import evaluate_variant
-from tridentify.output_error.problem import Problem, poles_of
+from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
-from tridentify.strategy.starts import discrete_poles
+from tridentify.strategy.starts import discrete_poles, laguerre_starts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
+
+GAP = 20.0
+FEWEST = 20
+MOST = 20_000
 
 
 @dataclass(frozen=True)
@@ -47,11 +55,14 @@ class OutputError:
     Parameters
     ----------
     start : TransferFunction, optional
-        Where to begin. Only its denominator is used, which all channels must share: numerators and
-        nuisance terms are fitted at every denominator. Unstable poles are reflected. Without it the
-        start is a series-parallel model of the raw record.
+        Where to begin. Only its denominators are used, which all channels must share where the
+        structure says so: numerators and nuisance terms are fitted at every denominator. Unstable
+        poles are reflected. Without it the start is a series-parallel model of the raw record; for
+        separate denominators it is a Laguerre model, reduced channel by channel.
     max_passes : int
         Most steps on the output error.
+    loss : {"squared", "huber", "student"}
+        What is minimised, as in `ThreeModel`.
 
     Raises
     ------
@@ -78,6 +89,7 @@ class OutputError:
 
     start: TransferFunction | None = None
     max_passes: int = 60
+    loss: Loss = "squared"
 
     def __post_init__(self) -> None:
         if not (self.start is None or isinstance(self.start, TransferFunction)):
@@ -86,11 +98,7 @@ class OutputError:
                 "write for example TransferFunction([1.0], [1.0, 2.0, 2.0])"
             )
         check_count("max_passes", self.max_passes)
-        if self.start is not None and self.start.common_denominator is None:
-            raise OptionError(
-                "found a start whose channels have different denominators; expected one that all "
-                "share; give TransferFunction a single den"
-            )
+        check_loss(self.loss)
 
     @property
     def name(self) -> str:
@@ -99,8 +107,9 @@ class OutputError:
 
     @property
     def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
+        """Separate denominators, delays that are known, and any instants."""
+        plain = Capability.DELAY | Capability.NON_UNIFORM_TIME
+        return plain | Capability.SEPARATE_DENOMINATORS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -133,10 +142,17 @@ class OutputError:
         say = progress or (lambda _: None)
         check(records, structure, self.name, self.capabilities)
         self._check_start(records[0], structure)
+        if self.loss != "squared":
+            plain = replace(self, loss="squared")
+
+            def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
+                return replace(plain, start=near.model).estimate(seen, wanted)
+
+            return robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
         choices = candidates(records, structure)
         base, variants = build_base(records, structure, choices)
         say("a single start")
-        poles, note = self._start_poles(base, records, structure)
+        poles, note = self._start_poles(base, variants, records, structure)
         best, decisions, _ = decide(
             records, structure, choices, base, variants, [poles], self.max_passes, say
         )
@@ -144,7 +160,7 @@ class OutputError:
         recorder = Recorder()
         step = Step(
             "series-parallel" if self.start is None else "output error",
-            denominator(first.poles)[1:],
+            base.lower_coefficients(first.poles),
             mean_square(first),
             max(fit.solution.condition for fit in first.fits),
             note,
@@ -168,30 +184,46 @@ class OutputError:
         """Refuse a start for other orders or channels."""
         if self.start is None:
             return
-        den = self.start.common_denominator
-        assert den is not None
-        n = poles_of(structure)
-        if den.size - 1 != n:
-            raise OptionError(
-                f"found a start with {den.size - 1} poles for a structure with {n}; expected the "
-                "same order; change one of the two"
-            )
         if self.start.n_inputs != record.n_inputs or self.start.n_outputs != record.n_outputs:
             raise OptionError(
                 f"found a start with {self.start.n_inputs} inputs and {self.start.n_outputs} "
                 f"outputs; expected {record.n_inputs} and {record.n_outputs} as in the record; "
                 "give every channel a numerator"
             )
+        if structure.shared and self.start.common_denominator is None:
+            raise OptionError(
+                "found a start whose channels have different denominators; expected one that all "
+                "share; give TransferFunction a single den, or nest the poles of the structure"
+            )
+        wanted = structure.poles_matrix(record.n_outputs, record.n_inputs)
+        for dens, orders in zip(self.start.den, wanted, strict=True):
+            for den, n in zip(dens, orders, strict=True):
+                if den.size - 1 != n:
+                    raise OptionError(
+                        f"found a start with {den.size - 1} poles for a structure with {n}; "
+                        "expected the same order; change one of the two"
+                    )
 
     def _start_poles(
-        self, base: Problem, records: Sequence[Record], structure: Structure
+        self,
+        base: Problem,
+        variants: Sequence[Variant],
+        records: Sequence[Record],
+        structure: Structure,
     ) -> tuple[Complex, str]:
         """Admissible poles to begin with, and in words where they come from."""
+        if self.start is None and not structure.shared:
+            best = laguerre_starts(base, variants)[0]
+            points = [evaluate_variant(base, best.variant, one) for one in best.candidates()]
+            poles = min(points, key=lambda point: point.objective).poles
+            return poles, f"{best.name}, reduced channel by channel"
         if self.start is None:
             return _own_start(base, records, structure)
-        den = self.start.common_denominator
-        assert den is not None
-        poles, note = base.admissible(sort_poles(np.roots(den).astype(np.complex128)))
+        found = []
+        for group in base.groups:
+            i, j = group.channels[0]
+            found.append(sort_poles(np.roots(self.start.den[i][j]).astype(np.complex128)))
+        poles, note = base.admissible(np.concatenate(found))
         return poles, f"the start given, {note}" if note else "the start given"
 
 
@@ -203,9 +235,12 @@ def _own_start(
     The latter where no state-variable filter gives signals that can be told apart, as with many
     poles.
     """
+    even = [part for record in records for part in _even(record, structure)]
     try:
-        model = least_squares([_joined(record) for record in records], structure, None).fit.model
-    except IdentifiabilityError:
+        if not even:
+            raise IdentifiabilityError("found no stretch without gaps")
+        model = least_squares(even, replace(structure, delay=0.0), None).fit.model
+    except (IdentifiabilityError, DataError):
         return discrete_poles(base), "discrete-time least squares on the raw record"
     note = "state-variable-filter least squares on the raw record"
     return base.admissible(model.poles)[0], f"{note}, {model.note}" if model.note else note
@@ -228,3 +263,49 @@ def _joined(record: Record) -> Record:
         input_names=record.input_names,
         output_names=record.output_names,
     )
+
+
+def _even(record: Record, structure: Structure) -> list[Record]:
+    """Stretches on an even grid, the inputs late by their delays: good enough for a start.
+
+    What lies between the samples of the output is a straight line. Where an input has several
+    delays its mean counts.
+    """
+    delays = np.mean(structure.delay_matrix(record.n_outputs, record.n_inputs), axis=0)
+    if record.dt is not None and not delays.any():
+        return [_joined(record)]
+    steps = np.diff(record.t)
+    edges = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+    found = []
+    for part in np.split(np.arange(record.n_samples), edges):
+        own = record.t[part]
+        seen = np.isfinite(record.y[part])
+        if part.size < FEWEST or seen.sum(axis=0).min() < FEWEST:
+            continue
+        duration = own[-1] - own[0]
+        count = int(min(duration / typical_step(own), MOST))
+        grid = own[0] + np.arange(count + 1) * (duration / count)
+        u = np.empty((grid.size, record.n_inputs))
+        for j, delay in enumerate(delays):
+            if record.intersample == "zoh":
+                last = np.searchsorted(record.t, grid - delay + 1e-9 * duration / count, "right")
+                u[:, j] = record.u[np.maximum(last - 1, 0), j]
+            else:
+                u[:, j] = np.interp(grid - delay, record.t, record.u[:, j])
+        y = np.column_stack(
+            [
+                np.interp(grid, own[s], one[s])
+                for s, one in zip(seen.T, record.y[part].T, strict=True)
+            ]
+        )
+        found.append(
+            Record(
+                u,
+                y,
+                dt=duration / count,
+                intersample=record.intersample,
+                input_names=record.input_names,
+                output_names=record.output_names,
+            )
+        )
+    return found

@@ -27,11 +27,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from tridentify.errors import OptionError
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
+from tridentify.methods.output_error import OutputError
 from tridentify.methods.paper import PaperThreeModel
+from tridentify.methods.robust import check_loss, robust_estimate
 from tridentify.numerics.realization import Complex
+from tridentify.numerics.robust import Loss
 from tridentify.output_error.colour import NoiseChoice, check_noise, settle
 from tridentify.output_error.decide import Finished, decide
 from tridentify.output_error.finish import Recorder
@@ -63,6 +67,10 @@ class ThreeModel:
     finish : {"auto", "likelihood", "posterior"}
         Where to end: on the likelihood's maximum, on the posterior mean, or on the latter where
         the record is too short and noisy for the former (`posterior.weigh`).
+    loss : {"squared", "huber", "student"}
+        What is minimised: squares, for Gaussian noise; Huber's loss or the likelihood of Student's
+        distribution, for records with outliers or noise with heavy tails (`methods.robust`). The
+        noise is then taken as white, and the end is the minimum of the loss.
 
     References
     ----------
@@ -86,12 +94,19 @@ class ThreeModel:
     max_passes: int = 60
     noise: NoiseChoice = "auto"
     finish: FinishChoice = "auto"
+    loss: Loss = "squared"
 
     def __post_init__(self) -> None:
         check_count("starts", self.starts)
         check_count("max_passes", self.max_passes)
         check_noise(self.noise)
         check_finish(self.finish)
+        check_loss(self.loss)
+        if self.loss != "squared" and self.noise == "ar":
+            raise OptionError(
+                f"found noise='ar' with loss={self.loss!r}; expected one of the two, as whitening "
+                "spreads an outlier over its neighbours; leave one out"
+            )
 
     @classmethod
     def paper(
@@ -150,8 +165,9 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """The plain case only."""
-        return Capability.NONE
+        """Separate denominators, delays that are known, and any instants."""
+        plain = Capability.DELAY | Capability.NON_UNIFORM_TIME
+        return plain | Capability.SEPARATE_DENOMINATORS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -179,13 +195,16 @@ class ThreeModel:
         """
         say = progress or (lambda _: None)
         check(records, structure, self.name, self.capabilities)
+        if self.loss != "squared":
+            return self._robust(records, structure, say)
         choices = candidates(records, structure)
         base, variants = build_base(records, structure, choices)
         say("the three models, from several starts")
         search = Search(self.starts)
         search.run(base, variants)
+        known = {search.known.poles.tobytes(): search.known.whole} if search.known else {}
         best, decisions, seed = decide(
-            records, structure, choices, base, variants, search.seeds, self.max_passes, say
+            records, structure, choices, base, variants, search.seeds, self.max_passes, say, known
         )
         if best.status not in SOUND:
             say("another search, as the end lies at a limit")
@@ -214,6 +233,23 @@ class ThreeModel:
         self._certify(best.point, recorder)
         trace = Trace(tuple(recorder.passes), tuple(search.starts), decisions, best.why)
         return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
+
+    def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
+        """The same with another loss."""
+        plain = replace(self, loss="squared", noise="white", finish="likelihood")
+
+        def fit(seen: Sequence[Record], wanted: Structure) -> Estimate:
+            return plain.estimate(seen, wanted, say)
+
+        def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
+            return OutputError(near.model, self.max_passes).estimate(seen, wanted)
+
+        found = robust_estimate(records, structure, self.loss, fit, refit, say)
+        trace = found.trace
+        if self.finish == "posterior":
+            told = "the maximum of the robust likelihood: the posterior mean is for squared loss"
+            trace = replace(trace, decisions=(*trace.decisions, told))
+        return replace(found, method=self.name, trace=trace)
 
     def _certify(self, point: Point, recorder: Recorder) -> None:
         """Step 3 at the end: the weights must be (1, 0, ..., 0)."""
