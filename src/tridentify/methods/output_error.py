@@ -22,6 +22,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.errors import DataError, IdentifiabilityError, OptionError
@@ -39,6 +40,7 @@ from tridentify.output_error.point import evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
+from tridentify.strategy.delays import Place, best_of_places
 from tridentify.strategy.starts import discrete_poles, laguerre_starts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -46,6 +48,8 @@ from tridentify.transfer_function import TransferFunction
 GAP = 20.0
 FEWEST = 20
 MOST = 20_000
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -107,8 +111,8 @@ class OutputError:
 
     @property
     def capabilities(self) -> Capability:
-        """Separate denominators, delays that are known, and any instants."""
-        plain = Capability.DELAY | Capability.NON_UNIFORM_TIME
+        """Separate denominators, delays known or not, and any instants."""
+        plain = Capability.DELAY | Capability.FREE_DELAY | Capability.NON_UNIFORM_TIME
         return plain | Capability.SEPARATE_DENOMINATORS
 
     def estimate(
@@ -149,12 +153,39 @@ class OutputError:
                 return replace(plain, start=near.model).estimate(seen, wanted)
 
             return robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
-        choices = candidates(records, structure)
-        base, variants = build_base(records, structure, choices)
+        if structure.delay != "free":
+            return self._located(records, structure, structure, None, None, say)
+        say("where the delays lie")
+        return best_of_places(
+            records,
+            structure,
+            lambda known, place, limits: self._located(
+                records, structure, known, place, limits, say
+            ),
+            None if self.start is None else self.start.delay.max(axis=0),
+        )
+
+    def _located(
+        self,
+        records: Sequence[Record],
+        structure: Structure,
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
+    ) -> Estimate:
+        """With delays that are known, or known well enough to be refined with the poles."""
+        choices = candidates(records, known)
+        base, variants = build_base(records, known, choices)
         say("a single start")
-        poles, note = self._start_poles(base, variants, records, structure)
+        if place is None or place.poles.size == 0:
+            poles, note = self._start_poles(base, variants, records, known)
+        else:
+            poles, note = place.poles, "a Laguerre model at the delays found, reduced and refined"
+        if place is not None:
+            base = base.delayed(place.delays).freed(limits)
         best, decisions, _ = decide(
-            records, structure, choices, base, variants, [poles], self.max_passes, say
+            records, known, choices, base, variants, [poles], self.max_passes, say
         )
         first = evaluate_variant(base, variants[choices.index(best.nuisances)], poles)
         recorder = Recorder()
