@@ -23,6 +23,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
@@ -46,6 +47,7 @@ from tridentify.output_error.point import evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
+from tridentify.strategy.delays import Place, best_of_places
 from tridentify.strategy.starts import discrete_poles, laguerre_starts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -53,6 +55,8 @@ from tridentify.transfer_function import TransferFunction
 GAP = 20.0
 FEWEST = 20
 MOST = 20_000
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -116,7 +120,8 @@ class OutputError:
     def capabilities(self) -> Capability:
         """All of them."""
         sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
-        return sampling | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
+        delays = sampling | Capability.FREE_DELAY
+        return delays | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -158,7 +163,29 @@ class OutputError:
             return robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
         if structure.constrained:
             return self._constrained(records, structure, say)
-        best, trace = self._free(records, structure, say, self.start)
+        if structure.delay != "free":
+            return self._located(records, structure, structure, None, None, say)
+        say("where the delays lie")
+        return best_of_places(
+            records,
+            structure,
+            lambda known, place, limits: self._located(
+                records, structure, known, place, limits, say
+            ),
+            None if self.start is None else self.start.delay.max(axis=0),
+        )
+
+    def _located(
+        self,
+        records: Sequence[Record],
+        structure: Structure,
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
+    ) -> Estimate:
+        """With delays that are known, or known well enough to be refined with the poles."""
+        best, trace = self._free(records, known, say, self.start, place, limits)
         return self._estimate(best, records, structure, trace)
 
     def _estimate(
@@ -184,7 +211,7 @@ class OutputError:
         seeds = Seeds((), (), Trace(()))
         if looked_at is not None:
             start = None if known.integrators else self.start
-            best, trace = self._free(*looked_at, say, start)
+            best, trace = self._free(*looked_at, say, start, None, None)
             if known.only_bounds:
                 with suppress(UnsupportedOrderError):
                     kept = unmoved(structure, self._estimate(best, *looked_at, trace))
@@ -196,17 +223,24 @@ class OutputError:
     def _free(
         self,
         records: Sequence[Record],
-        structure: Structure,
+        known: Structure,
         say: Progress,
         start: TransferFunction | None,
+        place: Place | None,
+        limits: Array | None,
     ) -> tuple[Finished, Trace]:
         """The minimum reached without constraints, and the way there."""
-        choices = candidates(records, structure)
-        base, variants = build_base(records, structure, choices)
+        choices = candidates(records, known)
+        base, variants = build_base(records, known, choices)
         say("a single start")
-        poles, note = _start_poles(base, variants, records, structure, start)
+        if place is None or place.poles.size == 0:
+            poles, note = _start_poles(base, variants, records, known, start)
+        else:
+            poles, note = place.poles, "a Laguerre model at the delays found, reduced and refined"
+        if place is not None:
+            base = base.delayed(place.delays).freed(limits)
         best, decisions, _ = decide(
-            records, structure, choices, base, variants, [poles], self.max_passes, say
+            records, known, choices, base, variants, [poles], self.max_passes, say
         )
         first = evaluate_variant(base, variants[choices.index(best.nuisances)], poles)
         recorder = Recorder()

@@ -31,6 +31,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
 from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
 from tridentify.estimate import Estimate, Status, Step, Trace
@@ -49,9 +52,12 @@ from tridentify.output_error.point import Point
 from tridentify.output_error.problem import Problem
 from tridentify.posterior.weigh import FinishChoice, check_finish, weigh
 from tridentify.record import Record
+from tridentify.strategy.delays import Place, best_of_places
 from tridentify.strategy.passes import series_model
 from tridentify.strategy.search import Search
 from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
 
 SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
 
@@ -172,7 +178,8 @@ class ThreeModel:
     def capabilities(self) -> Capability:
         """All of them."""
         sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
-        return sampling | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
+        delays = sampling | Capability.FREE_DELAY
+        return delays | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -204,7 +211,28 @@ class ThreeModel:
             return self._robust(records, structure, say)
         if structure.constrained:
             return self._constrained(records, structure, say)
-        best, search, trace = self._maximum(records, structure, say)
+        if structure.delay != "free":
+            return self._located(records, structure, structure, None, None, say)
+        say("where the delays lie")
+        return best_of_places(
+            records,
+            structure,
+            lambda known, place, limits: self._located(
+                records, structure, known, place, limits, say
+            ),
+        )
+
+    def _located(
+        self,
+        records: Sequence[Record],
+        structure: Structure,
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
+    ) -> Estimate:
+        """With delays that are known, or known well enough to be refined with the poles."""
+        best, search, trace = self._maximum(records, known, place, limits, say)
         return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
 
     def _constrained(
@@ -221,7 +249,7 @@ class ThreeModel:
         looked_at = seen(records, structure, known)
         seeds = Seeds((), (), Trace(()))
         if looked_at is not None:
-            best, search, trace = self._maximum(*looked_at, say)
+            best, search, trace = self._maximum(*looked_at, None, None, say)
             if known.only_bounds:
                 with suppress(UnsupportedOrderError):
                     free = weigh(self.finish, best, *looked_at, trace, self.name, say, search.scan)
@@ -235,38 +263,52 @@ class ThreeModel:
         )
 
     def _maximum(
-        self, records: Sequence[Record], structure: Structure, say: Progress
+        self,
+        records: Sequence[Record],
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
     ) -> tuple[Finished, Search, Trace]:
         """The likelihood's maximum without constraints, and the way there."""
-        choices = candidates(records, structure)
-        base, variants = build_base(records, structure, choices)
+        choices = candidates(records, known)
+        base, variants = build_base(records, known, choices)
+        if place is not None:
+            base = base.delayed(place.delays)
         say("the three models, from several starts")
         search = Search(self.starts)
         search.run(base, variants)
-        known = {search.known.poles.tobytes(): search.known.whole} if search.known else {}
+        if place is not None:
+            base = base.freed(limits)
+            if place.poles.size:
+                search.seeds.append(place.poles)
+                search.trails.append(())
+        filtered = {search.known.poles.tobytes(): search.known.whole} if search.known else {}
         best, decisions, seed = decide(
-            records, structure, choices, base, variants, search.seeds, self.max_passes, say, known
+            records, known, choices, base, variants, search.seeds, self.max_passes, say, filtered
         )
         if best.status not in SOUND:
             say("another search, as the end lies at a limit")
             variant = variants[choices.index(best.nuisances)]
-            poles = search.again(base, variant, best.point.poles)
+            poles = search.again(base.freed(None), variant, best.point.poles)
             other, reasons, _ = decide(
-                records, structure, choices, base, variants, [poles], self.max_passes, say
+                records, known, choices, base, variants, [poles], self.max_passes, say
             )
             if other.criterion < best.criterion:
                 best, decisions = other, reasons
 
         def again(problem: Problem, seeds: Sequence[Complex]) -> tuple[Finished, tuple[str, ...]]:
             most = self.max_passes
-            return decide(records, structure, choices, problem, variants, seeds, most, say)[:2]
+            return decide(records, known, choices, problem, variants, seeds, most, say)[:2]
 
         def seek(problem: Problem) -> Sequence[Complex]:
             anew = Search(self.starts)
-            anew.run(problem, variants)
+            anew.run(problem.freed(None), variants)
             search.starts += [replace(s, name=f"whitened: {s.name}") for s in anew.starts]
             return anew.seeds
 
+        if limits is not None:
+            base = base.delayed(best.point.problem.delays)
         coloured = settle(self.noise, best, decisions, base, again, seek, say, self.max_passes)
         best, decisions = coloured.best, coloured.decisions
         recorder = Recorder(list(search.trails[seed]))
