@@ -70,12 +70,16 @@ def unknowns(here: Fit, known: Known) -> int:
     return known.n_free + own + here.problem.n_outputs
 
 
-def criterion(reached: Reached) -> float:
-    """AICc with free coefficients counted only, and the penalty of the priors."""
-    here, n = reached.fit, reached.fit.counts
+def criterion(here: Fit, known: Known, fall: float = 0.0) -> float:
+    """AICc with free coefficients counted only, and the penalty of the priors.
+
+    ``fall`` is what further steps are expected to take off the cost.
+    """
+    n = here.counts
     floor = INDISTINGUISHABLE * here.problem.size
-    likelihood = float(n @ np.log(here.rss / n + floor)) + reached.known.penalty(here.theta)
-    return likelihood + _count_penalty(float(n.sum()), unknowns(here, reached.known))
+    left = np.exp(-fall / n.sum())
+    likelihood = float(n @ np.log(left * here.rss / n + floor)) + known.penalty(here.theta)
+    return likelihood + _count_penalty(float(n.sum()), unknowns(here, known))
 
 
 def _count_penalty(n: float, k: int) -> float:
@@ -145,7 +149,7 @@ def estimate_of(
         ),
         degrees_of_freedom=round(float(left.sum())),
         cost=_mean_square(here),
-        aicc=criterion(reached) + _noise_criterion(here, known, n),
+        aicc=criterion(here, known) + _noise_criterion(here, known, n),
         condition=spread.condition,
         gradient=reached.gradient,
         input_names=first.input_names,

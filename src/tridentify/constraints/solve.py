@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.constraints.descend import Reached, descend, fit_at, is_exact, is_stable
+from tridentify.constraints.descend import Reached, descend, fit_at, is_exact, is_stable, step
 from tridentify.constraints.known import Known, known_of
 from tridentify.constraints.result import (
     criterion,
@@ -32,6 +32,7 @@ from tridentify.estimate import Estimate, Start, Trace
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white
 from tridentify.output_error.colour import NoiseChoice
+from tridentify.output_error.decide import TRUSTED
 from tridentify.output_error.nuisance import Nuisances, build, candidates
 from tridentify.output_error.problem import Problem
 from tridentify.record import Record
@@ -248,19 +249,30 @@ def _decided(
     reached: Reached,
     most: int,
 ) -> tuple[Reached, Nuisances, tuple[str, ...]]:
-    """The choice of nuisance terms with the lowest AICc, each at its constrained maximum."""
+    """The choice of nuisance terms with the lowest AICc at its constrained maximum.
+
+    A Gauss-Newton step says what each promises; the most promising is followed to its end, then the
+    next one, as long as its promise is below the lowest AICc reached (`output_error.decide`).
+    """
     known, noise = reached.known, reached.fit.problem.noise
-    ends = []
-    for choice in choices:
-        if choice is choices[-1]:
-            ends.append(reached)
-            continue
-        problem = _problem(records, structure, choice, known).whitened(noise)
-        ends.append(descend(problem, known, reached.fit.theta, most))
-    table = [criterion(end) for end in ends]
-    k = int(np.argmin(table))
     if len(choices) == 1:
-        return ends[k], choices[k], ()
+        return reached, choices[0], ()
+    ends = {len(choices) - 1: reached}
+    table = [np.inf] * len(choices)
+    table[-1] = criterion(reached.fit, known)
+    problems = [_problem(records, structure, c, known).whitened(noise) for c in choices[:-1]]
+    for k, problem in enumerate(problems):
+        here = fit_at(problem, known, reached.fit.theta)
+        trusted = np.inf if is_exact(here) else TRUSTED * float(here.counts.sum())
+        table[k] = criterion(here, known, min(step(here, known, 0.0).fall, trusted))
+    for k in np.argsort(table).tolist():
+        if k in ends:
+            continue
+        if table[k] >= min(table[j] for j in ends):
+            break
+        ends[k] = descend(problems[k], known, reached.fit.theta, most)
+        table[k] = criterion(ends[k].fit, known)
+    k = min(ends, key=lambda j: table[j])
     listed = "; ".join(
         f"{choices[j].label} {table[j] - table[k]:+.1f}" for j in np.argsort(table) if j != k
     )
