@@ -53,7 +53,7 @@ def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]])
         header_style="bold",
     )
     for number, title in enumerate(titles):
-        text = number == 0 or title == "unit"
+        text = number == 0 or title in ("unit", "description")
         table.add_column(title, justify="left" if text else "right", no_wrap=True)
     for group in groups:
         table.add_section()
@@ -178,12 +178,12 @@ def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str
         },
         "warnings": warnings_about(estimate, records),
         "parameters": [
-            _entry(item) | {"known": estimate.held_note(item.name)}
+            entry(item) | {"known": estimate.held_note(item.name)}
             for item in estimate.parameters.values()
         ],
         "delays": _delays(estimate),
-        "derived": [_entry(item) for item in derived(estimate)],
-        "estimated_along": [_entry(item) for item in along(estimate)],
+        "derived": [entry(item) for item in derived(estimate)],
+        "estimated_along": [entry(item) for item in along(estimate)],
         "fit": fits(estimate),
         "loss": estimate.loss,
         "outliers": _outliers(estimate),
@@ -232,7 +232,8 @@ def _row(item: Parameter, held: str = "") -> tuple[str, ...]:
     return item.name, value, std, *ends, item.unit
 
 
-def _entry(item: Parameter) -> dict[str, Any]:
+def entry(item: Parameter) -> dict[str, Any]:
+    """Value, standard error, 95 % interval and unit of a parameter."""
     return {
         "name": item.name,
         "value": item.value,
