@@ -23,6 +23,7 @@ from tridentify.encoding import decode, encode
 from tridentify.errors import DataError, UnreadableFileError
 from tridentify.files import write_atomically
 from tridentify.numerics import delta_method
+from tridentify.numerics.root_draws import pole_values
 from tridentify.parameter import Nuisance, Parameter
 from tridentify.record import Record
 from tridentify.structure import Structure
@@ -42,6 +43,7 @@ __all__ = ["Estimate", "Nuisance", "Parameter", "Pass", "Start", "Status", "Step
 Array = npt.NDArray[np.float64]
 Row = tuple[str, float, float, str]
 SCHEMA = 1
+ONE_SIGMA = 0.6826894921370859
 _WIDTH = 78
 _TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
 
@@ -209,6 +211,75 @@ class Estimate:
                 gains.append(("dc gain" + label, *delta_method.dc_gain(num, den, cov), unit))
         return tuple(rows + gains)
 
+    def channel_draws(self, theta: Array, output: int, input_: int) -> tuple[Array, Array, Array]:
+        """Polynomials of one channel for many coefficient vectors.
+
+        Parameters
+        ----------
+        theta : ndarray, shape (n_draws, n_parameters)
+        output, input_ : int
+            Positions of the channel.
+
+        Returns
+        -------
+        num : ndarray, shape (n_draws, m + 1)
+        den : ndarray, shape (n_draws, n + 1)
+        delay : ndarray, shape (n_draws,)
+            [s].
+        """
+        source = self.input_names[input_]
+        label = f"[{self.output_names[output]},{source}]"
+        position = {name: k for k, name in enumerate(self.names)}
+
+        def column(names: tuple[str, ...], known: float) -> Array:
+            found = next((position[name] for name in names if name in position), None)
+            return np.full(len(theta), known) if found is None else theta[:, found]
+
+        def polynomial(letter: str, values: Array) -> Array:
+            powers = range(len(values) - 1, -1, -1)
+            columns = [
+                column((f"{letter}{k}{label}", f"{letter}{k}"), v)
+                for k, v in zip(powers, values.tolist(), strict=True)
+            ]
+            return np.stack(columns, axis=1)
+
+        delay = column((f"delay[{source}]", "delay"), float(self.model.delay[output, input_]))
+        num, den = self.model.num[output][input_], self.model.den[output][input_]
+        return polynomial("b", num), polynomial("a", den), delay
+
+    def derived_values(self, theta: Array) -> Array:
+        """`derived_rows` of many coefficient vectors, shape (n_draws, n_quantities)."""
+        blocks: list[Array] = []
+        gains: list[Array] = []
+        for i in range(len(self.output_names)):
+            for j in range(len(self.input_names)):
+                num, den, _ = self.channel_draws(theta, i, j)
+                if not self.structure.shared or (i, j) == (0, 0):
+                    blocks.append(pole_values(den, self.model.den[i][j]))
+                with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+                    gains.append(num[:, -1] / den[:, -1])
+        return np.hstack([*blocks, np.stack(gains, axis=1)])
+
+    def derived(self) -> tuple[Parameter, ...]:
+        """Poles, dampings and static gains with standard errors and intervals.
+
+        Of a posterior mean from its draws: between quantiles, and half the width of their central
+        68.27 % in place of a standard error, which is finite where their tails have no variance.
+        Else to first order.
+        """
+        rows = self.derived_rows()
+        if not len(self.draws):
+            return tuple(Parameter(*row) for row in rows)
+        values = self.derived_values(np.asarray(self.draws))
+        ends = 0.5 + 0.5 * ONE_SIGMA * np.array([-1.0, 1.0])
+        with np.errstate(invalid="ignore"):
+            low, high = np.nanquantile(values, ends, axis=0)
+            spread = (0.5 * (high - low)).tolist()
+        return tuple(
+            Parameter(name, value, spread[k], unit, values[:, k])
+            for k, (name, value, _, unit) in enumerate(rows)
+        )
+
     def noise_note(self) -> str:
         """Which model the noise of each output has; empty where all are white."""
         if not any(a.size for a in self.noise_model):
@@ -336,10 +407,10 @@ class Estimate:
         lines = [*head, self.model_text()]
         rows = [_row(p, self.held_note(p.name)) for p in self.parameters.values()]
         lines += ["", *format_table(_TITLES, rows)]
-        along, derived = self.nuisance_rows(), self.derived_rows()
-        for title, found in (("derived", derived), ("estimated along", along)):
+        along = tuple(Parameter(*row) for row in self.nuisance_rows())
+        for title, found in (("derived", self.derived()), ("estimated along", along)):
             if found:
-                rows = [_row(Parameter(*row)) for row in found]
+                rows = [_row(quantity) for quantity in found]
                 lines += ["", *format_table((title, *_TITLES[1:]), rows)]
         spread = np.sqrt(self.noise_variance)
         outputs = zip(self.output_names, self.fit, spread, strict=True)
@@ -375,7 +446,9 @@ class Estimate:
                 parts = (format_polynomial(num, std[n:-1]), format_polynomial(den, below))
                 top, bottom = (textwrap.wrap(part, _WIDTH - 2) for part in parts)
                 width = max(map(len, top + bottom))
-                delay = f"exp(-{format_value(self.model.delay[i, j], std[-1])} s) x"
+                late = format_value(self.model.delay[i, j], std[-1])
+                late = f"({late} +/- {format_std(std[-1])})" if std[-1] > 0 else late
+                delay = f"exp(-{late} s) x"
                 fraction = [row.center(width) for row in top] + ["-" * width]
                 lines += [""] if lines else []
                 lines += [f"{output} / {input_} = {delay if self.model.delay[i, j] else ''}"]

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tridentify.estimate import Estimate
 from tridentify.plots.style import BLUE, dress, legend, literal, make_axes
 from tridentify.text import unit_ratio
-from tridentify.uncertainty import response_band
+from tridentify.uncertainty import response_band, sample, sampled_response_band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -35,7 +35,8 @@ def plot_bode(
         Angular frequencies [rad/s]; by default around the poles and zeros, up to the Nyquist
         frequency of the record.
     level : float
-        Probability that the band holds at each frequency.
+        Probability that the band holds at each frequency. Of a posterior mean the band lies
+        between quantiles of its draws.
     axes : sequence of matplotlib Axes, optional
         Two per channel (magnitude, phase), outputs in the outer loop. A figure is made when left
         out.
@@ -45,7 +46,11 @@ def plot_bode(
     list of matplotlib Axes
     """
     grid = default_frequencies(estimate) if omega is None else np.asarray(omega, dtype=np.float64)
-    band = response_band(estimate, grid, level=level)
+    band = (
+        sampled_response_band(sample(estimate), grid, level=level)
+        if len(estimate.draws)
+        else response_band(estimate, grid, level=level)
+    )
     n_outputs, n_inputs = len(estimate.output_names), len(estimate.input_names)
     drawn = make_axes(axes, [1.7, 1.4] * (n_outputs * n_inputs), sharex=True)
     for k in range(n_outputs * n_inputs):

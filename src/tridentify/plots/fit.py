@@ -8,14 +8,16 @@ from typing import TYPE_CHECKING
 from tridentify.estimate import Estimate
 from tridentify.plots.record import draw_inputs
 from tridentify.plots.style import (
+    BLUE,
     GREY,
     ORANGE,
+    course,
     dress,
     labelled,
     legend,
     literal,
     make_axes,
-    shorten,
+    outliers_of,
 )
 from tridentify.record import Record
 
@@ -52,14 +54,26 @@ def plot_fit(
     for i, name in enumerate(record.output_names):
         ax = drawn[i]
         ax.plot(
-            *shorten(record.t, record.y[:, i]),
+            *course(record.t, record.y[:, i]),
             color=GREY,
             linewidth=0.7,
             marker="." if record.n_samples <= 1500 else "",
             markersize=3.5,
             label="recorded",
         )
-        ax.plot(*shorten(record.t, response[:, i]), color=ORANGE, linewidth=1.5, label="model")
+        ax.plot(*course(record.t, response[:, i]), color=ORANGE, linewidth=1.5, label="model")
+        far = outliers_of(estimate, record, experiment, i)
+        if far.size:
+            ax.plot(
+                record.t[far],
+                record.y[far, i],
+                color=BLUE,
+                linestyle="none",
+                marker="o",
+                markersize=4.5,
+                markerfacecolor="none",
+                label="outlier",
+            )
         dress(ax, ylabel=labelled(name, record.units))
     drawn[0].set_title(literal(record.name), loc="left", fontsize=10)
     legend(drawn[0])

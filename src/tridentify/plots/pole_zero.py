@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tridentify.estimate import Estimate
+from tridentify.numerics.root_draws import stacked_roots
 from tridentify.plots.style import BLACK, CYCLE, WIDTH, dress, literal, make_axes
 from tridentify.text import format_std
 from tridentify.uncertainty import RootUncertainty, poles, zeros
@@ -16,6 +17,10 @@ if TYPE_CHECKING:
 
 FAR = 6.0
 """Zeros beyond this multiple of the largest pole would squeeze all else into a dot."""
+REACH = 2.45
+"""Of a 95 % ellipse, in standard errors."""
+DOTS = 500
+"""Models whose poles are drawn of a posterior mean."""
 ASPECT = 1.5
 """Width over height of the frame."""
 
@@ -27,7 +32,8 @@ def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None =
     ----------
     estimate : Estimate
     level : float
-        Probability that an ellipse holds; a real root has an interval on the real axis.
+        Probability that an ellipse holds; a real root has an interval on the real axis. Of a
+        posterior mean, the poles of its draws stand in place of ellipses.
     ax : matplotlib Axes, optional
         A figure is made when left out.
 
@@ -49,7 +55,8 @@ def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None =
         if not shared or k == 0:
             style = (BLACK, "poles") if shared else (colour, f"poles of {name}")
             regions.append(("pole", all_poles[k]))
-            _draw(drawn, all_poles[k], "x", *style, level)
+            _draw(drawn, all_poles[k], "x", *style, level, ellipses=not len(estimate.draws))
+            _draw_cloud(drawn, estimate, (i, j), style[0])
         found = zeros(estimate, i, j)
         near = np.abs(found.roots) < FAR * size
         regions.append((f"zero of {name}", found))
@@ -70,7 +77,7 @@ def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None =
     )
     dress(drawn, xlabel="real part [1/s]", ylabel="imaginary part [rad/s]")
     drawn.legend(
-        title=f"with {100 * level:.3g} % regions",
+        title="dots: as likely" if len(estimate.draws) else f"with {100 * level:.3g} % regions",
         title_fontsize=9,
         fontsize=9,
         framealpha=0.8,
@@ -81,7 +88,14 @@ def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None =
 
 
 def _draw(
-    ax: Axes, region: RootUncertainty, marker: str, colour: str, label: str, level: float
+    ax: Axes,
+    region: RootUncertainty,
+    marker: str,
+    colour: str,
+    label: str,
+    level: float,
+    *,
+    ellipses: bool = True,
 ) -> None:
     if region.roots.size == 0:
         return
@@ -96,17 +110,37 @@ def _draw(
         color=colour,
         label=label,
     )
-    for k in range(region.roots.size):
+    for k in range(region.roots.size if ellipses else 0):
         curve = region.ellipse(k, level)
         if np.all(np.isfinite(curve)):
             ax.fill(curve[:, 0], curve[:, 1], facecolor=colour, alpha=0.2, linewidth=0)
             ax.plot(curve[:, 0], curve[:, 1], color=colour, linewidth=1.2)
 
 
+def _draw_cloud(ax: Axes, estimate: Estimate, channel: tuple[int, int], colour: str) -> None:
+    """Draw the poles of the draws of a posterior mean, as many as can be told apart."""
+    if not len(estimate.draws):
+        return
+    chosen = np.asarray(estimate.draws)[:: max(len(estimate.draws) // DOTS, 1)]
+    roots = stacked_roots(estimate.channel_draws(chosen, *channel)[1]).ravel()
+    ax.plot(
+        roots.real,
+        roots.imag,
+        linestyle="none",
+        marker=".",
+        markersize=2.5,
+        alpha=0.35,
+        markeredgewidth=0,
+        color=colour,
+        zorder=1,
+    )
+
+
 def _frame(ax: Axes, regions: list[tuple[str, RootUncertainty]], size: float) -> list[str]:
     """Scale equally around the poles and what is not far from them; say what lies outside."""
     near = [region.roots[np.abs(region.roots) < FAR * size] for _, region in regions]
-    shown = np.concatenate([*near, np.zeros(1)])
+    edges = [_edge(region, size) for _, region in regions]
+    shown = np.concatenate([*near, *edges, np.zeros(1)])
     left, right = float(shown.real.min()), float(shown.real.max())
     half_height = 1.25 * max(float(np.max(np.abs(shown.imag))), 0.2 * (right - left), 0.05 * size)
     width = max(1.4 * (right - left), 0.3 * size, ASPECT * 2 * half_height)
@@ -123,3 +157,14 @@ def _frame(ax: Axes, regions: list[tuple[str, RootUncertainty]], size: float) ->
                 imaginary = f" + {root.imag:.4g}j" if root.imag else ""
                 lines.append(f"{kind}: {root.real:.4g} ({std}){imaginary}")
     return ["outside the frame (std error)", *lines] if lines else []
+
+
+def _edge(region: RootUncertainty, size: float) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:
+    """Corners of the regions of roots, as far as they do not squeeze the picture."""
+    with np.errstate(invalid="ignore"):
+        spread = REACH * np.sqrt(np.diagonal(region.cov, axis1=1, axis2=2))
+    sound = np.all(np.isfinite(spread), axis=1) & (np.abs(region.roots) < FAR * size)
+    half = np.minimum(spread[sound], size)
+    roots = region.roots[sound]
+    corners = [roots + a * half[:, 0] + 1j * b * half[:, 1] for a in (-1, 1) for b in (-1, 1)]
+    return np.concatenate(corners).astype(np.complex128)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tridentify.plots.style import BLUE, GREEN, dress, labelled, literal, make_axes, shorten
+from tridentify.plots.style import BLUE, GREEN, course, dress, labelled, literal, make_axes, shorten
 from tridentify.record import Record
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> list[A
     heights = [1.5] * record.n_outputs + [1.1] * record.n_inputs
     drawn = make_axes(axes, heights, sharex=True)
     for i, name in enumerate(record.output_names):
-        drawn[i].plot(*shorten(record.t, record.y[:, i]), color=BLUE, linewidth=1.0)
+        drawn[i].plot(*course(record.t, record.y[:, i]), color=BLUE, linewidth=1.0)
         dress(drawn[i], ylabel=labelled(name, record.units))
     draw_inputs(record, drawn[record.n_outputs :])
     drawn[0].set_title(literal(record.name), loc="left", fontsize=10)

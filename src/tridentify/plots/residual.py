@@ -8,14 +8,27 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
+import numpy.typing as npt
 
 from tridentify.estimate import Estimate
 from tridentify.numerics.correlation import autocorrelation
-from tridentify.plots.style import BLUE, ORANGE, dress, labelled, literal, make_axes, shorten
+from tridentify.plots.style import (
+    BLUE,
+    ORANGE,
+    course,
+    dress,
+    labelled,
+    legend,
+    literal,
+    make_axes,
+    outliers_of,
+)
 from tridentify.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+Real = npt.NDArray[np.float64]
 
 LEVEL = 0.99
 
@@ -50,7 +63,8 @@ def plot_residual(
     -----
     For white noise, ``r(k)`` lies within ``2.58 / sqrt(n_samples)`` with probability 99 % at each
     lag k > 0. Structure that stands out means noise that is coloured, or a model that misses some
-    of the response.
+    of the response. Outliers of a robust fit stand at the edge, with the rest at full scale, and
+    do not count in the autocorrelation.
     """
     drawn = make_axes(axes, [1.5, 1.5] * record.n_outputs)
     residual = estimate.residual(record, experiment=experiment)
@@ -59,10 +73,15 @@ def plot_residual(
     for i, name in enumerate(record.output_names):
         series, correlogram = drawn[2 * i : 2 * i + 2]
         series.axhline(0.0, color="black", linewidth=0.6)
-        series.plot(*shorten(record.t, residual[:, i]), color=BLUE, linewidth=0.8)
+        far = outliers_of(estimate, record, experiment, i)
+        rest = residual[:, i].copy()
+        rest[far] = np.nan
+        series.plot(*course(record.t, rest), color=BLUE, linewidth=0.8)
+        if far.size:
+            _mark(series, record.t[far], residual[far, i], float(np.nanmax(np.abs(rest))))
         label = labelled(name, record.units)
         dress(series, title=literal(f"residual of {name}"), xlabel="time [s]", ylabel=label)
-        correlation, count = autocorrelation(residual[:, i], int(lags[-1]))
+        correlation, count = autocorrelation(rest, int(lags[-1]))
         bound = NormalDist().inv_cdf((1 + LEVEL) / 2) / math.sqrt(max(count, 1))
         correlogram.axhspan(-bound, bound, color=ORANGE, alpha=0.2, linewidth=0)
         correlogram.vlines(times[1:], 0.0, correlation[1:], color=BLUE, linewidth=1.6)
@@ -77,3 +96,17 @@ def plot_residual(
             ylabel="correlation [-]",
         )
     return drawn
+
+
+def _mark(ax: Axes, t: Real, values: Real, largest: float) -> None:
+    """Show outliers as triangles, at the edge where they lie beyond it."""
+    edge = 1.5 * largest
+    label = f"{t.size} outlier{'' if t.size == 1 else 's'}"
+    for sign, marker in ((1.0, "^"), (-1.0, "v")):
+        own = np.sign(values) == sign
+        if own.any():
+            places = np.clip(values[own], -0.93 * edge, 0.93 * edge)
+            ax.plot(t[own], places, marker, color=ORANGE, markersize=4.5, label=label)
+            label = ""
+    ax.set_ylim(-edge, edge)
+    legend(ax)

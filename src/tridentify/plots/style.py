@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.estimate import Estimate
+from tridentify.record import Record
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
@@ -97,6 +100,28 @@ def legend(ax: Axes, *, columns: int = 3) -> None:
         )
 
 
+def outliers_of(
+    estimate: Estimate, record: Record, experiment: int, output: int
+) -> npt.NDArray[np.intp]:
+    """Positions of the samples that the estimate counts as outliers.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record
+    experiment, output : int
+
+    Returns
+    -------
+    ndarray
+        None for another record than the identified one, as far as its length tells.
+    """
+    rows = estimate.outliers
+    here = (rows[:, 0] == experiment) & (rows[:, 1] == output) & (rows[:, 2] < record.n_samples)
+    positions: npt.NDArray[np.intp] = rows[here, 2].astype(np.intp)
+    return positions
+
+
 def labelled(name: str, units: Mapping[str, str]) -> str:
     """Name of a channel with its unit, as in ``alpha [rad]``.
 
@@ -111,6 +136,41 @@ def labelled(name: str, units: Mapping[str, str]) -> str:
 def literal(text: str) -> str:
     """Keep matplotlib from reading dollar signs in foreign names as mathematics."""
     return text.replace("$", r"\$")
+
+
+GAP = 5.0
+"""A step of more than so many typical ones is a gap, across which no line is drawn."""
+
+
+def course(t: Real, values: Real, max_points: int = MAX_POINTS) -> tuple[Real, Real]:
+    """Points of a line through what was recorded, at most as many as can be told apart.
+
+    Parameters
+    ----------
+    t, values : ndarray, shape (n_samples,)
+        ``nan`` is a sample that is missing; single ones are bridged, as between the samples of a
+        channel that is slower than the others.
+    max_points : int
+
+    Returns
+    -------
+    t, values : ndarray
+        A value of ``nan`` stands in every gap.
+
+    Examples
+    --------
+    >>> course(np.array([0.0, 1.0, 2.0, 3.0, 22.0]), np.array([0.0, np.nan, 2.0, 3.0, 4.0]))
+    (array([ 0.,  2.,  3.,  3., 22.]), array([ 0.,  2.,  3., nan,  4.]))
+    """
+    there = np.isfinite(values)
+    t, values = t[there], values[there]
+    if t.size < 3:
+        return t, values
+    steps = np.diff(t)
+    ends = t[:-1][steps > GAP * np.median(steps)]
+    t, values = shorten(t, values, max_points)
+    place = np.searchsorted(t, ends, side="right")
+    return np.insert(t, place, ends), np.insert(values, place, np.nan)
 
 
 def shorten(t: Real, values: Real, max_points: int = MAX_POINTS) -> tuple[Real, Real]:

@@ -80,18 +80,26 @@ def draw_figures(
             "the standard errors are not to be trusted.",
             plot_residual(estimate, record, experiment=number)[0],
         )
+    drawn = bool(len(estimate.draws))
+    origin = (
+        "between quantiles of the models that explain the record"
+        if drawn
+        else "propagated to first order from the covariance of the coefficients"
+    )
     yield _drawing(
         "bode",
         "Frequency response",
-        "Pointwise 95 % confidence band, propagated to first order from the covariance of the "
-        "coefficients. Beyond the frequencies that the input excites it holds only if the "
-        "structure is right.",
+        f"Pointwise 95 % confidence band, {origin}. Beyond the frequencies that the input excites "
+        "it holds only if the structure is right.",
         plot_bode(estimate)[0],
     )
     yield _drawing(
         "pole-zero",
         "Poles and zeros",
-        "95 % ellipses around complex poles and zeros, 95 % intervals around real ones, "
+        "Dots: poles of models that explain the record; zeros with 95 % regions to first order. "
+        "The right half-plane is grey."
+        if drawn
+        else "95 % ellipses around complex poles and zeros, 95 % intervals around real ones, "
         "to first order; the right half-plane is grey.",
         plot_pole_zero(estimate),
     )

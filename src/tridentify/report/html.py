@@ -60,7 +60,7 @@ def write_report(
     path : path-like
         File to write; missing folders are made, an existing file is replaced.
     title : str, optional
-        Heading of the page; by default the name of the record.
+        Heading of the page; by default the names of the records.
 
     Returns
     -------
@@ -74,7 +74,8 @@ def write_report(
     from jinja2 import Environment
 
     records = (record,) if isinstance(record, Record) else tuple(record)
-    name = title or next((item.name for item in records if item.name), "") or "Identified model"
+    named = dict.fromkeys(item.name for item in records if item.name)
+    name = title or ", ".join(named) or "Identified model"
     source = files("tridentify.report").joinpath("template.html.j2").read_text(encoding="utf-8")
     template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
         source
@@ -98,7 +99,9 @@ def write_report(
 def subtitle(estimate: Estimate) -> str:
     """What was identified from what, in one line."""
     outputs, inputs = ", ".join(estimate.output_names), ", ".join(estimate.input_names)
-    return f"{outputs} from {inputs}: {estimate.n_samples:,} samples, {estimate.method}"
+    several = len(estimate.nuisance)
+    where = f" in {several} experiments" if several > 1 else ""
+    return f"{outputs} from {inputs}: {estimate.n_samples:,} samples{where}, {estimate.method}"
 
 
 def verdict(estimate: Estimate) -> str:
@@ -168,7 +171,7 @@ def course_tables(estimate: Estimate) -> list[Table]:
     steps, after = [], []
     for item in estimate.trace.passes:
         for step in item.steps:
-            numbers = (f"{step.cost:.6g}", f"{step.condition:.3g}", "", "")
+            numbers = (f"{step.cost:.6g}", _measure(step.condition, 3), "", "")
             steps.append((str(item.number), step.name, *numbers, step.note))
         numbers = (f"{item.cost:.6g}", "", _measure(item.beta_distance), _measure(item.gradient))
         steps.append((str(item.number), "pass ends", *numbers, item.note))
@@ -190,8 +193,8 @@ def _ranked(estimate: Estimate) -> list[Start]:
     return sorted(estimate.trace.starts, key=lambda start: start.cost)
 
 
-def _measure(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.2g}"
+def _measure(value: float, digits: int = 2) -> str:
+    return "" if math.isnan(value) else f"{value:.{digits}g}"
 
 
 def settings_table(estimate: Estimate, records: Sequence[Record]) -> list[tuple[str, str]]:
@@ -222,8 +225,10 @@ def settings_table(estimate: Estimate, records: Sequence[Record]) -> list[tuple[
         *_record_rows(records),
         ("units", ", ".join(units)),
         ("degrees of freedom", f"{estimate.degrees_of_freedom}"),
-        ("cost, AICc", f"{estimate.cost:.6g}, {estimate.aicc:.6g}"),
-        ("condition, relative gradient", f"{estimate.condition:.3g}, {estimate.gradient:.2g}"),
+        ("cost", _measure(estimate.cost, 6)),
+        ("AICc", _measure(estimate.aicc, 6)),
+        ("condition", _measure(estimate.condition, 3)),
+        ("relative gradient", _measure(estimate.gradient)),
         ("data fingerprint (SHA-256)", estimate.record_fingerprint),
         ("written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC by tridentify {__version__}"),
     ]

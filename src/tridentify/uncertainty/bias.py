@@ -42,7 +42,8 @@ import numpy.typing as npt
 
 from tridentify.estimate import Estimate
 from tridentify.numerics import delta_method
-from tridentify.uncertainty.draws import channel_draws, denominators, matched, stacked_roots
+from tridentify.numerics.root_draws import matched, stacked_roots
+from tridentify.uncertainty.draws import channel_draws, denominators
 
 Real = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]

@@ -15,7 +15,6 @@ import numpy.typing as npt
 from tridentify.estimate import Estimate, Parameter
 from tridentify.numerics import delta_method
 from tridentify.uncertainty.checks import factor_of
-from tridentify.uncertainty.draws import derived_values
 
 Real = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
@@ -105,13 +104,12 @@ def derived(estimate: Estimate) -> tuple[DerivedQuantity, ...]:
     -------
     tuple of DerivedQuantity
         Poles by rising magnitude (once where the denominator is shared), then the gains. Where the
-        estimate is a posterior mean, their intervals lie between quantiles of its draws.
+        estimate is a posterior mean, intervals and standard errors are those of its draws.
     """
-    rows = estimate.derived_rows()
-    if not len(estimate.draws):
-        return tuple(DerivedQuantity(*row) for row in rows)
-    values = derived_values(estimate, np.asarray(estimate.draws))
-    return tuple(DerivedQuantity(*row, values[:, k]) for k, row in enumerate(rows))
+    return tuple(
+        DerivedQuantity(item.name, item.value, item.std, item.unit, item.draws)
+        for item in estimate.derived()
+    )
 
 
 def poles(estimate: Estimate, output: int = 0, input_: int = 0) -> RootUncertainty:

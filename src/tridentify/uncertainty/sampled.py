@@ -29,6 +29,7 @@ import numpy.typing as npt
 from tridentify.errors import OptionError, shown
 from tridentify.estimate import Estimate
 from tridentify.numerics import delta_method
+from tridentify.numerics.root_draws import stacked_roots
 from tridentify.trace import freeze_arrays
 from tridentify.uncertainty.checks import checked_count, checked_times, need_covariance
 from tridentify.uncertainty.draws import (
@@ -36,7 +37,6 @@ from tridentify.uncertainty.draws import (
     derived_values,
     frequency_values,
     root_parts,
-    stacked_roots,
     step_values,
     unstable,
 )
