@@ -193,3 +193,21 @@ def test_orders_of_each_channel_are_named():
     record = Record(u, y, dt=0.05, input_names=["e", "r"], output_names=["q"])
     rows = dict(settings_table(identify(record, Structure([[2, 1]], 0)), [record]))
     assert rows["poles"] == "q / e: 2, q / r: 1"
+
+
+def test_passes_before_a_delay_is_estimated_along_are_drawn_and_listed(gapped):
+    from dataclasses import replace
+
+    from tridentify.report.html import course_tables
+
+    _, estimate = gapped
+    last = estimate.trace.passes[-1]
+    early = replace(last, number=0, theta=estimate.theta[:-1] * 1.1)
+    changed = replace(estimate, trace=replace(estimate.trace, passes=(early, last)))
+    lines = {
+        line.get_label(): line.get_ydata() for line in plots.plot_convergence(changed)[0].lines
+    }
+    assert all(np.isfinite(lines[name][0]) for name in ("a1", "a0", "b1", "b0"))
+    table = next(t for t in course_tables(changed) if t.heading.startswith("Coefficients after"))
+    assert {len(row) for row in table.rows} == {len(table.titles)}
+    assert table.rows[0][-2] == ""

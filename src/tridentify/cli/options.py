@@ -73,7 +73,7 @@ class Loss(StrEnum):
 Files = Annotated[
     list[Path],
     typer.Argument(
-        metavar="FILE...",
+        metavar="FILE",
         help="CSV, Parquet, Feather, NPZ, MATLAB, ULog or MDF4; several are several experiments "
         "of one model.",
     ),

@@ -62,7 +62,7 @@ Known = dict[str, float | tuple[float, float]]
 def physical(
     files: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="FILE...", help="As for identify; several are several experiments."),
+        typer.Argument(metavar="FILE", help="As for identify; several are several experiments."),
     ] = None,
     model: Annotated[
         str | None,
@@ -109,6 +109,9 @@ def physical(
     ] = False,
 ) -> None:
     """Estimate the physical parameters of a ready-made model from records in files.
+
+    Columns are taken to be in the units that go with those of the parameters (--list shows them).
+    With --out the folder also gets physical.json.
 
     Example: tridentify physical run.csv --model mass-spring-damper --input force --output position
     """

@@ -37,8 +37,9 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
     numbers = np.array([item.number for item in passes])
     thetas = [item.theta for item in passes]
     n_parameters = estimate.theta.size
+    # before delays are estimated along they are missing at the end
     path = np.array(
-        [theta if theta.size == n_parameters else np.full(n_parameters, np.nan) for theta in thetas]
+        [np.append(theta, np.full(n_parameters, np.nan))[:n_parameters] for theta in thetas]
     ).reshape(-1, n_parameters)
     _draw_distances(drawn[0], estimate, numbers, path)
     cost = np.array([item.cost for item in passes], dtype=np.float64)

@@ -175,18 +175,24 @@ def course_tables(estimate: Estimate) -> list[Table]:
             steps.append((str(item.number), step.name, *numbers, step.note))
         numbers = (f"{item.cost:.6g}", "", _measure(item.beta_distance), _measure(item.gradient))
         steps.append((str(item.number), "pass ends", *numbers, item.note))
-        after.append((str(item.number), *(f"{value:.6g}" for value in item.theta), ""))
+        after.append((str(item.number), *_filled(item.theta.tolist(), len(estimate.names))))
     measures = ("cost", "condition", "beta distance", "gradient")
-    starts = [
-        (s.name, f"{s.cost:.6g}", *(f"{v:.6g}" for v in s.theta), "") for s in _ranked(estimate)
-    ]
     names = estimate.names
+    starts = [
+        (s.name, f"{s.cost:.6g}", *_filled(s.theta.tolist(), len(names))) for s in _ranked(estimate)
+    ]
     tables = (
         Table("Passes", ("pass", "step", *measures, "note"), steps, n_left=2),
         Table("Coefficients after each pass", ("pass", *names, ""), after),
         Table("Starts tried", ("start", "cost", *names, ""), starts),
     )
     return [table for table in tables if table.rows]
+
+
+def _filled(theta: Sequence[float], count: int) -> tuple[str, ...]:
+    """Cells of coefficients and of the empty last column; blank for delays not yet estimated."""
+    cells = [f"{value:.6g}" for value in theta]
+    return (*cells, *[""] * (count - len(cells)), "")
 
 
 def _ranked(estimate: Estimate) -> list[Start]:
