@@ -163,7 +163,7 @@ class UnitError(DataError):
 
 
 class UnitMismatchError(UnitError):
-    """Records to be identified together have a channel in different units."""
+    """Units of a channel differ between records, or do not go with those of a physical model."""
 
 
 class ZeroInputError(DataError):

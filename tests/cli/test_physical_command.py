@@ -181,11 +181,37 @@ CASES = {
         ["--model", "rc-circuit", "--input", "elevator", "--output", "q", "--known", "R=-1"],
         "expected a positive value",
     ),
+    "other units than the parameters have": (
+        ["--model", "mass-spring-damper", "--input", "elevator", "--output", "q", "--unit", "q=mm"],
+        "found 'q' in mm; expected m",
+    ),
     "free delay": (
         ["--model", "rc-circuit", "--input", "elevator", "--output", "q", "--delay", "free"],
         "identify --delay free",
     ),
 }
+
+
+UNITS = {
+    "angles in different units": (["alpha=deg", "q=rad/s", "elevator=rad"], "alpha in deg"),
+    "a rate that is none": (["alpha=deg", "q=deg"], "q in deg"),
+}
+
+
+@pytest.mark.parametrize(("units", "says"), UNITS.values(), ids=UNITS.keys())
+def test_units_that_do_not_go_together_are_refused(run, flight, units, says):
+    words = [word for unit in units for word in ("--unit", unit)]
+    options = ["--model", "short-period", "--input", "elevator", "--output", "alpha"]
+    outcome = run("physical", flight, *options, "--output", "q", *words)
+    assert outcome.code == 2
+    assert says in outcome.error_lines[0]
+
+
+@pytest.mark.parametrize("units", [["alpha=deg", "q=deg/s"], ["alpha=rad", "q=1/s"], ["q=rad/s"]])
+def test_units_that_go_together_are_taken(run, flight, units):
+    words = [word for unit in units for word in ("--unit", unit)]
+    options = ["--model", "short-period", "--input", "elevator", "--output", "alpha"]
+    assert run("physical", flight, *options, "--output", "q", *words).code == 0
 
 
 @pytest.mark.parametrize(("words", "says"), CASES.values(), ids=CASES.keys())

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,47 +14,30 @@ from rich.table import Table
 
 from tridentify.cli import options, tables
 from tridentify.cli.ask import nested_delays
-from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.physical_models import (
+    Known,
+    channels_of,
+    check_units,
+    chosen_model,
+    known_parameters,
+    show_models,
+)
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop, write_results
 from tridentify.cli.terminal import Activity, listed, paragraph, show, show_json
 from tridentify.errors import (
-    ChannelCountError,
     MissingColumnError,
     OptionError,
     UndeterminedError,
     shown,
 )
 from tridentify.parameter import Parameter
-from tridentify.physical import (
-    PhysicalEstimate,
-    PhysicalModel,
-    dc_motor,
-    estimate_physical,
-    mass_spring_damper,
-    rc_circuit,
-    rcrc_circuit,
-    short_period,
-)
+from tridentify.physical import PhysicalEstimate, PhysicalModel, estimate_physical
 from tridentify.record import Record
 from tridentify.text import format_std, format_value
 
-MODELS: Mapping[str, Callable[[], PhysicalModel]] = {
-    "short-period": short_period,
-    "short-period-free-z-q": partial(short_period, pitch_rate_effect=None),
-    "mass-spring-damper": mass_spring_damper,
-    "rc-circuit": rc_circuit,
-    "rcrc-circuit": rcrc_circuit,
-    "rcrc-circuit-buffered": partial(rcrc_circuit, buffered=True),
-    "dc-motor": dc_motor,
-    "dc-motor-current": partial(dc_motor, "current"),
-    "dc-motor-speed-current": partial(dc_motor, "both"),
-}
-"""Name -> ready-made model, as ``--model`` takes it and ``--list`` shows it."""
-
 TITLES = ("parameter", "value", "std error", "95 % from", "to", "unit")
-Known = dict[str, float | tuple[float, float]]
 
 
 def physical(
@@ -116,7 +97,7 @@ def physical(
     Example: tridentify physical run.csv --model mass-spring-damper --input force --output position
     """
     if list_models:
-        _show_models(as_json)
+        show_models(as_json)
         return
     chosen = chosen_model(model, files)
     names = (inputs or [], outputs or [])
@@ -143,104 +124,6 @@ def physical(
     )
     asked = replace(chosen, structure=wished), mapping, known_parameters(known or ())
     _answer(source, *asked, out, title, as_json)
-
-
-def chosen_model(name: str | None, files: Sequence[Path] | None) -> PhysicalModel:
-    """Make the model of that name.
-
-    Raises
-    ------
-    OptionError
-        There is none of that name, or no file is given.
-    """
-    if name is None or name not in MODELS:
-        found = "no --model" if name is None else f"--model {shown(name)}"
-        raise OptionError(
-            f"found {found}; expected one of {', '.join(MODELS)}; choose one, --list shows their "
-            "parameters"
-        )
-    if not files:
-        raise OptionError("found no file; expected the record of an experiment; give its path")
-    return MODELS[name]()
-
-
-def channels_of(
-    model: PhysicalModel, inputs: Sequence[str], outputs: Sequence[str]
-) -> dict[str, str]:
-    """Say which column is which channel of the model.
-
-    Parameters
-    ----------
-    model : PhysicalModel
-    inputs, outputs : sequence of str
-        Columns: those that are called as the model calls its channels are these, the others follow
-        in the order of the model.
-
-    Returns
-    -------
-    dict
-        Channel of the model -> column.
-
-    Raises
-    ------
-    ChannelCountError
-        Not as many columns as the model has channels.
-
-    Examples
-    --------
-    >>> channels_of(short_period(), ["de"], ["q", "AoA"])
-    {'elevator': 'de', 'alpha': 'AoA', 'q': 'q'}
-    """
-    found: dict[str, str] = {}
-    for kind, ours, given in (
-        ("input", model.input_names, inputs),
-        ("output", model.output_names, outputs),
-    ):
-        if len(given) != len(ours):
-            raise ChannelCountError(
-                f"found {len(given)} --{kind} for {model.name}; expected {len(ours)}, for "
-                f"{', '.join(ours)}; name a column for each"
-            )
-        rest = iter([name for name in given if name not in ours])
-        found |= {name: name if name in given else next(rest) for name in ours}
-    return found
-
-
-def known_parameters(given: Sequence[str]) -> Known:
-    """Read what ``--known`` says.
-
-    Parameters
-    ----------
-    given : sequence of str
-        ``R1=1e4`` or ``R1=1e4+-100``.
-
-    Returns
-    -------
-    dict
-        Name -> value, or value and standard deviation.
-
-    Raises
-    ------
-    OptionError
-        A text is neither, or a name occurs twice.
-
-    Examples
-    --------
-    >>> known_parameters(["R1=1e4", "C1=1e-7+-1e-9"])
-    {'R1': 10000.0, 'C1': (1e-07, 1e-09)}
-    """
-    found: Known = {}
-    for text in given:
-        match = re.fullmatch(rf"\s*([^\s=]+)\s*=\s*({NUMBER})\s*(?:\+-\s*({NUMBER})\s*)?", text)
-        if match is None or match[1] in found:
-            raise OptionError(
-                f"found --known {shown(text)}; expected a parameter and its value such as R1=1e4 "
-                "or R1=1e4+-100, once for each; correct it"
-            )
-        found[match[1]] = (
-            float(match[2]) if match[3] is None else (float(match[2]), float(match[3]))
-        )
-    return found
 
 
 def _known_delay(given: str | None) -> float:
@@ -270,6 +153,7 @@ def _answer(
         records = load(source, activity)
         load_sample_loop(activity)
         named = _names_in(records[0], channels)
+        check_units(records, named)
         found = estimate_physical(
             model, records, known=known, channels=named, progress=activity.stage
         )
@@ -391,29 +275,3 @@ def physical_document(
         "notes": found.notes,
         "coefficients": tables.estimate_document(found.estimate, records),
     }
-
-
-def _show_models(as_json: bool) -> None:
-    made = {name: make() for name, make in MODELS.items()}
-    if as_json:
-        show_json(
-            {
-                name: {
-                    "inputs": model.input_names,
-                    "outputs": model.output_names,
-                    "parameters": [
-                        {"name": p.name, "unit": p.unit, "description": p.description}
-                        for p in model.parameters
-                    ],
-                }
-                for name, model in made.items()
-            }
-        )
-        return
-    blocks: list[str | Table] = []
-    for name, model in made.items():
-        inputs, outputs = ", ".join(model.input_names), ", ".join(model.output_names)
-        blocks.append(f"{name}: {outputs} from {inputs}")
-        rows = [(p.name, p.unit, p.description) for p in model.parameters]
-        blocks.append(tables.make_table(("parameter", "unit", "description"), [rows]))
-    show(*blocks)

@@ -1,0 +1,218 @@
+"""The ready-made physical models on the command line: names, channels, units, what is known."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+
+from rich.table import Table
+
+from tridentify.cli import tables
+from tridentify.cli.knowledge import NUMBER
+from tridentify.cli.terminal import show, show_json
+from tridentify.errors import ChannelCountError, OptionError, UnitMismatchError, shown
+from tridentify.physical import (
+    PhysicalModel,
+    dc_motor,
+    mass_spring_damper,
+    rc_circuit,
+    rcrc_circuit,
+    short_period,
+)
+from tridentify.record import Record
+from tridentify.text import unit_factors, unit_product
+
+Known = dict[str, float | tuple[float, float]]
+
+MODELS: Mapping[str, Callable[[], PhysicalModel]] = {
+    "short-period": short_period,
+    "short-period-free-z-q": partial(short_period, pitch_rate_effect=None),
+    "mass-spring-damper": mass_spring_damper,
+    "rc-circuit": rc_circuit,
+    "rcrc-circuit": rcrc_circuit,
+    "rcrc-circuit-buffered": partial(rcrc_circuit, buffered=True),
+    "dc-motor": dc_motor,
+    "dc-motor-current": partial(dc_motor, "current"),
+    "dc-motor-speed-current": partial(dc_motor, "both"),
+}
+"""Name -> ready-made model, as ``--model`` takes it and ``--list`` shows it."""
+
+SI = {"force": "N", "position": "m", "voltage": "V", "speed": "rad/s", "current": "A"}
+"""Units of channels of the models; the other channels of a model need only be alike."""
+RATES = ("q",)
+"""Channels of which the unit is that of the others per second."""
+
+
+def chosen_model(name: str | None, files: Sequence[Path] | None) -> PhysicalModel:
+    """Make the model of that name.
+
+    Raises
+    ------
+    OptionError
+        There is none of that name, or no file is given.
+    """
+    if name is None or name not in MODELS:
+        found = "no --model" if name is None else f"--model {shown(name)}"
+        raise OptionError(
+            f"found {found}; expected one of {', '.join(MODELS)}; choose one, --list shows their "
+            "parameters"
+        )
+    if not files:
+        raise OptionError("found no file; expected the record of an experiment; give its path")
+    return MODELS[name]()
+
+
+def channels_of(
+    model: PhysicalModel, inputs: Sequence[str], outputs: Sequence[str]
+) -> dict[str, str]:
+    """Say which column is which channel of the model.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+    inputs, outputs : sequence of str
+        Columns: those that are called as the model calls its channels are these, the others follow
+        in the order of the model.
+
+    Returns
+    -------
+    dict
+        Channel of the model -> column.
+
+    Raises
+    ------
+    ChannelCountError
+        Not as many columns as the model has channels.
+
+    Examples
+    --------
+    >>> channels_of(short_period(), ["de"], ["q", "AoA"])
+    {'elevator': 'de', 'alpha': 'AoA', 'q': 'q'}
+    """
+    found: dict[str, str] = {}
+    for kind, ours, given in (
+        ("input", model.input_names, inputs),
+        ("output", model.output_names, outputs),
+    ):
+        if len(given) != len(ours):
+            raise ChannelCountError(
+                f"found {len(given)} --{kind} for {model.name}; expected {len(ours)}, for "
+                f"{', '.join(ours)}; name a column for each"
+            )
+        rest = iter([name for name in given if name not in ours])
+        found |= {name: name if name in given else next(rest) for name in ours}
+    return found
+
+
+def known_parameters(given: Sequence[str]) -> Known:
+    """Read what ``--known`` says.
+
+    Parameters
+    ----------
+    given : sequence of str
+        ``R1=1e4`` or ``R1=1e4+-100``.
+
+    Returns
+    -------
+    dict
+        Name -> value, or value and standard deviation.
+
+    Raises
+    ------
+    OptionError
+        A text is neither, or a name occurs twice.
+
+    Examples
+    --------
+    >>> known_parameters(["R1=1e4", "C1=1e-7+-1e-9"])
+    {'R1': 10000.0, 'C1': (1e-07, 1e-09)}
+    """
+    found: Known = {}
+    for text in given:
+        match = re.fullmatch(rf"\s*([^\s=]+)\s*=\s*({NUMBER})\s*(?:\+-\s*({NUMBER})\s*)?", text)
+        if match is None or match[1] in found:
+            raise OptionError(
+                f"found --known {shown(text)}; expected a parameter and its value such as R1=1e4 "
+                "or R1=1e4+-100, once for each; correct it"
+            )
+        found[match[1]] = (
+            float(match[2]) if match[3] is None else (float(match[2]), float(match[3]))
+        )
+    return found
+
+
+def check_units(records: Sequence[Record], named: Mapping[str, str]) -> None:
+    """Refuse columns whose units are known and do not go with those of the parameters.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    named : mapping of str to str
+        Channel of the model -> channel of the records.
+
+    Raises
+    ------
+    UnitMismatchError
+
+    Examples
+    --------
+    >>> record = Record([0, 1], [0, 1], dt=1.0, units={"u": "kN", "y": "m"})
+    >>> check_units([record], {"force": "u", "position": "y"})
+    Traceback (most recent call last):
+    ...
+    tridentify.errors.UnitMismatchError: found 'u' in kN; expected N, ...
+    """
+    for record in records:
+        alike: dict[str, str] = {}
+        for ours, theirs in named.items():
+            unit = record.units.get(theirs, "")
+            if unit and ours in SI and _plain_unit(unit) != _plain_unit(SI[ours]):
+                raise UnitMismatchError(
+                    f"found {shown(theirs)} in {unit}; expected {SI[ours]}, as the units of the "
+                    "parameters want it; convert the column, or correct its unit with --unit"
+                )
+            if unit and ours not in SI:
+                alike[theirs] = _plain_unit(unit, 1 if ours in RATES else 0)
+        if len(set(alike.values())) > 1:
+            found = ", ".join(f"{name} in {record.units[name]}" for name in alike)
+            raise UnitMismatchError(
+                f"found {found}; expected one unit, and a rate in that unit per second; convert a "
+                "column, or correct its unit with --unit"
+            )
+
+
+def _plain_unit(unit: str, seconds: int = 0) -> str:
+    """A unit times seconds to a power; radians are numbers."""
+    factors = unit_factors(unit)
+    factors["s"] = factors.get("s", 0) + seconds
+    factors.pop("rad", None)
+    return unit_product(dict(sorted(factors.items())))
+
+
+def show_models(as_json: bool) -> None:
+    """Print the models with their channels and parameters."""
+    made = {name: make() for name, make in MODELS.items()}
+    if as_json:
+        show_json(
+            {
+                name: {
+                    "inputs": model.input_names,
+                    "outputs": model.output_names,
+                    "parameters": [
+                        {"name": p.name, "unit": p.unit, "description": p.description}
+                        for p in model.parameters
+                    ],
+                }
+                for name, model in made.items()
+            }
+        )
+        return
+    blocks: list[str | Table] = []
+    for name, model in made.items():
+        inputs, outputs = ", ".join(model.input_names), ", ".join(model.output_names)
+        blocks.append(f"{name}: {outputs} from {inputs}")
+        rows = [(p.name, p.unit, p.description) for p in model.parameters]
+        blocks.append(tables.make_table(("parameter", "unit", "description"), [rows]))
+    show(*blocks)
