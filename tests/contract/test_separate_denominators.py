@@ -354,5 +354,5 @@ def test_the_posterior_is_not_taken_and_that_is_said():
     structure = orders(*MISO, **REST)
     record, _ = record_of(MISO, structure, noise=1.0, n=120)
     estimate = identify(record, structure, ThreeModel(finish="posterior"), throw=False)
-    assert any("shared denominator only" in line for line in estimate.trace.decisions)
+    assert any("shared denominator and known delays" in line for line in estimate.trace.decisions)
     assert estimate.draws.shape == (0, 6)

@@ -154,9 +154,8 @@ def _npz(path: Path) -> Path:
 
 
 def _csv(path: Path) -> Path:
-    path.write_text(
-        "t,u,y\n" + "".join(f"{t!r},{u},{y}\n" for t, u, y in zip(T, U, Y, strict=True))
-    )
+    rows = np.column_stack([T, U, Y]).tolist()
+    path.write_text("t,u,y\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows))
     return path
 
 

@@ -149,7 +149,8 @@ def test_much_damage_is_refused_or_read(sample, seed: int) -> None:
 
 # ------------------------------------------------------------------------------------- isolation
 READER = """
-import ctypes, os, sys, time
+import ctypes, os, sys, tempfile, time
+from pathlib import Path
 import numpy as np
 from tridentify.formats.channels import Channel
 
@@ -157,6 +158,7 @@ class File:
     channels = (Channel("u", "u", samples=3), Channel("y", "y", samples=3))
     def read(self, indices):
         deed = {deed!r}
+        Path(tempfile.gettempdir(), "left behind").touch()
         if deed == "crash":
             ctypes.string_at(0)
         if deed == "exit":
@@ -165,6 +167,8 @@ class File:
             time.sleep(1000)
         if deed == "grow":
             return [np.ones(2**40)]
+        if deed == "import":
+            import no_such_module
         if deed == "raise":
             raise KeyError("two\\nlines")
         if deed == "print":
@@ -182,7 +186,9 @@ def open_file(path):
 
 @pytest.fixture
 def misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Read through a reader that does one deed."""
+    """Read through a reader that does one deed, with a folder of its own for temporary files."""
+    (tmp_path / "temporary").mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
 
     def run(deed: str):
         (tmp_path / f"reader_{deed}.py").write_text(READER.format(deed=deed))
@@ -202,6 +208,7 @@ def misbehave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         ("exit", errors.UnreadableFileError, "makes its reader fail"),
         ("hang", errors.UnreadableFileError, "not read within 2 s"),
         ("grow", errors.FileTooLargeError, "at most .* GiB"),
+        ("import", errors.MissingDependencyError, "no_such_module.*install them anew"),
         ("raise", errors.UnreadableFileError, "damaged content"),
     ],
 )
@@ -213,6 +220,7 @@ def test_a_reader_that_fails_is_one_clear_error(
         misbehave(deed)
     assert type(caught.value) is error
     assert "\n" not in str(caught.value)
+    assert not list(Path(tempfile.gettempdir()).iterdir())
 
 
 def test_what_a_reader_prints_goes_nowhere(misbehave, capfd: pytest.CaptureFixture[str]) -> None:
@@ -229,9 +237,11 @@ def test_the_child_ends_with_the_reading(sample) -> None:
     with isolation.IsolatedFile(
         sample.path, f"tridentify.formats.{known.module}", known.name
     ) as source:
-        process = source._process
+        process, folder = source._process, Path(source._folder.name)
         assert process.poll() is None
+        assert folder.is_dir()
     assert process.poll() is not None
+    assert not folder.exists()
 
 
 # -------------------------------------------------------------------------------- special paths

@@ -255,6 +255,18 @@ def test_another_solution_is_told():
     assert any(note.startswith("these explain the record as well") for note in estimate.notes)
 
 
+def test_of_equal_solutions_the_nearest_to_the_guesses_is_taken():
+    """Electrical and mechanical time constant exchanged: far from the guesses, but as good."""
+    record = flown(dc_motor(), MOTOR, 2e-4, noise=0.02)
+    known = {"R": 1.0, "K": 0.05}
+    estimate = estimate_physical(resting(dc_motor()), record, WHITE, known=known)
+    assert estimate.value("L") == pytest.approx(MOTOR["L"], rel=0.05)
+    (other,) = estimate.alternatives
+    swapped = dict(zip(dc_motor().names, other, strict=True))
+    rate = estimate.value("B") / estimate.value("J")
+    assert swapped["R"] / swapped["L"] == pytest.approx(rate, rel=0.01)
+
+
 @settings(max_examples=6)
 @given(seed=st.integers(0, 1000))
 def test_units_of_the_parameters_scale_the_answer(seed):

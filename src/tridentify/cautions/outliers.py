@@ -3,9 +3,8 @@
 The scale of the residual is taken from its middle, so that what is looked for does not hide itself:
 the larger of the median absolute value and the 80 % quantile, both consistent for Gaussian noise.
 The limit is that of the largest of ``N`` Gaussian samples (Bonferroni), widened for the error of
-the scale in short records. A response that the model misses has large residuals too, but smooth
-ones, in bursts. So most of those found must have neighbours that are in order, and nothing is said
-where the residual, cut off at three standard deviations, follows its own value before.
+the scale in short records. A response that the model misses has large residuals too, but in bursts;
+outliers stand alone, so most of those found must be more than twice as far off as their neighbours.
 """
 
 from __future__ import annotations
@@ -26,9 +25,7 @@ Array = NDArray[np.float64]
 FALSE_ALARMS = 1e-3
 LEAST = 5.0
 SHORT = 6.0
-IN_ORDER = 2.0
-CUT = 3.0
-SMOOTH = 0.5
+SHARE = 0.5
 QUANTILE = 0.8
 ROUNDING = 1e-9
 FEWEST = 12
@@ -77,15 +74,12 @@ def _outliers(series: Sequence[Array]) -> tuple[int, float]:
         return 0, 0.0
     limit = max(LEAST, -float(ndtri(FALSE_ALARMS / seen.size / 2))) * (1.0 + SHORT / seen.size)
     count = alone = 0
-    products = np.zeros(2)
     for one in series:
-        cut = np.clip(np.nan_to_num((one - np.median(seen)) / scale), -CUT, CUT)
-        products += cut[1:] @ cut[:-1], cut @ cut
         far = np.nan_to_num(np.abs(one - np.median(seen)) / scale)
         padded = np.concatenate([[0.0], far, [0.0]])
         beside = np.maximum(padded[:-2], padded[2:])
         count += int(np.sum(far > limit))
-        alone += int(np.sum((far > limit) & (beside < IN_ORDER)))
-    if products[0] > SMOOTH * products[1] or 2 * alone < max(count, 1):
+        alone += int(np.sum((far > limit) & (beside < SHARE * far)))
+    if 2 * alone < max(count, 1):
         return 0, 0.0
     return count, float(size.max()) / scale

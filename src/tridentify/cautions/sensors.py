@@ -69,14 +69,14 @@ def sensor_cautions(estimate: Estimate, record: Record, experiment: int, where: 
         noise = math.sqrt(float(estimate.noise_variance[i]))
         if not noise > ROUNDING * float(np.sqrt(np.nanmean(y**2))):
             continue
-        q = quantum(y)
+        repeated, q = runs(y), quantum(y)
+        if q == 0:
+            found += _repeating(y, repeated, name + where)
         if q < EXACT * noise:
             q = 0.0
-        repeated = runs(y)
         found += _coarse(y, q, noise, name + where)
         found += _saturated(y, f, q, noise, repeated, name + where)
         found += _hanging(y, f, q, noise, repeated, name + where)
-        found += _repeating(y, q, repeated, name + where)
     for j, name in enumerate(estimate.input_names):
         found += _clipped_input(record.u[:LONGEST, j], name + where)
     return found
@@ -158,10 +158,8 @@ def _hanging(y: Array, f: Array, q: float, noise: float, repeated: Runs, name: s
     ]
 
 
-def _repeating(y: Array, q: float, repeated: Runs, name: str) -> list[str]:
+def _repeating(y: Array, repeated: Runs, name: str) -> list[str]:
     """Single repeats in a signal that otherwise never repeats."""
-    if q > 0:
-        return []
     span = float(np.nanmax(y) - np.nanmin(y))
     padded = np.concatenate([[np.nan], y, [np.nan]])
     before = np.abs(y[repeated.first] - padded[repeated.first])

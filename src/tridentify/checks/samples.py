@@ -343,6 +343,11 @@ def check_outputs(y: FloatArray, names: tuple[str, ...]) -> None:
 
 def checked_units(units: Mapping[str, str] | None, names: tuple[str, ...]) -> Mapping[str, str]:
     """Give a read-only mapping of channel names, or ``"t"``, to units."""
+    if units is not None and not isinstance(units, Mapping):
+        raise UnitError(
+            f"found units={shown(units)}; expected a mapping of channel names to units; write for "
+            "example units={'elevator': 'rad'}"
+        )
     given: Mapping[str, object] = units or {}
     for key, unit in given.items():
         if key != "t" and key not in names:

@@ -36,7 +36,7 @@ def channels(
         return
     groups: dict[str, list[tuple[str, ...]]] = {}
     for item in found:
-        name, unit = (text if text.isprintable() else shown(text) for text in (item["name"], unit))
+        name, unit = (_plain(str(item[key])) for key in ("name", "unit"))
         row = (name, *map(_text, (item["samples"], item["rate"])), unit)
         groups.setdefault(item["clock"], []).append(row)
     show(make_table(("channel", "samples", "rate [1/s]", "unit"), groups.values()))
@@ -87,6 +87,11 @@ def _instants(source: OpenFile, clock: str) -> FloatArray | None:
         return source.read([source.channels.index(named[0])])[0] * SECONDS[named[0].unit]
     except DataError:
         return None
+
+
+def _plain(text: str) -> str:
+    """Keep what a file calls its channels from steering the terminal."""
+    return text if text.isprintable() else shown(text)
 
 
 def _rate(time: FloatArray | None) -> float | None:

@@ -18,6 +18,7 @@ import typer
 
 from tridentify.checks.samples import Intersample
 from tridentify.cli import tables
+from tridentify.cli.knowledge import known_from
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import (
@@ -41,6 +42,7 @@ TIME_NAMES = ("t", "time")
 
 _record = partial(typer.Option, rich_help_panel="The record")
 _model = partial(typer.Option, rich_help_panel="The model")
+_known = partial(typer.Option, rich_help_panel="What is known; each may be repeated")
 _result = partial(typer.Option, rich_help_panel="The result")
 
 
@@ -168,6 +170,33 @@ def identify(
             "input value, as in trim), free (any), or auto (by AICc).",
         ),
     ] = Beginning.AUTO,
+    fixed: Annotated[
+        list[str] | None,
+        _known("--fix", metavar="A=X", help="A coefficient that is known, such as a0=3."),
+    ] = None,
+    bounds: Annotated[
+        list[str] | None,
+        _known(
+            "--bound", metavar="A=LO:HI", help="Limits of a coefficient: b0=0:5, b0=0: or b0=:5."
+        ),
+    ] = None,
+    priors: Annotated[
+        list[str] | None,
+        _known(
+            "--prior",
+            metavar="A=X+-S",
+            help="What is known before: mean and standard deviation, such as a0=3+-0.1.",
+        ),
+    ] = None,
+    gains: Annotated[
+        list[str] | None,
+        _known(
+            "--gain",
+            metavar="G",
+            help="Known static gain b0 / a0: once for all channels, or once for each output with a "
+            "number for each input (--gain 1.5,?), ? where it is unknown.",
+        ),
+    ] = None,
     method: Annotated[
         str, _model(metavar="NAME", help="Estimation method; a wrong name lists them.")
     ] = "three-model",
@@ -218,6 +247,7 @@ def identify(
         offset=offset.answer,
         drift=drift.answer,
         initial_state=initial_state.value,
+        **known_from(fixed or (), bounds or (), priors or (), gains or ()),
     )
     check_method(method, noise, loss)
     written: Sequence[Path] = ()

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tridentify.errors import NonUniformTimeError, UnsupportedError
+from tridentify.errors import NonUniformTimeError, UnsupportedError, shown
 from tridentify.record import Record
 from tridentify.structure import Structure
 
@@ -84,9 +84,10 @@ def refuse_unsupported(
             f"found delay={structure.delay!r}; {method} estimates models without delay; shift the "
             "input by whole samples first"
         )
-    for what in ("fixed", "bounds"):
-        if getattr(structure, what) and Capability.CONSTRAINTS not in can:
+    for what in ("fixed", "bounds", "equalities", "priors", "static_gain"):
+        known = getattr(structure, what) or (what == "static_gain" and structure.static_gain == 0)
+        if known and Capability.CONSTRAINTS not in can:
             raise UnsupportedError(
-                f"found {what}={dict(getattr(structure, what))}; {method} estimates all "
+                f"found {what}={shown(structure.to_dict()[what])}; {method} estimates all "
                 f"coefficients freely; leave {what} out"
             )

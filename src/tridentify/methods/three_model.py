@@ -20,14 +20,22 @@ Where the record is short and noisy, the end is the mean over the posterior (`po
 
 Where the residual is not white, the noise gets an autoregressive model and all steps are repeated
 on whitened samples (`output_error.colour`).
+
+Where something is known of the coefficients, all this is the search; the end is the maximum of the
+likelihood (and of the priors) within the constraints (`constraints`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
-from tridentify.errors import OptionError
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
+from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
@@ -38,15 +46,18 @@ from tridentify.numerics.realization import Complex
 from tridentify.numerics.robust import Loss
 from tridentify.output_error.colour import NoiseChoice, check_noise, settle
 from tridentify.output_error.decide import Finished, decide
-from tridentify.output_error.finish import Recorder
+from tridentify.output_error.finish import Recorder, coefficients
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import Point
 from tridentify.output_error.problem import Problem
 from tridentify.posterior.weigh import FinishChoice, check_finish, weigh
 from tridentify.record import Record
+from tridentify.strategy.delays import Place, best_of_places
 from tridentify.strategy.passes import series_model
 from tridentify.strategy.search import Search
 from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
 
 SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
 
@@ -165,9 +176,10 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """Separate denominators, known delays, any instants, band-limited inputs."""
+        """All of them."""
         sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
-        return sampling | Capability.SEPARATE_DENOMINATORS
+        delays = sampling | Capability.FREE_DELAY
+        return delays | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -197,42 +209,113 @@ class ThreeModel:
         check(records, structure, self.name, self.capabilities)
         if self.loss != "squared":
             return self._robust(records, structure, say)
-        choices = candidates(records, structure)
-        base, variants = build_base(records, structure, choices)
+        if structure.constrained:
+            return self._constrained(records, structure, say)
+        if structure.delay != "free":
+            return self._located(records, structure, structure, None, None, say)
+        say("where the delays lie")
+        return best_of_places(
+            records,
+            structure,
+            lambda known, place, limits: self._located(
+                records, structure, known, place, limits, say
+            ),
+        )
+
+    def _located(
+        self,
+        records: Sequence[Record],
+        structure: Structure,
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
+    ) -> Estimate:
+        """With delays that are known, or known well enough to be refined with the poles."""
+        best, search, trace = self._maximum(records, known, place, limits, say)
+        return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
+
+    def _constrained(
+        self, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> Estimate:
+        """The search without the constraints, then the maximum within them."""
+        if self.finish == "posterior":
+            raise UnsupportedError(
+                "found finish='posterior' together with knowledge of the coefficients; expected "
+                "finish='auto' or 'likelihood', as the posterior mean keeps no constraints; choose "
+                "one of them"
+            )
+        known = resolve(records, structure)
+        looked_at = seen(records, structure, known)
+        seeds = Seeds((), (), Trace(()))
+        if looked_at is not None:
+            best, search, trace = self._maximum(*looked_at, None, None, say)
+            if known.only_bounds:
+                with suppress(UnsupportedOrderError):
+                    free = weigh(self.finish, best, *looked_at, trace, self.name, say, search.scan)
+                    kept = unmoved(structure, free)
+                    if kept is not None:
+                        return kept
+            tried = [s.theta for s in sorted(search.starts, key=lambda start: start.cost)]
+            seeds = Seeds((coefficients(best.point), *tried), best.point.problem.noise, trace)
+        return constrain(
+            records, structure, known, seeds, self.name, say, self.max_passes, self.noise
+        )
+
+    def _maximum(
+        self,
+        records: Sequence[Record],
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
+    ) -> tuple[Finished, Search, Trace]:
+        """The likelihood's maximum without constraints, and the way there."""
+        choices = candidates(records, known)
+        base, variants = build_base(records, known, choices)
+        if place is not None:
+            base = base.delayed(place.delays)
         say("the three models, from several starts")
         search = Search(self.starts)
         search.run(base, variants)
-        known = {search.known.poles.tobytes(): search.known.whole} if search.known else {}
+        if place is not None:
+            base = base.freed(limits)
+            if place.poles.size:
+                search.seeds.append(place.poles)
+                search.trails.append(())
+        filtered = {search.known.poles.tobytes(): search.known.whole} if search.known else {}
         best, decisions, seed = decide(
-            records, structure, choices, base, variants, search.seeds, self.max_passes, say, known
+            records, known, choices, base, variants, search.seeds, self.max_passes, say, filtered
         )
         if best.status not in SOUND:
             say("another search, as the end lies at a limit")
             variant = variants[choices.index(best.nuisances)]
-            poles = search.again(base, variant, best.point.poles)
+            poles = search.again(base.freed(None), variant, best.point.poles)
             other, reasons, _ = decide(
-                records, structure, choices, base, variants, [poles], self.max_passes, say
+                records, known, choices, base, variants, [poles], self.max_passes, say
             )
             if other.criterion < best.criterion:
                 best, decisions = other, reasons
 
         def again(problem: Problem, seeds: Sequence[Complex]) -> tuple[Finished, tuple[str, ...]]:
             most = self.max_passes
-            return decide(records, structure, choices, problem, variants, seeds, most, say)[:2]
+            return decide(records, known, choices, problem, variants, seeds, most, say)[:2]
 
         def seek(problem: Problem) -> Sequence[Complex]:
             anew = Search(self.starts)
-            anew.run(problem, variants)
+            anew.run(problem.freed(None), variants)
             search.starts += [replace(s, name=f"whitened: {s.name}") for s in anew.starts]
             return anew.seeds
 
+        if limits is not None:
+            base = base.delayed(best.point.problem.delays)
         coloured = settle(self.noise, best, decisions, base, again, seek, say, self.max_passes)
         best, decisions = coloured.best, coloured.decisions
         recorder = Recorder(list(search.trails[seed]))
         recorder.extend(best.recorder)
         self._certify(best.point, recorder)
         trace = Trace(tuple(recorder.passes), tuple(search.starts), decisions, best.why)
-        return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
+        return best, search, trace
 
     def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
         """The same with another loss."""

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimate import Pass, Status, Step
-from tridentify.numerics.realization import denominator, numerators
+from tridentify.numerics.realization import Complex, denominator, numerators
 from tridentify.output_error.point import Point
-from tridentify.output_error.problem import REFLECTED, TOO_FAST
+from tridentify.output_error.problem import REFLECTED, TOO_FAST, Problem
 
 Array = NDArray[np.float64]
 
@@ -26,6 +26,7 @@ ROUNDING = 1e-22
 MOST_STEPS = 60
 NEARLY = 1e-3
 IDLE = 1e-6
+KINK = 1e-3
 INDISTINGUISHABLE = 1e-22
 
 
@@ -153,7 +154,7 @@ def finish(
             return point, _settled(held), why
         proposed, predicted, delays = point.step(damping)
         poles, note = problem.admissible(proposed)
-        trial = at(poles) if delays is None else at(poles, delays=delays)
+        trial = at(poles) if delays is None else _late(at, poles, delays, problem)
         gain = _gain(point, trial)
         exact += at_rounding(trial)
         if exact and (gain < 0.5 * point.counts.sum() or exact > 3):
@@ -174,7 +175,9 @@ def finish(
         idle = idle + 1 if gain < IDLE else 0
         if idle > 2:
             break
-    left = point.step(0.0)[1]
+    if point.problem.n_delays and point.problem.pinned is None and point.problem.kinks().any():
+        return _on_a_kink(at, point, recorder, most)
+    left = point.step(0.0).decrease
     if held and held != REFLECTED:
         return point, _settled(held), held
     if left < NEARLY:
@@ -182,6 +185,26 @@ def finish(
     if idle > 2 or damping > 1e8:
         return point, Status.STALLED, "no further step lowers the cost"
     return point, Status.MAX_PASSES, f"{most} steps on the output error"
+
+
+def _late(at: Callable[..., Point], poles: Complex, delays: Array, problem: Problem) -> Point:
+    if problem.pinned is None:
+        return at(poles, delays=delays)
+    return at(poles, delays=delays, pinned=problem.pinned)
+
+
+def _on_a_kink(
+    at: Callable[..., Point], point: Point, recorder: Recorder, most: int
+) -> tuple[Point, Status, str]:
+    """The end where a delay cannot leave a whole number of steps: all else is finished there."""
+    problem = point.problem
+    kinks, dt = problem.kinks(), problem.experiments[0].dt
+    delays = np.where(kinks, np.round(problem.delays / dt) * dt, problem.delays)
+    there = at(point.poles, delays=delays, pinned=kinks)
+    end, status, why = finish(at, there, recorder, most)
+    if end.objective > point.objective + KINK:
+        return point, Status.STALLED, "no further step lowers the cost"
+    return end, status, f"{why}; a delay lies on a whole step, where the cost has a kink"
 
 
 def _settled(held: str) -> Status:

@@ -30,7 +30,7 @@ are those of its innovations (`regression`), and so are ``RSS`` and everything m
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -232,12 +232,15 @@ class Point:
             kept = np.setdiff1d(kept, self.problem.n_poles + outward)
 
     def _outward(self, change: Array) -> NDArray[np.intp]:
-        """Delays at an end of their range that a change would take beyond it."""
+        """Delays that are pinned, or that a change would take beyond an end of their range."""
         if self.problem.limits is None:
             return np.zeros(0, dtype=np.intp)
+        if self.problem.pinned is not None:
+            change = np.where(self.problem.pinned, np.inf, change)
         delays = self.problem.delays
         low = (delays <= 0) & (change < 0)
-        return np.flatnonzero(low | ((delays >= self.problem.limits) & (change > 0)))
+        high = (delays >= self.problem.limits) & (change > 0)
+        return np.flatnonzero(low | high | np.isinf(change))
 
     @cached_property
     def gradient(self) -> float:
@@ -413,6 +416,7 @@ def evaluate(
     repeats: int = 2,
     regressions: tuple[Regression, ...] | None = None,
     delays: Array | None = None,
+    pinned: NDArray[np.bool_] | None = None,
 ) -> Point:
     """Filter the records on the poles (repeated) and fit all that is linear.
 
@@ -427,13 +431,15 @@ def evaluate(
         The triangles, where they are known already.
     delays : (n_inputs,) array, optional
         Of the inputs [s], in place of the problem's.
+    pinned : (n_inputs,) bool array, optional
+        Delays that are to stay there.
 
     Returns
     -------
     Point
     """
     if delays is not None:
-        problem = problem.delayed(delays)
+        problem = replace(problem.delayed(delays), pinned=pinned)
     bank, branches = bank_of(problem, poles, repeats)
     if regressions is None:
         regressions = tuple(regress(e, bank) for e in problem.experiments)

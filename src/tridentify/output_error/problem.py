@@ -20,6 +20,8 @@ FASTEST = 20.0
 LEAST_DAMPED = 1e-6
 BELOW_NYQUIST = 0.98
 
+ON_A_STEP = 0.02
+
 REFLECTED = "reflected an unstable pole"
 TOO_FAST = "held a pole at the fastest the sampling can show"
 TOO_SLOW = "held a pole at the slowest decay the record can show"
@@ -72,6 +74,8 @@ class Problem:
     groups : tuple of Group
     limits : (n_inputs,) array, optional
         Where the delays of the inputs are estimated along: how large each may become [s].
+    pinned : (n_inputs,) bool array, optional
+        Delays that stay, for the time being, where they are.
     """
 
     experiments: tuple[Experiment, ...]
@@ -81,6 +85,7 @@ class Problem:
     size: Array
     groups: tuple[Group, ...]
     limits: Array | None = None
+    pinned: NDArray[np.bool_] | None = None
 
     @classmethod
     def of(
@@ -133,6 +138,12 @@ class Problem:
         """The same problem with these delays [s] of the inputs, in every experiment."""
         late = np.tile(delays, (self.n_outputs, 1)) if np.any(delays) else None
         return replace(self, experiments=tuple(replace(e, delays=late) for e in self.experiments))
+
+    def kinks(self) -> NDArray[np.bool_]:
+        """(n_inputs,) whether a delay lies where the cost has a kink: on a whole step of a hold."""
+        steps = [e.dt for e in self.experiments if e.intersample == "zoh" and e.t is None]
+        near = [np.abs(self.delays / dt - np.round(self.delays / dt)) < ON_A_STEP for dt in steps]
+        return np.any(near, axis=0) if near else np.zeros(self.n_inputs, dtype=bool)
 
     def freed(self, limits: Array | None) -> Problem:
         """The same problem with delays estimated along up to some limits, or known (None)."""
@@ -229,6 +240,11 @@ class Problem:
     def slowest(self) -> float:
         """Slowest decay that can be told from a constant [rad/s]."""
         return SLOWEST / max(e.duration for e in self.experiments)
+
+    @property
+    def shortest(self) -> float:
+        """Length of the shortest experiment [s]."""
+        return min(e.duration for e in self.experiments)
 
     @property
     def fastest(self) -> float:

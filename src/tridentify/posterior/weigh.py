@@ -26,7 +26,9 @@ FinishChoice = Literal["auto", "likelihood", "posterior"]
 CHOICES = ("auto", "likelihood", "posterior")
 RIVAL = 30.0
 APART = float(np.log(2.0))
-SEPARATE = "the likelihood's maximum: the posterior is weighed for a shared denominator only"
+SEPARATE = (
+    "the likelihood's maximum: the posterior is weighed for a shared denominator and known delays"
+)
 SOUND = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.WEAKLY_IDENTIFIABLE)
 
 
@@ -80,7 +82,7 @@ def weigh(
     possible = is_short(best.point.problem) and not at_rounding(best.point)
     if finish == "likelihood" or not possible:
         return _given(maximum)
-    if len(best.point.problem.groups) > 1:
+    if len(best.point.problem.groups) > 1 or best.point.problem.n_delays:
         return _told(_given(maximum), SEPARATE)
     n = best.point.problem.n_poles
     cov = None if isinstance(maximum, UnsupportedOrderError) else maximum.cov[:n, :n]

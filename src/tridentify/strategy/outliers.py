@@ -70,6 +70,8 @@ def gross_outliers(records: Sequence[Record], structure: Structure) -> tuple[Fla
     for record in records:
         flags = np.zeros(record.y.shape, dtype=np.bool_)
         for first, last in _windows(record.n_samples):
+            if np.isnan(record.y[first:last]).all(axis=0).any():
+                continue
             piece = record.slice(float(record.t[first]), float(record.t[last - 1]))
             problem = build([piece], structure, Nuisances("free", True, False))
             if poles is None:
@@ -102,23 +104,28 @@ def _residuals(
     """Residuals (n_samples, n_outputs), and the sum of the outputs' log absolute residuals."""
     experiment = problem.experiments[0]
     bank = cascade(poles)
-    basis = _basis(problem, bank)
     residuals = np.full(experiment.y.shape, np.nan)
     total = 0.0
+    known: dict[int, Array] = {}
     for i, y in enumerate(experiment.y.T):
         seen = np.isfinite(y)
-        if seen.any():
-            own = basis if seen.all() else np.linalg.qr(basis[seen])[0]
-            residuals[seen, i], absolute = _robust_fit(own, y[seen], rounds)
-            total += float(np.log(absolute + 1e-12 * float(np.abs(y[seen]).mean()) + 1e-300))
+        if not seen.any():
+            continue
+        signal = experiment.sampled.index(experiment.sampled[i])
+        if signal not in known:
+            known[signal] = _basis(problem, bank, i)
+        own = known[signal] if seen.all() else np.linalg.qr(known[signal][seen])[0]
+        residuals[seen, i], absolute = _robust_fit(own, y[seen], rounds)
+        total += float(np.log(absolute + 1e-12 * float(np.abs(y[seen]).mean()) + 1e-300))
     return residuals, total
 
 
-def _basis(problem: Problem, bank: Cascade) -> Array:
-    """Orthonormal basis of all columns of the parallel model."""
+def _basis(problem: Problem, bank: Cascade, output: int) -> Array:
+    """Orthonormal basis of all columns of one output's parallel model."""
     experiment = problem.experiments[0]
     layout = Layout(bank.order, problem.n_inputs, True, experiment.offset, experiment.drift)
-    columns = response_of(experiment, bank, np.eye(layout.n_signals))
+    n = layout.n_signals
+    columns = response_of(experiment, bank, np.eye(n), outputs=(output,) * n)
     if not problem.biproper:
         columns = np.delete(columns, np.s_[layout.states : layout.states + problem.n_inputs], 1)
     norms = np.sqrt(np.einsum("ij,ij->j", columns, columns))

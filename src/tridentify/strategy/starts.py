@@ -336,6 +336,13 @@ def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> list[Par
     return sorted(found, key=lambda start: start.criterion)
 
 
+def parallel_criterion(problem: Problem, rate: float, most: int) -> float:
+    """AICc of the best parallel model on up to ``most`` Laguerre functions of one rate."""
+    bank = cascade(np.full(_most(problem, most), -rate, dtype=np.complex128))
+    regressions = tuple(regress(e, bank) for e in problem.experiments)
+    return _order(problem, regressions, bank.order, None)[1]
+
+
 def spread_poles(base: Problem, damping: float, count: int) -> Complex:
     """Poles over the whole band, real for a damping of 1 and in pairs below it."""
     low, high = rate_limits(base)
