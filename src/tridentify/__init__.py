@@ -25,7 +25,8 @@ if TYPE_CHECKING:
         TridentifyError,
     )
     from tridentify.estimate import Estimate, Parameter, Status, Trace
-    from tridentify.formats.csv import read_record
+    from tridentify.formats.frames import frame_from_record, record_from_frame
+    from tridentify.formats.read import list_channels, read_record
     from tridentify.identify import METHODS, identify
     from tridentify.methods.asymptotic_bias import asymptotic_bias
     from tridentify.methods.bias_compensated_least_squares import BiasCompensatedLeastSquares
@@ -65,8 +66,11 @@ __all__ = [
     "TridentifyError",
     "__version__",
     "asymptotic_bias",
+    "frame_from_record",
     "identify",
+    "list_channels",
     "read_record",
+    "record_from_frame",
     "simulate",
 ]
 
@@ -93,8 +97,11 @@ _HOME = {
     "TransferFunction": "transfer_function",
     "TridentifyError": "errors",
     "asymptotic_bias": "methods.asymptotic_bias",
+    "frame_from_record": "formats.frames",
     "identify": "identify",
-    "read_record": "formats.csv",
+    "list_channels": "formats.read",
+    "read_record": "formats.read",
+    "record_from_frame": "formats.frames",
     "simulate": "simulate",
 }
 

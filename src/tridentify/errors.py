@@ -18,15 +18,19 @@ __all__ = [
     "ChannelCountError",
     "ChannelNameError",
     "CoefficientError",
+    "CoefficientMapError",
     "ConstantInputError",
     "ContradictoryConstraintsError",
     "ConvergenceError",
     "DataError",
     "DataWarning",
+    "DelayError",
     "DuplicateColumnError",
     "EmptyChannelError",
     "EmptyFileError",
     "EmptyRangeError",
+    "ForeignObjectError",
+    "FileTooLargeError",
     "EqualityError",
     "IdentifiabilityError",
     "ImproperModelError",
@@ -40,6 +44,7 @@ __all__ = [
     "OrderError",
     "OutputPathError",
     "ParameterNameError",
+    "PhysicalParameterError",
     "PriorError",
     "RaggedRowError",
     "ResampleError",
@@ -49,10 +54,13 @@ __all__ = [
     "StaticGainError",
     "StructureError",
     "TextInColumnError",
+    "ThousandsSeparatorError",
     "TimeNotIncreasingError",
     "TooFewSamplesError",
     "TridentifyError",
+    "UndeterminedError",
     "UnitError",
+    "UnitMismatchError",
     "UnreadableFileError",
     "UnsupportedError",
     "UnsupportedOrderError",
@@ -154,6 +162,10 @@ class UnitError(DataError):
     """A unit belongs to no channel, is no text, or is no unit of time where one is needed."""
 
 
+class UnitMismatchError(UnitError):
+    """Records to be identified together have a channel in different units."""
+
+
 class ZeroInputError(DataError):
     """An input is zero throughout, so that it says nothing about the system."""
 
@@ -171,7 +183,11 @@ class ScaleError(DataError):
 
 
 class UnreadableFileError(DataError, OSError):
-    """The file is missing, a directory, not permitted, or not UTF-8 text."""
+    """The file is missing, a directory, not permitted, damaged, or not of a known format."""
+
+
+class FileTooLargeError(DataError):
+    """The samples of the file would fill the memory."""
 
 
 class EmptyFileError(DataError):
@@ -192,6 +208,14 @@ class MissingColumnError(DataError):
 
 class TextInColumnError(DataError):
     """A cell of a column that is needed is not a number."""
+
+
+class ThousandsSeparatorError(DataError):
+    """Numbers are grouped, as in 1,234.5, so that the decimal sign cannot be told for sure."""
+
+
+class ForeignObjectError(DataError):
+    """A channel is an object of another program's own class, or of Python's pickle."""
 
 
 class RaggedRowError(DataError):
@@ -225,6 +249,10 @@ class BoundsError(StructureError):
     """A bound is not a pair (low, high) with low < high, or a fixed value is not finite."""
 
 
+class DelayError(StructureError):
+    """A delay leaves no output sample that a recorded input could explain."""
+
+
 class EqualityError(StructureError):
     """A linear equality is not a pair (weights by coefficient, value) of finite numbers."""
 
@@ -245,6 +273,14 @@ class CoefficientError(StructureError):
     """Coefficients of a transfer function are empty, not finite, or a denominator is zero."""
 
 
+class CoefficientMapError(StructureError):
+    """A map from physical parameters fails, or does not give the coefficients of its structure."""
+
+
+class PhysicalParameterError(StructureError):
+    """A physical parameter has no usable name, guess or known value, or does not exist."""
+
+
 class ImproperModelError(StructureError):
     """A numerator has a higher degree than its denominator."""
 
@@ -262,6 +298,10 @@ class IdentifiabilityError(TridentifyError, ArithmeticError):
 
 class ConstantInputError(IdentifiabilityError):
     """An input never changes while the initial state is free: its effect cannot be told apart."""
+
+
+class UndeterminedError(IdentifiabilityError):
+    """A physical parameter that the coefficients do not determine by itself was asked for."""
 
 
 class UnsupportedOrderError(IdentifiabilityError):

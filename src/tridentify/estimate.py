@@ -67,6 +67,13 @@ class Estimate:
         white noise.
     draws : ndarray, shape (n_draws, n_parameters)
         Equally likely coefficients where the estimate is a posterior mean (``status``), else empty.
+    loss : str
+        What was minimised: ``"squared"``, or a robust loss, ``"huber"`` or ``"student"``. With one
+        of these ``noise_variance`` is the square of the noise's robust scale, and ``fit`` leaves
+        the outliers out.
+    outliers : ndarray, shape (n_outliers, 4)
+        Samples beyond four standard deviations of the noise under a robust loss: position of the
+        experiment, of the output and of the sample, and the weight that it had (at most 1).
 
     Examples
     --------
@@ -105,6 +112,8 @@ class Estimate:
     cautions: tuple[str, ...] = ()
     noise_model: tuple[Array, ...] = ()
     draws: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    loss: str = "squared"
+    outliers: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -112,6 +121,9 @@ class Estimate:
         if not self.draws.size:
             object.__setattr__(self, "draws", np.zeros((0, len(self.names))))
             self.draws.setflags(write=False)
+        if not self.outliers.size:
+            object.__setattr__(self, "outliers", np.zeros((0, 4)))
+            self.outliers.setflags(write=False)
         n_parameters, n_outputs = len(self.names), len(self.output_names)
         shapes: dict[str, tuple[int, ...]] = {"theta": (n_parameters,), "fit": (n_outputs,)}
         shapes |= {"cov": (n_parameters, n_parameters), "noise_variance": (n_outputs,)}
@@ -266,7 +278,8 @@ class Estimate:
         Returns
         -------
         ndarray, shape (n_samples, n_outputs)
-            [output units].
+            [output units]; ``nan`` before the last delayed input has arrived, where the initial
+            state is free: what came before the record is not known.
         """
         from tridentify.simulate import simulate
 
@@ -287,7 +300,9 @@ class Estimate:
             output_names=record.output_names,
         )
         free = terms.free_response if np.any(terms.free_response) else None
-        response = simulate(self.model, shifted, free_response=free)
+        response = simulate(self.model, shifted, free_response=free, free_after=terms.free_after)
+        if terms.free_after:
+            response[record.t - record.t[0] < (1.0 - 1e-9) * terms.free_after] = np.nan
         ramp = np.outer(record.t - terms.t0, terms.drift)
         fitted: Array = response + terms.offset + ramp
         return fitted

@@ -58,12 +58,18 @@ class Nuisance:
         Subtracted from the input before the model [input units].
     offset, drift : ndarray, shape (n_outputs,)
         Added to the model response [output units], [output units/s]; drift counts from ``t0`` [s].
-    free_response : ndarray, shape (n_outputs, n)
-        Numerators c(p) of the response c(p)/a(p) delta(t) to the initial state, descending powers.
+    free_response : ndarray, shape (n_outputs, n) or (n_outputs, n_inputs, n)
+        Numerators c(p) of the response c(p)/a(p) delta(t) to the initial state, descending powers;
+        of every channel where denominators are separate, zeros in front of the shorter ones.
     offset_std, drift_std : ndarray, shape (n_outputs,)
         Zero where not estimated.
     initial_state : str
         "rest", "equilibrium" or "free".
+    t0 : float
+        First instant of the record [s].
+    free_after : float
+        How long after ``t0`` the free response begins [s]: with delays, when the last of the
+        inputs has arrived. What came before is not explained.
     """
 
     input_reference: Array
@@ -74,6 +80,7 @@ class Nuisance:
     drift_std: Array
     initial_state: str = "rest"
     t0: float = 0.0
+    free_after: float = 0.0
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

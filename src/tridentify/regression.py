@@ -13,6 +13,13 @@ combinations of the triangle's columns.
 
 A missing output sample is a row of zeros for that output.
 
+Time need not be uniform, and every input may reach every output late (`numerics.sampled`): the
+columns of an output are those of its own delays. What the input did before its first sample is
+unknown. Where the start is one of rest or equilibrium it was at its reference, that is at zero. A
+free initial state stands for any past, but only from the moment on when the last of the delayed
+inputs has arrived: the impulse states begin at that sample (`Experiment.start`), and output samples
+before it are not used (`output_error.nuisance`), since no known input explains them.
+
 Where the noise of an output is coloured, all columns are turned into their innovations
 (`numerics.autoregression`) before they enter that output's triangle: ordinary least squares on
 them is generalised least squares on the samples, missing ones included. Combinations of columns
@@ -21,17 +28,18 @@ stay what they are, so nothing that works on the triangle has to know.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+import scipy.linalg
 from numpy.typing import NDArray
 
 from tridentify.numerics.autoregression import Whitener
-from tridentify.numerics.discretize import discretize
 from tridentify.numerics.least_squares import Accumulator
-from tridentify.numerics.propagate import propagate
 from tridentify.numerics.realization import Cascade
+from tridentify.numerics.sampled import Sampled, States
 
 Array = NDArray[np.float64]
 
@@ -50,13 +58,19 @@ class Experiment:
     y : (n_samples, n_outputs) array
         Output; ``nan`` marks a missing sample.
     dt : float
-        Sampling interval [s].
+        Sampling interval [s]; where ``t`` is given, one of the shorter intervals.
     intersample : str
         ``"zoh"`` or ``"foh"``.
     free, offset, drift : bool
         Which nuisance terms are estimated along.
     noise : tuple of (p_i,) arrays
         Autoregressive coefficients of each output's noise; the empty tuple where all are white.
+    t : (n_samples,) array, optional
+        Instants from zero [s], where they are not uniform.
+    delays : (n_outputs, n_inputs) array, optional
+        How late every input reaches every output [s].
+    start : int
+        The sample at which a free initial state begins to act; outputs before it are ``nan``.
     """
 
     u: Array
@@ -67,6 +81,9 @@ class Experiment:
     offset: bool
     drift: bool
     noise: tuple[Array, ...] = ()
+    t: Array | None = None
+    delays: Array | None = None
+    start: int = 0
 
     @property
     def n_samples(self) -> int:
@@ -76,7 +93,45 @@ class Experiment:
     @property
     def duration(self) -> float:
         """Length of the record [s]."""
-        return (self.n_samples - 1) * self.dt
+        return (self.n_samples - 1) * self.dt if self.t is None else float(self.t[-1])
+
+    @cached_property
+    def instants(self) -> Array:
+        """(n_samples,) from zero [s]."""
+        if self.t is not None:
+            return self.t
+        return np.asarray(np.arange(self.n_samples) * self.dt, dtype=np.float64)
+
+    @cached_property
+    def ramp(self) -> Array:
+        """(n_samples,) from 0 at the first sample to 1 at the last."""
+        if self.t is None:
+            return np.asarray(np.arange(self.n_samples) / (self.n_samples - 1))
+        return np.asarray(self.t / self.t[-1])
+
+    @cached_property
+    def sampled(self) -> tuple[Sampled, ...]:
+        """The inputs as each output sees them; the same object where the delays are the same."""
+        n_outputs = int(self.y.shape[1])
+        if self.delays is None or not np.any(self.delays):
+            return (Sampled(self.u, self.dt, self.intersample, self.t),) * n_outputs
+        known: dict[tuple[float, ...], Sampled] = {}
+        found: list[Sampled] = []
+        for row in self.delays:
+            key = tuple(float(delay) for delay in row)
+            if key not in known:
+                known[key] = Sampled(self.u, self.dt, self.intersample, self.t, key)
+            found.append(known[key])
+        return tuple(found)
+
+    @property
+    def leads(self) -> Array | None:
+        """(n_outputs, n_inputs) how long before ``start`` each input begins to act [s]."""
+        if self.delays is None and not self.start:
+            return None
+        delays = 0.0 if self.delays is None else self.delays
+        begin = float(self.instants[self.start])
+        return np.asarray(np.broadcast_to(begin - delays, (self.y.shape[1], self.u.shape[1])))
 
 
 @dataclass(frozen=True)
@@ -130,6 +185,8 @@ class Regression:
     log_scale : tuple of float
         Per output the log determinant of the noise's covariance, for innovations of variance
         one; empty where all are white.
+    leads : (n_outputs, n_inputs) array, optional
+        How long before the impulse each input begins to act [s]; None where it never does.
     """
 
     layout: Layout
@@ -137,6 +194,7 @@ class Regression:
     targets: tuple[Array, ...]
     counts: tuple[int, ...]
     log_scale: tuple[float, ...] = ()
+    leads: Array | None = None
 
     def input_signal(self, output: int, channel: int, row: Array, direct: float = 0.0) -> Array:
         """``(row X + direct) u_channel`` of ``output``; ``row`` (q,) or (q, k)."""
@@ -175,9 +233,9 @@ def restricted(
     free, offset, drift : bool
         Which to keep.
     constants : (n_inputs,) array, optional
-        Added to the inputs. The states' response to a constant from ``t0`` on is
-        ``A^{-1} (x_impulse(t) - B)``, so this needs the impulse states and the constant among
-        the columns.
+        Added to the inputs. The states' response to a constant that began to act a time ``s``
+        before the impulse is ``A^{-1} (e^{A s} x_impulse(t) - B)``, so this needs the impulse
+        states and the constant among the columns.
 
     Returns
     -------
@@ -197,20 +255,25 @@ def restricted(
         index.append(at)
     done: dict[int, Array] = {}
     signals = []
-    for s in regression.signals:
+    for i, s in enumerate(regression.signals):
         if id(s) not in done:
             kept = s[:, index]
             if constants is not None and np.any(constants):
                 one = s[:, old.nuisance.start]
-                step = np.linalg.solve(bank.a, (s[:, :q] - np.outer(one, bank.b)).T).T
                 for j, value in enumerate(constants):
-                    kept[:, new.input_states(j)] += value * step
+                    lead = 0.0 if regression.leads is None else float(regression.leads[i, j])
+                    kept[:, new.input_states(j)] += value * _held(bank, s[:, :q], one, lead)
                     kept[:, new.direct(j)] += value * one
             done[id(s)] = kept
         signals.append(done[id(s)])
-    return Regression(
-        new, tuple(signals), regression.targets, regression.counts, regression.log_scale
-    )
+    return replace(regression, layout=new, signals=tuple(signals))
+
+
+def _held(bank: Cascade, impulse: Array, one: Array, lead: float) -> Array:
+    """States' response to a constant that began to act ``lead`` seconds before the impulse."""
+    if lead:
+        impulse = impulse @ scipy.linalg.expm(bank.a * lead).T
+    return np.asarray(np.linalg.solve(bank.a, (impulse - np.outer(one, bank.b)).T).T)
 
 
 def regress(experiment: Experiment, bank: Cascade) -> Regression:
@@ -231,28 +294,66 @@ def regress(experiment: Experiment, bank: Cascade) -> Regression:
     Time ``O(n_samples)``; memory one block of ``BLOCK`` samples.
     """
     layout = _layout(experiment, bank)
-    missing = np.isnan(experiment.y)
-    n_outputs = experiment.y.shape[1]
-    if any(a.size for a in experiment.noise):
-        return _whitened(experiment, bank, layout, ~missing)
-    if not missing.any():
-        r = _triangle(experiment, bank, layout, experiment.y, None)
-        s = r[:, : layout.n_signals]
-        targets = tuple(r[:, layout.n_signals + i] for i in range(n_outputs))
-        return Regression(layout, (s,) * n_outputs, targets, (experiment.n_samples,) * n_outputs)
-    signals, targets_list, counts = [], [], []
-    for i in range(n_outputs):
-        keep = ~missing[:, i]
-        y = np.where(keep, experiment.y[:, i], 0.0)[:, None]
-        r = _triangle(experiment, bank, layout, y, keep.astype(np.float64))
-        signals.append(r[:, : layout.n_signals])
-        targets_list.append(r[:, layout.n_signals])
-        counts.append(int(keep.sum()))
-    return Regression(layout, tuple(signals), tuple(targets_list), tuple(counts))
+    seen = ~np.isnan(experiment.y)
+    signals: dict[int, Array] = {}
+    targets: dict[int, Array] = {}
+    scales: dict[int, float] = {}
+    for outputs in _alike(experiment, seen):
+        found = _regress(experiment, bank, layout, seen, outputs)
+        for i, (s, target, scale) in zip(outputs, found, strict=True):
+            signals[i], targets[i], scales[i] = s, target, scale
+    order = range(experiment.y.shape[1])
+    return Regression(
+        layout,
+        tuple(signals[i] for i in order),
+        tuple(targets[i] for i in order),
+        tuple(int(n) for n in seen.sum(axis=0)),
+        tuple(scales[i] for i in order) if _is_coloured(experiment) else (),
+        experiment.leads,
+    )
+
+
+def _is_coloured(experiment: Experiment) -> bool:
+    return any(a.size for a in experiment.noise)
+
+
+def _alike(experiment: Experiment, seen: NDArray[np.bool_]) -> list[list[int]]:
+    """Outputs that one run over the samples serves: the same delays and, if white, samples."""
+    groups: dict[object, list[int]] = {}
+    for i, signal in enumerate(experiment.sampled):
+        key: object = id(signal)
+        if not _is_coloured(experiment) and not seen.all():
+            key = (id(signal), seen[:, i].tobytes())
+        groups.setdefault(key, []).append(i)
+    return list(groups.values())
+
+
+def _regress(
+    experiment: Experiment,
+    bank: Cascade,
+    layout: Layout,
+    seen: NDArray[np.bool_],
+    outputs: list[int],
+) -> list[tuple[Array, Array, float]]:
+    """Signals, target and log scale of outputs that are alike."""
+    if _is_coloured(experiment):
+        return _whitened(experiment, bank, layout, seen, outputs)
+    keep = seen[:, outputs[0]]
+    y = experiment.y[:, outputs]
+    weight = None
+    if not keep.all():
+        y, weight = np.where(keep[:, None], y, 0.0), keep.astype(np.float64)
+    r = _triangle(experiment, bank, layout, y, weight, outputs[0])
+    s = r[:, : layout.n_signals]
+    return [(s, r[:, layout.n_signals + k], 0.0) for k in range(len(outputs))]
 
 
 def response_of(
-    experiment: Experiment, bank: Cascade, rows: Array, most: int | None = None
+    experiment: Experiment,
+    bank: Cascade,
+    rows: Array,
+    most: int | None = None,
+    outputs: Sequence[int] | None = None,
 ) -> Array:
     """Combinations of the columns over time.
 
@@ -262,6 +363,11 @@ def response_of(
     bank : Cascade
     rows : (k, n_signals) array
         Weights of the columns before the outputs.
+    most : int, optional
+        Only so many samples.
+    outputs : sequence of int, optional
+        Whose columns each row combines, which matters where the outputs have delays of their own
+        (default: row ``k`` those of output ``k``).
 
     Returns
     -------
@@ -271,11 +377,16 @@ def response_of(
     buffer = np.zeros((layout.n_signals, min(experiment.n_samples, BLOCK)))
     count = experiment.n_samples if most is None else min(most, experiment.n_samples)
     found = np.empty((count, rows.shape[0]))
-    for start, stop, _ in _signals(experiment, bank, layout, buffer):
-        if start >= count:
-            break
-        stop = min(stop, count)
-        found[start:stop] = (rows @ buffer[:, : stop - start]).T
+    sampled = experiment.sampled
+    last = len(sampled) - 1
+    owners = [min(k, last) for k in range(rows.shape[0])] if outputs is None else list(outputs)
+    for signal in dict.fromkeys(sampled[i] for i in owners):
+        mine = [k for k, i in enumerate(owners) if sampled[i] is signal]
+        for start, stop, _ in _signals(experiment, bank, layout, buffer, sampled.index(signal)):
+            if start >= count:
+                break
+            stop = min(stop, count)
+            found[start:stop, mine] = (rows[mine] @ buffer[:, : stop - start]).T
     return found
 
 
@@ -286,12 +397,17 @@ def _layout(experiment: Experiment, bank: Cascade) -> Layout:
 
 
 def _triangle(
-    experiment: Experiment, bank: Cascade, layout: Layout, y: Array, weight: Array | None
+    experiment: Experiment,
+    bank: Cascade,
+    layout: Layout,
+    y: Array,
+    weight: Array | None,
+    output: int,
 ) -> Array:
     """R factor of [states | inputs | nuisance | y], rows multiplied by ``weight``."""
     accumulator = Accumulator(layout.n_signals + y.shape[1], min(experiment.n_samples, BLOCK))
     buffer = accumulator.buffer
-    for start, stop, first in _signals(experiment, bank, layout, buffer):
+    for start, stop, first in _signals(experiment, bank, layout, buffer, output):
         count = stop - start
         buffer[layout.n_signals :, :count] = y[start:stop].T
         if weight is not None:
@@ -301,72 +417,64 @@ def _triangle(
 
 
 def _whitened(
-    experiment: Experiment, bank: Cascade, layout: Layout, seen: NDArray[np.bool_]
-) -> Regression:
+    experiment: Experiment,
+    bank: Cascade,
+    layout: Layout,
+    seen: NDArray[np.bool_],
+    outputs: list[int],
+) -> list[tuple[Array, Array, float]]:
     """A triangle for each output, of the innovations of all columns."""
     block = min(experiment.n_samples, BLOCK)
-    n_columns, n_outputs = layout.n_signals + 1, seen.shape[1]
+    n_columns = layout.n_signals + 1
     columns = np.zeros((n_columns, block))
-    accumulators = [Accumulator(n_columns, block) for _ in range(n_outputs)]
-    whiteners = [Whitener(a, n_columns) for a in experiment.noise]
-    for start, stop, first in _signals(experiment, bank, layout, columns):
+    accumulators = [Accumulator(n_columns, block) for _ in outputs]
+    whiteners = [Whitener(experiment.noise[i], n_columns) for i in outputs]
+    for start, stop, first in _signals(experiment, bank, layout, columns, outputs[0]):
         count = stop - start
-        for i, (accumulator, whitener) in enumerate(zip(accumulators, whiteners, strict=True)):
+        for i, accumulator, whitener in zip(outputs, accumulators, whiteners, strict=True):
             y, there = experiment.y[start:stop, i], seen[start:stop, i]
             columns[-1, :count] = np.where(there, y, 0.0)
             whitener.apply(columns, there, accumulator.buffer)
             accumulator.absorb(count, first)
-    triangles = [accumulator.r for accumulator in accumulators]
-    return Regression(
-        layout,
-        tuple(r[:, : layout.n_signals] for r in triangles),
-        tuple(r[:, layout.n_signals] for r in triangles),
-        tuple(int(n) for n in seen.sum(axis=0)),
-        tuple(whitener.log_scale for whitener in whiteners),
-    )
+    found = []
+    for accumulator, whitener in zip(accumulators, whiteners, strict=True):
+        r = accumulator.r
+        found.append((r[:, : layout.n_signals], r[:, layout.n_signals], whitener.log_scale))
+    return found
 
 
 def _signals(
-    experiment: Experiment, bank: Cascade, layout: Layout, buffer: Array
+    experiment: Experiment, bank: Cascade, layout: Layout, buffer: Array, output: int
 ) -> Iterator[tuple[int, int, int]]:
-    """Fill ``buffer`` with block after block of the columns before the outputs.
+    """Fill ``buffer`` with block after block of one output's columns before the outputs.
 
     Gives the first sample of each block, the one after its last, and the first column that is
     not zero from here on (where the impulse states have died out).
     """
     q, n = bank.order, experiment.n_samples
-    step = discretize(bank.a, bank.b[:, None], experiment.dt, experiment.intersample)
-    upper = int(np.any(bank.poles.imag != 0))
-    from_current, from_next = step.from_current[:, 0], step.from_next[:, 0]
-    transition = np.ascontiguousarray(step.transition)
+    signal = experiment.sampled[output]
+    upper, branches = int(np.any(bank.poles.imag != 0)), bank.branches
+    states = States(signal, bank.a, bank.b, upper=upper, branches=branches)
+    impulse = states.impulse(experiment.start)  # nothing is computed before it advances
     block = min(n, BLOCK)
-    nothing = np.zeros((n, 1)) if layout.free else experiment.u[:, :0]
-    impulse = bank.b[None, :].copy()
-    state = np.zeros((layout.n_inputs, q))
     after_impulse = q if layout.free else 0
-    first = 0
+    first, least = 0, NEGLIGIBLE * np.abs(bank.b).max()
     for start in range(0, n, block):
         stop = min(start + block, n)
         count = stop - start
         if layout.free and first == 0:
-            propagate(
-                transition, from_current, from_next, nothing, impulse, buffer,
-                start=start, stop=stop, upper=upper, branches=bank.branches,
-            )  # fmt: skip
-        propagate(
-            transition, from_current, from_next, experiment.u, state, buffer[after_impulse:],
-            start=start, stop=stop, upper=upper, branches=bank.branches,
-        )  # fmt: skip
+            impulse.advance(start, stop, buffer[:q])
+        states.advance(start, stop, buffer[after_impulse:])
         row = layout.states
-        buffer[row : row + layout.n_inputs, :count] = experiment.u[start:stop].T
+        buffer[row : row + layout.n_inputs, :count] = signal.direct[start:stop].T
         row += layout.n_inputs
         if layout.offset:
             buffer[row, :count] = 1.0
             row += 1
         if layout.drift:
-            buffer[row, :count] = np.arange(start, stop) / (n - 1)
+            buffer[row, :count] = experiment.ramp[start:stop]
             row += 1
         yield start, stop, first
-        if layout.free and first == 0 and np.abs(impulse).max() < NEGLIGIBLE * np.abs(bank.b).max():
+        if layout.free and first == 0 and np.abs(impulse.state).max() < least:
             first = q
             buffer[:q] = 0.0

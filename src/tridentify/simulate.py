@@ -2,7 +2,7 @@
 
 Every denominator is realised once, as an orthonormal cascade when it is stable and as a
 balanced companion form otherwise, and driven by all inputs; outputs are combinations of its
-states.
+states. Instants need not be uniform, and delays need not be whole samples (`numerics.sampled`).
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from tridentify.errors import ChannelCountError, NonUniformTimeError, UnsupportedError
-from tridentify.numerics.discretize import discretize
-from tridentify.numerics.propagate import propagate
+from tridentify.checks.samples import typical_step
+from tridentify.errors import ChannelCountError
 from tridentify.numerics.realization import cascade, monomials, sort_poles
+from tridentify.numerics.sampled import Sampled, States
 from tridentify.record import Record
 from tridentify.transfer_function import TransferFunction
 
@@ -24,7 +24,11 @@ BLOCK = 4096
 
 
 def simulate(
-    model: TransferFunction, record: Record, *, free_response: Array | None = None
+    model: TransferFunction,
+    record: Record,
+    *,
+    free_response: Array | None = None,
+    free_after: float = 0.0,
 ) -> Array:
     """Output of a model for the input of a record, from rest or with a given free response.
 
@@ -32,10 +36,14 @@ def simulate(
     ----------
     model : TransferFunction
     record : Record
-        Only its input, time and intersample behaviour are used.
-    free_response : (n_outputs, n) array, optional
+        Only its input, time and intersample behaviour are used. Before its first sample the input
+        counts as zero.
+    free_response : (n_outputs, n) or (n_outputs, n_inputs, n) array, optional
         Numerators ``c_0(p)``, descending powers, of the free response ``c_0(p) / a(p) delta(t -
-        t0)`` of each output, with ``a`` its (first) denominator.
+        t0 - free_after)`` of each output, with ``a`` its (first) denominator, or of each channel
+        with its own.
+    free_after : float
+        When the free response begins, after the first sample [s]; at a sample.
 
     Returns
     -------
@@ -44,54 +52,56 @@ def simulate(
 
     Raises
     ------
-    NonUniformTimeError
-        If the record has no uniform sampling interval.
     ChannelCountError
         If the numbers of inputs differ.
-    UnsupportedError
-        For a model with a delay.
 
     Examples
     --------
     >>> record = Record(np.ones(4), np.ones(4), dt=1.0)
     >>> simulate(TransferFunction([1.0], [1.0, 1.0]), record)[:, 0].round(4).tolist()
     [0.0, 0.6321, 0.8647, 0.9502]
+    >>> uneven = Record(np.ones(4), np.ones(4), t=[0.0, 0.5, 2.0, 2.5])
+    >>> simulate(TransferFunction([1.0], [1.0, 1.0], delay=1.5), uneven)[:, 0].round(4).tolist()
+    [0.0, 0.0, 0.3935, 0.6321]
     """
-    if record.dt is None:
-        raise NonUniformTimeError(
-            "found a record without a uniform step; expected one; resample it first"
-        )
     if record.n_inputs != model.n_inputs:
         raise ChannelCountError(
             f"found a record with {record.n_inputs} inputs; expected {model.n_inputs} as in the "
             "model; select the channels"
         )
-    if np.any(model.delay):
-        raise UnsupportedError(
-            "found a model with a delay; expected none; shift the input by whole samples instead"
-        )
     result = np.zeros((record.n_samples, model.n_outputs))
-    inputs = np.ascontiguousarray(record.u)
-    for den in _distinct(model):
-        channels = [
-            (i, j)
-            for i in range(model.n_outputs)
-            for j in range(model.n_inputs)
-            if np.array_equal(model.den[i][j], den)
-        ]
-        numerators = [model.num[i][j] for i, j in channels]
-        _drive(result, den, channels, numerators, inputs, record.dt, record.intersample)
+    for delays in dict.fromkeys(tuple(row) for row in model.delay.tolist()):
+        signal = _signal(record, np.ascontiguousarray(record.u), delays)
+        late = [i for i in range(model.n_outputs) if tuple(model.delay[i].tolist()) == delays]
+        for den in _distinct(model):
+            channels = [
+                (i, j)
+                for i in late
+                for j in range(model.n_inputs)
+                if np.array_equal(model.den[i][j], den)
+            ]
+            if channels:
+                numerators = [model.num[i][j] for i, j in channels]
+                _drive(result, den, channels, numerators, signal)
     if free_response is not None:
-        for i, c_0 in enumerate(np.atleast_2d(free_response)):
-            if np.any(c_0):
-                response = np.zeros((record.n_samples, 1))
-                none = np.zeros((record.n_samples, 1))
-                _drive(
-                    response, model.den[i][0], [(0, 0)], [c_0], none, record.dt,
-                    record.intersample, impulse=True,
-                )  # fmt: skip
-                result[:, i] += response[:, 0]
+        nothing = _signal(record, np.zeros((record.n_samples, 1)), ())
+        since = record.t - record.t[0]
+        begin = int(np.searchsorted(since, (1.0 - 1e-9) * free_after))
+        free = np.atleast_2d(free_response)
+        own = free if free.ndim == 3 else free[:, None, :]
+        for i, j in zip(*np.nonzero(np.any(own, axis=2)), strict=True):
+            response = np.zeros((record.n_samples, 1))
+            c_0 = own[i, j, -(model.den[i][j].size - 1) :]
+            _drive(response, model.den[i][j], [(0, 0)], [c_0], nothing, impulse=begin)
+            result[:, i] += response[:, 0]
     return result
+
+
+def _signal(record: Record, u: Array, delays: tuple[float, ...]) -> Sampled:
+    if record.dt is not None:
+        return Sampled(u, record.dt, record.intersample, delays=delays)
+    since = record.t - record.t[0]
+    return Sampled(u, typical_step(record.t), record.intersample, since, delays)
 
 
 def _distinct(model: TransferFunction) -> list[Array]:
@@ -137,29 +147,26 @@ def _drive(
     den: Array,
     channels: list[tuple[int, int]],
     numerators: list[Array],
-    u: Array,
-    dt: float,
-    intersample: str,
+    signal: Sampled,
     *,
-    impulse: bool = False,
+    impulse: int | None = None,
 ) -> None:
-    """Add the response of all channels with one denominator to ``result``."""
+    """Add the response of all channels with one denominator to ``result``.
+
+    With ``impulse`` the response to an impulse at that sample instead.
+    """
     a, b, c, d, upper = realize(den, numerators)
-    q, (n_samples, n_inputs) = b.size, u.shape
+    q, (n_samples, n_inputs) = b.size, signal.u.shape
     for (i, j), gain in zip(channels, d, strict=True):
-        if gain:
-            result[:, i] += gain * u[:, j]
+        if gain and impulse is None:
+            result[:, i] += gain * signal.direct[:, j]
     if q == 0:
         return
-    step = discretize(a, b[:, None], dt, intersample)
-    state = np.tile(b, (n_inputs, 1)) if impulse else np.zeros((n_inputs, q))
-    full = q if upper > 1 or not np.allclose(np.triu(step.transition, 2), 0.0) else upper
+    states = States(signal, a, b, upper=upper if upper <= 1 else q)
+    runner = states if impulse is None else states.impulse(impulse)
     block = np.empty((n_inputs * q, min(BLOCK, n_samples)))
     for start in range(0, n_samples, BLOCK):
         stop = min(start + BLOCK, n_samples)
-        propagate(
-            step.transition, step.from_current[:, 0], step.from_next[:, 0], u, state, block,
-            start=start, stop=stop, upper=full,
-        )  # fmt: skip
+        runner.advance(start, stop, block)
         for (i, j), row in zip(channels, c, strict=True):
             result[start:stop, i] += row @ block[j * q : (j + 1) * q, : stop - start]

@@ -184,3 +184,33 @@ def double() -> Case:
         model, structure, theta, names, cov, noise, nuisance, units=units, **channels
     )
     return Case(estimate, record, truth, clean)
+
+
+def _responses(a, b, t, u, delay=0.0, intersample="zoh"):
+    """(n, q) states at ``t - delay`` and the delayed input, one ``expm`` from the last knot."""
+    q = b.size
+
+    def cross(x, length, value, slope):
+        whole = np.zeros((q + 2, q + 2))
+        whole[:q, :q], whole[:q, q], whole[q, q + 1] = a * length, b * length, length
+        return expm(whole)[:q] @ np.concatenate([x, [value, slope]])
+
+    slopes = np.append(np.diff(u) / np.diff(t), 0.0) * (intersample == "foh")
+    at_knots = [np.zeros(q)]
+    for k in range(t.size - 1):
+        at_knots.append(cross(at_knots[-1], t[k + 1] - t[k], u[k], slopes[k]))
+    states, late = np.zeros((t.size, q)), np.zeros(t.size)
+    slack = 1e-9 * np.median(np.diff(t))
+    for k, now in enumerate(t - delay):
+        m = np.searchsorted(t, now + slack, side="right") - 1
+        if m >= 0:
+            since = max(now - t[m], 0.0)
+            states[k] = cross(at_knots[m], since, u[m], slopes[m])
+            late[k] = u[m] + slopes[m] * since
+    return states, late
+
+
+@pytest.fixture(scope="session")
+def responses():
+    """Dense propagation on any instants, late by a delay: one ``expm`` from the last knot."""
+    return _responses

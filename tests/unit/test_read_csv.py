@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from tridentify import errors
 from tridentify.formats import text_table
-from tridentify.formats.csv import read_record
+from tridentify.formats.read import read_record
 from tridentify.record import Record
 
 GOOD = "t,u,y,z\n0,1,2,3\n0.5,4,5,6\n1,7,8,9\n"
@@ -67,6 +67,18 @@ VARIANTS = {
     "unnamed columns": "t,u,y,,\n0,1,2,,\n0.5,4,5,,\n1,7,8,,\n",
     "exponents": GOOD.replace("0.5,4", "5.0e-1,+4.E0"),
     "glob characters": GOOD,
+    "bars": GOOD.replace(",", "|"),
+    "utf-16": GOOD.encode("utf-16"),
+    "utf-16 big-endian": b"\xfe\xff" + GOOD.encode("utf-16-be"),
+    "latin-1": GOOD.replace("z", "température").encode("latin-1"),
+    "decimal commas": GOOD.replace(",", ";").replace("0.5", "0,5"),
+    "decimal commas in quotes": GOOD.replace("0.5", '"0,5"').replace("4,", '"4,000E0",'),
+    "comments above": "# made by hand\n% 3,4\n\n" + GOOD,
+    "a quote in a comment": "# don't \"\n" + GOOD,
+    "comments between": GOOD.replace("1,7", "# 9,9,9,9\n1,7"),
+    "header in a comment": "# logger\n# " + GOOD,
+    "separator line": "sep=;\n" + GOOD.replace(",", ";"),
+    "units below": GOOD.replace("0,1", "s,deg,[rad/s],m/s^2\n0,1", 1),
 }
 
 
@@ -102,6 +114,19 @@ def test_a_unit_in_the_header_may_be_named_or_not(write, name: str) -> None:
     assert record.output_names == ("alpha", "q")
     units = {"t": "s", "elevator": "rad", "alpha": "rad", "q": "rad/s"}
     assert dict(record.units) == units
+
+
+def test_a_line_of_units_is_kept_and_gives_time_its_scale(write) -> None:
+    record = read(write("t;u;y;z\nms;deg;[m/s²];-\n0;1;2;3\n500;4;5;6\n"), outputs=["y", "z"])
+    assert record.dt == 0.5
+    assert dict(record.units) == {"t": "s", "u": "deg", "y": "m/s²"}
+    headed = read(write("t [ms],u [deg],y\ns,rad,V\n0,1,2\n500,4,5\n"))
+    assert (headed.dt, headed.units["u"], headed.units["y"]) == (0.5, "deg", "V")
+
+
+def test_a_row_of_missing_samples_is_no_line_of_units(write) -> None:
+    record = read(write("u,y,z\n1,nan,nan\n2,3,4\n"), time=None, dt=1.0)
+    assert record.n_samples == 2
 
 
 def test_units_given_come_before_those_of_the_header(write) -> None:
@@ -192,7 +217,11 @@ BAD = [
     (errors.MissingColumnError, "{}", "no column"),
     (errors.TextInColumnError, "t,u,y\n0,1,2\n1,fault,2\n", "'fault' in column 'u', line 3"),
     (errors.TextInColumnError, "t,u,y\n\n0,1,2\n\n1,2,err\n", "'err' in column 'y', line 5"),
-    (errors.TextInColumnError, "t;u;y\n0;1,5;2\n1;2,5;3\n", "decimal point instead"),
+    (errors.ThousandsSeparatorError, "t;u;y\n0;1,500;2\n1;800;3\n", "'1,500' .*groups of thou"),
+    (errors.ThousandsSeparatorError, "t;u;y\n0;1.234,5;2\n1;2,5;3\n", "one decimal sign"),
+    (errors.ThousandsSeparatorError, 't,u,y\n0,"1,234.5",2\n1,3,3\n', "'1,234.5' in column 'u'"),
+    (errors.ThousandsSeparatorError, "t;u;y\n0;1 234;2\n1;2;3\n", "write the file without"),
+    (errors.ThousandsSeparatorError, "t;u;y\n0;1,5;2\n1;2.5;3\n", "'2.5' in column 'u', line 3"),
     (errors.TextInColumnError, "t,u,y\n12:00:00,1,2\n12:00:01,2,3\n", "time in seconds"),
     (errors.TextInColumnError, "t,u,y\n0,1_000,2\n1,2,3\n", "'1_000'"),
     (errors.TextInColumnError, "t,u,y\n0,0x10,2\n1,2,3\n", "'0x10'"),
@@ -210,9 +239,10 @@ BAD = [
     (errors.UnreadableFileError, b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "UTF-8"),
     (errors.UnreadableFileError, b"\x1f\x8b\x08\x00abc", "UTF-8"),
     (errors.UnreadableFileError, b"t,u,y\n0,1,2\n\x00\x00\x00\x00\n", "binary"),
-    (errors.UnreadableFileError, GOOD.encode("utf-16"), "UTF-16"),
-    (errors.UnreadableFileError, "t,u,y [°]\n0,1,2\n1,1,2\n".encode("latin-1"), "encoding"),
-    (errors.UnreadableFileError, b"t,u,y\n0,1,2\n1,1,\xff\n", "encoding"),
+    (errors.UnreadableFileError, GOOD.encode("utf-16")[:-1], "encoding"),
+    (errors.TextInColumnError, b"t,u,y\n0,1,2\n1,1,\xff\n", "'ÿ' in column 'y'"),
+    (errors.UnreadableFileError, b"t,u,y\n0,1,2\n1,1,\xff\x01\n", "encoding"),
+    (errors.UnreadableFileError, b"t,u" + b"\xfe" * 9 + b"\x7f,y\n0,1,2\n1,1,1\n", "encoding"),
     (errors.UnreadableFileError, b'"t,u,y\n' + b"0,1,2\n" * 40_000, "damaged"),
 ]
 

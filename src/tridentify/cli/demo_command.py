@@ -33,7 +33,7 @@ from tridentify.cli.terminal import (
     show_json,
 )
 from tridentify.estimate import Estimate
-from tridentify.formats.csv import read_record
+from tridentify.formats.read import read_record
 from tridentify.record import Record
 from tridentify.structure import Structure
 from tridentify.text import format_std, format_value

@@ -1,11 +1,19 @@
 """Columns of numbers from a delimited text file, quickly when it is clean, exactly when it is not.
 
-A clean file (no quotes, no blank cell, every row as long as the header) goes through polars. Any
-other is read cell by cell, which either yields the numbers or names the line that is at fault.
+A clean file (no quotes, no comments, no blank cell, every row as long as the header) goes through
+polars. Any other is read cell by cell, which either yields the numbers or names the line that is at
+fault.
+
+What is recognised: the separator (comma, semicolon, tab, bar) by its count in the header; UTF-8,
+UTF-16 with a byte-order mark, and what is neither but has no control characters as Latin-1; lines
+of comments that begin with ``#`` or ``%``, the last of which may be the header; a line of units
+below the header, of which no cell is a number; and a decimal comma, where the cells have one. A
+group of thousands is refused: 1,234 is 1.234 to one reader and 1234 to another.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
 import math
 import os
@@ -14,6 +22,7 @@ from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,16 +33,23 @@ from tridentify.errors import (
     MissingHeaderError,
     RaggedRowError,
     TextInColumnError,
+    ThousandsSeparatorError,
     UnreadableFileError,
     shown,
 )
 
 FloatArray = NDArray[np.float64]
 
-SEPARATORS = ",;\t"
+SEPARATORS = ",;\t|"
 MISSING = frozenset(("", "na", "n/a", "nan", "null", "none", "-nan"))
+COMMENTS = ("#", "%")
 
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' \u00a0\u2009\u202f’])\d{3}(\1\d{3})*([.,]\d*)?")
+_COMMA_GROUP = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
+_UNIT_CELL = re.compile(r"[\[(]?\s*(1/)?[^\W\d]?[^\d,;|\t=:\"'?!][^,;|\t=:\"'?!]{0,18}[\])]?")
+_CONTROLS = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
+_EXCEL = re.compile(r"sep=.")
 _CHUNK = 1 << 20
 
 
@@ -45,23 +61,27 @@ class TextTable:
     ----------
     path : Path
         The file.
+    encoding : str
+        Of its text.
     separator : str
         What stands between two cells.
-    raw_names : tuple of str
-        The cells of the header as they stand.
+    names : tuple of str
+        The cells of the header, without surrounding blanks.
+    units : tuple of str
+        The cells of the line of units; blank without one.
+    first_line : int
+        Number of the first line that is no comment, or of the header in a comment.
     header_lines : int
-        Number of the line that the header ends on.
+        Number of the line that the header, or the line of units, ends on.
     """
 
     path: Path
+    encoding: str
     separator: str
-    raw_names: tuple[str, ...]
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first_line: int
     header_lines: int
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """The cells of the header without surrounding blanks."""
-        return tuple(name.strip() for name in self.raw_names)
 
 
 def open_table(path: str | os.PathLike[str]) -> TextTable:
@@ -70,7 +90,7 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
     Parameters
     ----------
     path : path-like
-        UTF-8 text, with or without byte-order mark, separated by commas, semicolons or tabs.
+        Text with cells separated by commas, semicolons, tabs or bars.
 
     Returns
     -------
@@ -79,7 +99,7 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
     Raises
     ------
     UnreadableFileError
-        The file is missing, no regular file, not permitted, or not UTF-8 text.
+        The file is missing, no regular file, not permitted, or not text.
     EmptyFileError
         The file holds nothing but blanks.
     MissingHeaderError
@@ -88,31 +108,56 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
         A name occurs twice.
     """
     file = Path(path)
-    _check_readable(file)
-    separator, cells, line = ",", None, 0
-    for separator, cells, line in _rows(file, None):  # noqa: B007
-        if any(cell.strip() for cell in cells):
-            break
-        cells = None
-    if cells is None:
+    check_readable(file)
+    encoding = _encoding(file)
+    opening = _opening(file, encoding)
+    rows = _rows(file, encoding, opening.separator, opening.first_line)
+    header = next(((cells, n) for cells, n in rows if any(cell.strip() for cell in cells)), None)
+    if header is None:
         raise EmptyFileError(
             f"found nothing in {shown(file.name)}; expected a header and rows of numbers; check "
             "that the file was saved"
         )
-    table = TextTable(file, separator, tuple(cells), line)
-    names = [name for name in table.names if name]
-    if all(_number(name) is not None for name in names):
-        raise MissingHeaderError(
-            f"found numbers ({shown(separator.join(names))}) in the first line of "
-            f"{shown(file.name)}; expected the names of the columns; add a header line"
-        )
-    for name in names:
-        if names.count(name) > 1:
+    cells, line = header
+    names = tuple(cell.strip() for cell in cells)
+    first_line = opening.first_line
+    if _all_numbers(names):
+        commented = [cell.strip() for cell in opening.comment.split(opening.separator)]
+        if len(commented) != len(names) or _all_numbers(commented):
+            raise MissingHeaderError(
+                f"found numbers ({shown(opening.separator.join(names))}) in the first line of "
+                f"{shown(file.name)}; expected the names of the columns; add a header line"
+            )
+        names, units, line = tuple(commented), ("",) * len(commented), first_line - 1
+    else:
+        below = next(((cells, n) for cells, n in rows if cells), ([], 0))
+        units = _unit_cells(below[0], len(names))
+        line = below[1] if any(units) else line
+    named = [name for name in names if name]
+    for name in named:
+        if named.count(name) > 1:
             raise DuplicateColumnError(
-                f"found the column {shown(name)} {names.count(name)} times in {shown(file.name)}; "
+                f"found the column {shown(name)} {named.count(name)} times in {shown(file.name)}; "
                 "expected every name once; rename one in the header"
             )
-    return table
+    return TextTable(file, encoding, opening.separator, names, units, first_line, line)
+
+
+def _all_numbers(cells: Sequence[str]) -> bool:
+    return all(_number(cell) is not None for cell in cells if cell)
+
+
+def _unit_cells(cells: Sequence[str], width: int) -> tuple[str, ...]:
+    """Give the units of a line of units, or blanks if the line is none."""
+    texts = [cell.strip() for cell in cells]
+    blank = ("",) * width
+    if len(texts) != width or not any(len(text) > 0 for text in texts):
+        return blank
+    if any(_number(text) is not None and text for text in texts) or not all(
+        _UNIT_CELL.fullmatch(text) or text in ("", "-", "°", "%", "1") for text in texts
+    ):
+        return blank
+    return tuple(re.sub(r"^[\[(]\s*|\s*[\])]$", "", text) for text in texts)
 
 
 def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[FloatArray], list[int]]:
@@ -137,8 +182,8 @@ def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[FloatAr
     ------
     UnreadableFileError
         The file is not UTF-8 text throughout.
-    TextInColumnError
-        A cell is not a number.
+    TextInColumnError, ThousandsSeparatorError
+        A cell is not a number, or is one with groups of digits.
     RaggedRowError
         A row is longer or shorter than the header.
     EmptyFileError
@@ -146,7 +191,10 @@ def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[FloatAr
     """
     values = _read_clean(table, columns)
     if values is None:
-        values, lines = _read_exactly(table, columns)
+        try:
+            values, lines = _read_exactly(table, columns, ".")
+        except _DecimalCommaFound:
+            values, lines = _read_exactly(table, columns, ",")
     else:
         lines = [table.header_lines + 1]
     if values[0].size == 0:
@@ -157,8 +205,15 @@ def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[FloatAr
     return values, lines
 
 
-def _check_readable(file: Path) -> None:
-    problem = ""
+def check_readable(file: Path) -> bytes:
+    """Give the first bytes of a file, or say why it cannot be read.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is missing, no regular file, or not permitted.
+    """
+    start = b""
     try:
         if file.is_dir():
             problem = "a directory"
@@ -167,17 +222,21 @@ def _check_readable(file: Path) -> None:
         elif not file.is_file():
             problem = "no regular file"
         else:
+            problem = ""
             with file.open("rb") as stream:
-                start = stream.read(4)
-            if start[:2] in (b"\xff\xfe", b"\xfe\xff"):
-                problem = "UTF-16 text"
+                start = stream.read(256)
     except (OSError, ValueError) as error:
         problem = getattr(error, "strerror", None) or str(error)
     if problem:
         raise UnreadableFileError(
-            f"found {problem} at {shown(str(file), 200)}; expected a readable CSV file in UTF-8; "
-            "check the path, the permission and the format"
+            f"found {problem} at {shown(str(file), 200)}; expected a file that can be read; check "
+            "the path and the permission"
         )
+    return start
+
+
+class _DecimalCommaFound(Exception):
+    """A cell has a decimal comma where a decimal point was looked for."""
 
 
 def _not_text(file: Path, reason: str) -> UnreadableFileError:
@@ -187,21 +246,82 @@ def _not_text(file: Path, reason: str) -> UnreadableFileError:
     )
 
 
-def _rows(file: Path, separator: str | None) -> Iterator[tuple[str, list[str], int]]:
-    """Give separator, cells and line number of every row; the first line with text decides."""
+def _encoding(file: Path) -> str:
+    """Tell the encoding: by its mark, UTF-8 if all bytes are, else Latin-1 if they may be text."""
+    decoder = codecs.getincrementaldecoder("utf-8")()
+    encoding = "utf-8-sig"
     try:
-        with file.open(encoding="utf-8-sig", newline="") as stream:
-            if separator is None:
-                separator = _sniff(stream.readline(_CHUNK) for _ in range(1000))
-                stream.seek(0)
-            reader = csv.reader(stream, delimiter=separator)
+        with file.open("rb") as stream:
+            if stream.read(2) in (b"\xff\xfe", b"\xfe\xff"):
+                return "utf-16"
+            stream.seek(0)
+            while chunk := stream.read(_CHUNK):
+                if encoding == "utf-8-sig":
+                    try:
+                        decoder.decode(chunk)
+                    except UnicodeDecodeError:
+                        encoding = "latin-1"
+                        stream.seek(0)
+                elif found := _CONTROLS.search(chunk):
+                    raise _not_text(file, f"binary content or another encoding ({found[0]!r})")
+            try:
+                decoder.decode(b"", final=encoding == "utf-8-sig")
+            except UnicodeDecodeError:
+                return "latin-1"
+    except UnreadableFileError:
+        raise
+    except OSError as error:
+        raise _not_text(file, f"a read error ({error.strerror})") from error
+    return encoding
+
+
+@dataclass(frozen=True)
+class _Opening:
+    """How a file begins: its separator, its first line that is no comment, the comment above."""
+
+    separator: str
+    first_line: int
+    comment: str
+
+
+def _opening(file: Path, encoding: str) -> _Opening:
+    comment, number = "", 0
+    try:
+        with file.open(encoding=encoding, newline=None) as stream:
+            for number in range(1, 10_000):
+                line = stream.readline(_CHUNK)
+                text = line.strip()
+                if line and (not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text)):
+                    comment = text.lstrip("#% ") if text.startswith(COMMENTS) else comment
+                    continue
+                plain = re.sub(r'"[^"]*"', "", line)
+                return _Opening(max(SEPARATORS, key=plain.count), number, comment)
+    except UnicodeError as error:
+        raise _not_text(file, "binary content or another encoding") from error
+    except OSError as error:
+        raise _not_text(file, f"a read error ({error.strerror})") from error
+    return _Opening(",", number, comment)
+
+
+def _rows(
+    file: Path, encoding: str, separator: str, first_line: int
+) -> Iterator[tuple[list[str], int]]:
+    """Give cells and line number of every row that is no comment."""
+    try:
+        with file.open(encoding=encoding, newline="") as stream:
+            lines = (
+                "\n" if number < first_line else line
+                for number, line in enumerate(_lines(stream), 1)
+            )
+            reader = csv.reader(lines, delimiter=separator)
             for cells in reader:
                 if any("\0" in cell for cell in cells):
                     raise _not_text(file, f"binary content at line {reader.line_num}")
-                yield separator, cells, reader.line_num
+                if not (cells and cells[0].lstrip().startswith(COMMENTS)):
+                    yield cells, reader.line_num
     except UnreadableFileError:
         raise
-    except UnicodeDecodeError as error:
+    except UnicodeError as error:
         raise _not_text(file, "binary content or another encoding") from error
     except csv.Error as error:
         raise _not_text(file, f"binary or damaged content ({error})") from error
@@ -209,17 +329,20 @@ def _rows(file: Path, separator: str | None) -> Iterator[tuple[str, list[str], i
         raise _not_text(file, f"a read error ({error.strerror})") from error
 
 
-def _sniff(lines: Iterator[str]) -> str:
-    header = next((line for line in lines if line.strip()), "")
-    plain = re.sub(r'"[^"]*"', "", header)
-    return max(SEPARATORS, key=plain.count)
+def _lines(stream: TextIO) -> Iterator[str]:
+    """Lines with their ends, in pieces where one is longer than any line of a table."""
+    while line := stream.readline(_CHUNK):
+        yield line
 
 
-def _number(cell: str) -> float | None:
+def _number(cell: str, decimal: str = ".") -> float | None:
     """Give the number a cell holds, nan when it is blank, None when it is text."""
     text = cell.strip()
     if text.lower() in MISSING:
         return math.nan
+    if decimal == ",":
+        # with a point as well, one of the two would have to group thousands
+        text = "_" if "." in text else text.replace(",", ".", 1)
     try:
         # Python alone reads 1_000 as a number
         return None if "_" in text else float(text)
@@ -235,19 +358,21 @@ def _count_clean_rows(table: TextTable) -> int | None:
         for _ in range(table.header_lines):
             stream.readline()
         while chunk := stream.read(_CHUNK):
-            # a quote that is never closed makes polars panic
-            if b'"' in chunk or b"\0" in chunk:
+            # a quote that is never closed makes polars panic; a comment is no row
+            if any(mark in chunk for mark in (b'"', b"\0", b"#", b"%")):
                 return None
             separators += chunk.count(separator)
             newlines += chunk.count(b"\n")
             returns += chunk.count(b"\r")
             last = chunk[-1:]
     rows = newlines + (last != b"\n")
-    full = separators == rows * (len(table.raw_names) - 1)
+    full = separators == rows * (len(table.names) - 1)
     return rows if full and returns in (0, newlines) and rows else None
 
 
 def _read_clean(table: TextTable, columns: Sequence[int]) -> list[FloatArray] | None:
+    if table.encoding != "utf-8-sig":
+        return None
     try:
         n_rows = _count_clean_rows(table)
     except OSError:
@@ -257,17 +382,21 @@ def _read_clean(table: TextTable, columns: Sequence[int]) -> list[FloatArray] | 
         return None
     import polars as pl
 
-    names = [table.raw_names[column] for column in columns]
+    # by position: how polars names the columns of a file without header depends on its version
+    order = sorted(set(columns))
+    kinds = [pl.Float64 if k in order else pl.String for k in range(len(table.names))]
     try:
         frame = pl.read_csv(
             table.path,
             separator=table.separator,
-            columns=sorted(set(columns)),
-            schema_overrides=dict.fromkeys(names, pl.Float64),
+            has_header=False,
+            skip_rows=table.header_lines,
+            columns=order,
+            schema_overrides=kinds,
             infer_schema_length=0,
             glob=False,
         )
-        series = [frame.get_column(name) for name in names]
+        series = [frame.to_series(order.index(column)) for column in columns]
     except (pl.exceptions.PolarsError, OSError):
         return None
     if any(item.dtype != pl.Float64 or item.null_count() for item in series):
@@ -275,11 +404,14 @@ def _read_clean(table: TextTable, columns: Sequence[int]) -> list[FloatArray] | 
     return [item.to_numpy() for item in series] if frame.height == n_rows else None
 
 
-def _read_exactly(table: TextTable, columns: Sequence[int]) -> tuple[list[FloatArray], list[int]]:
+def _read_exactly(
+    table: TextTable, columns: Sequence[int], decimal: str
+) -> tuple[list[FloatArray], list[int]]:
     values = [array("d") for _ in columns]
     lines: list[int] = []
-    width = len(table.raw_names)
-    for _, cells, line in _rows(table.path, table.separator):
+    groups = [_Groups() for _ in columns]
+    width = len(table.names)
+    for cells, line in _rows(table.path, table.encoding, table.separator, table.first_line):
         blank = len(cells) < 2 and not "".join(cells).strip()
         if line <= table.header_lines or blank:
             continue
@@ -288,22 +420,62 @@ def _read_exactly(table: TextTable, columns: Sequence[int]) -> tuple[list[FloatA
                 f"found {len(cells)} cells in line {line} of {shown(table.path.name)}; expected "
                 f"{width} as in the header; the file may be cut off or damaged: repair that line"
             )
-        for store, column in zip(values, columns, strict=True):
-            number = _number(cells[column])
+        for store, column, seen in zip(values, columns, groups, strict=True):
+            number = _number(cells[column], decimal)
             if number is None:
-                raise _text_in_column(table, column, line, cells[column])
+                if decimal == "." and _DECIMAL_COMMA.fullmatch(cells[column].strip()):
+                    raise _DecimalCommaFound
+                raise _text_in_column(table, column, line, cells[column], decimal)
             store.append(number)
+            if decimal == ",":
+                seen.note(cells[column].strip(), line)
         lines.append(line)
+    for column, seen in zip(columns, groups, strict=True):
+        if seen.ambiguous:
+            raise _text_in_column(table, column, seen.line, seen.cell, decimal)
     return [np.array(store, dtype=np.float64) for store in values], lines
 
 
-def _text_in_column(table: TextTable, column: int, line: int, cell: str) -> TextInColumnError:
+@dataclass
+class _Groups:
+    """Whether a column with commas may be one of whole numbers with groups of thousands.
+
+    It may if every comma has three digits behind it and one to three before it, and other cells are
+    whole numbers without a comma: then nothing tells 1,234 from 1234.
+    """
+
+    cell: str = ""
+    line: int = 0
+    whole: bool = False
+    decimals: bool = False
+
+    def note(self, cell: str, line: int) -> None:
+        """Look at one cell."""
+        if "," not in cell:
+            self.whole = self.whole or cell not in ("", "0")
+        elif _COMMA_GROUP.fullmatch(cell):
+            self.cell, self.line = cell, line
+        else:
+            self.decimals = True
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether nothing speaks for a decimal comma."""
+        return bool(self.cell) and self.whole and not self.decimals
+
+
+def _text_in_column(
+    table: TextTable, column: int, line: int, cell: str, decimal: str
+) -> TextInColumnError | ThousandsSeparatorError:
+    text = cell.strip()
+    where = f"in column {shown(table.names[column])}, line {line} of {shown(table.path.name)}"
+    if _GROUPED.fullmatch(text) or (decimal == "," and "." in text and _number(text) is not None):
+        return ThousandsSeparatorError(
+            f"found {shown(cell)} {where}, where points and commas may be decimal signs or groups "
+            "of thousands; expected numbers without groups, with one decimal sign; write the file "
+            "without them"
+        )
     advice = "correct or remove that line"
-    if _DECIMAL_COMMA.fullmatch(cell.strip()):
-        advice = "write a decimal point instead of the comma"
-    elif re.match(r"\s*\d+[-/:.]\d+[-/:.]\d+", cell):
+    if re.match(r"\s*\d+[-/:.]\d+[-/:.]\d+", cell):
         advice = "give time in seconds"
-    return TextInColumnError(
-        f"found {shown(cell)} in column {shown(table.names[column])}, line {line} of "
-        f"{shown(table.path.name)}; expected a number; {advice}"
-    )
+    return TextInColumnError(f"found {shown(cell)} {where}; expected a number; {advice}")

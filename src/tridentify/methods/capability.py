@@ -31,6 +31,7 @@ class Capability(enum.Flag):
     DELAY = enum.auto()
     FREE_DELAY = enum.auto()
     NON_UNIFORM_TIME = enum.auto()
+    BAND_LIMITED = enum.auto()
     CONSTRAINTS = enum.auto()
 
 
@@ -60,6 +61,11 @@ def refuse_unsupported(
             raise NonUniformTimeError(
                 f"found time steps between {steps.min():.6g} and {steps.max():.6g} s; {method} "
                 "expects a uniform step; interpolate the record onto a uniform grid first"
+            )
+        if record.intersample == "band-limited" and Capability.BAND_LIMITED not in can:
+            raise UnsupportedError(
+                f"found intersample='band-limited'; {method} expects 'zoh' (held) or 'foh' "
+                "(straight lines); use ThreeModel() or OutputError(), or state one of these"
             )
     if not structure.shared and Capability.SEPARATE_DENOMINATORS not in can:
         raise UnsupportedError(

@@ -11,7 +11,8 @@ The cost is not convex in ``a``: the end depends on the start, and this method h
 That is either a model that the user gives, of which only the denominator matters, or the
 series-parallel model fitted to the raw record through state-variable filters
 (`SvfLeastSquares`), whose bias grows with the noise; missing samples of the output are joined by
-straight lines for this start alone. `ThreeModel` is the same finish with a search in front of it;
+straight lines for this start alone, and delayed or unevenly sampled records are put onto an even
+grid. `ThreeModel` is the same finish with a search in front of it;
 what the search is worth is the difference between the two.
 """
 
@@ -19,27 +20,43 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from tridentify.checks.samples import typical_step
 from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
-from tridentify.errors import IdentifiabilityError, OptionError, UnsupportedOrderError
+from tridentify.errors import (
+    DataError,
+    IdentifiabilityError,
+    OptionError,
+    UnsupportedOrderError,
+)
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
+from tridentify.methods.robust import check_loss, robust_estimate
 from tridentify.methods.svf_least_squares import least_squares
-from tridentify.numerics.realization import Complex, denominator, sort_poles
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.robust import Loss
 from tridentify.output_error.decide import Finished, decide
 from tridentify.output_error.finish import Recorder, coefficients, mean_square
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import evaluate_variant
-from tridentify.output_error.problem import Problem, poles_of
+from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
-from tridentify.strategy.starts import discrete_poles
+from tridentify.strategy.delays import Place, best_of_places
+from tridentify.strategy.starts import discrete_poles, laguerre_starts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
+
+GAP = 20.0
+FEWEST = 20
+MOST = 20_000
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -49,11 +66,14 @@ class OutputError:
     Parameters
     ----------
     start : TransferFunction, optional
-        Where to begin. Only its denominator is used, which all channels must share: numerators and
-        nuisance terms are fitted at every denominator. Unstable poles are reflected. Without it the
-        start is a series-parallel model of the raw record.
+        Where to begin. Only its denominators are used, which all channels must share where the
+        structure says so: numerators and nuisance terms are fitted at every denominator. Unstable
+        poles are reflected. Without it the start is a series-parallel model of the raw record; for
+        separate denominators it is a Laguerre model, reduced channel by channel.
     max_passes : int
         Most steps on the output error.
+    loss : {"squared", "huber", "student"}
+        What is minimised, as in `ThreeModel`.
 
     Raises
     ------
@@ -80,6 +100,7 @@ class OutputError:
 
     start: TransferFunction | None = None
     max_passes: int = 60
+    loss: Loss = "squared"
 
     def __post_init__(self) -> None:
         if not (self.start is None or isinstance(self.start, TransferFunction)):
@@ -88,11 +109,7 @@ class OutputError:
                 "write for example TransferFunction([1.0], [1.0, 2.0, 2.0])"
             )
         check_count("max_passes", self.max_passes)
-        if self.start is not None and self.start.common_denominator is None:
-            raise OptionError(
-                "found a start whose channels have different denominators; expected one that all "
-                "share; give TransferFunction a single den"
-            )
+        check_loss(self.loss)
 
     @property
     def name(self) -> str:
@@ -101,8 +118,10 @@ class OutputError:
 
     @property
     def capabilities(self) -> Capability:
-        """Knowledge of the coefficients."""
-        return Capability.CONSTRAINTS
+        """All of them."""
+        sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
+        delays = sampling | Capability.FREE_DELAY
+        return delays | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -135,9 +154,38 @@ class OutputError:
         say = progress or (lambda _: None)
         check(records, structure, self.name, self.capabilities)
         self._check_start(records[0], structure)
+        if self.loss != "squared":
+            plain = replace(self, loss="squared")
+
+            def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
+                return replace(plain, start=near.model).estimate(seen, wanted)
+
+            return robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
         if structure.constrained:
             return self._constrained(records, structure, say)
-        best, trace = self._free(records, structure, say, self.start)
+        if structure.delay != "free":
+            return self._located(records, structure, structure, None, None, say)
+        say("where the delays lie")
+        return best_of_places(
+            records,
+            structure,
+            lambda known, place, limits: self._located(
+                records, structure, known, place, limits, say
+            ),
+            None if self.start is None else self.start.delay.max(axis=0),
+        )
+
+    def _located(
+        self,
+        records: Sequence[Record],
+        structure: Structure,
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
+    ) -> Estimate:
+        """With delays that are known, or known well enough to be refined with the poles."""
+        best, trace = self._free(records, known, say, self.start, place, limits)
         return self._estimate(best, records, structure, trace)
 
     def _estimate(
@@ -163,7 +211,7 @@ class OutputError:
         seeds = Seeds((), (), Trace(()))
         if looked_at is not None:
             start = None if known.integrators else self.start
-            best, trace = self._free(*looked_at, say, start)
+            best, trace = self._free(*looked_at, say, start, None, None)
             if known.only_bounds:
                 with suppress(UnsupportedOrderError):
                     kept = unmoved(structure, self._estimate(best, *looked_at, trace))
@@ -175,23 +223,30 @@ class OutputError:
     def _free(
         self,
         records: Sequence[Record],
-        structure: Structure,
+        known: Structure,
         say: Progress,
         start: TransferFunction | None,
+        place: Place | None,
+        limits: Array | None,
     ) -> tuple[Finished, Trace]:
         """The minimum reached without constraints, and the way there."""
-        choices = candidates(records, structure)
-        base, variants = build_base(records, structure, choices)
+        choices = candidates(records, known)
+        base, variants = build_base(records, known, choices)
         say("a single start")
-        poles, note = _start_poles(base, records, structure, start)
+        if place is None or place.poles.size == 0:
+            poles, note = _start_poles(base, variants, records, known, start)
+        else:
+            poles, note = place.poles, "a Laguerre model at the delays found, reduced and refined"
+        if place is not None:
+            base = base.delayed(place.delays).freed(limits)
         best, decisions, _ = decide(
-            records, structure, choices, base, variants, [poles], self.max_passes, say
+            records, known, choices, base, variants, [poles], self.max_passes, say
         )
         first = evaluate_variant(base, variants[choices.index(best.nuisances)], poles)
         recorder = Recorder()
         step = Step(
             "series-parallel" if start is None else "output error",
-            denominator(first.poles)[1:],
+            base.lower_coefficients(first.poles),
             mean_square(first),
             max(fit.solution.condition for fit in first.fits),
             note,
@@ -205,34 +260,47 @@ class OutputError:
         """Refuse a start for other orders or channels."""
         if self.start is None:
             return
-        den = self.start.common_denominator
-        assert den is not None
-        n = poles_of(structure)
-        if den.size - 1 != n:
-            raise OptionError(
-                f"found a start with {den.size - 1} poles for a structure with {n}; expected the "
-                "same order; change one of the two"
-            )
         if self.start.n_inputs != record.n_inputs or self.start.n_outputs != record.n_outputs:
             raise OptionError(
                 f"found a start with {self.start.n_inputs} inputs and {self.start.n_outputs} "
                 f"outputs; expected {record.n_inputs} and {record.n_outputs} as in the record; "
                 "give every channel a numerator"
             )
+        if structure.shared and self.start.common_denominator is None:
+            raise OptionError(
+                "found a start whose channels have different denominators; expected one that all "
+                "share; give TransferFunction a single den, or nest the poles of the structure"
+            )
+        wanted = structure.poles_matrix(record.n_outputs, record.n_inputs)
+        for dens, orders in zip(self.start.den, wanted, strict=True):
+            for den, n in zip(dens, orders, strict=True):
+                if den.size - 1 != n:
+                    raise OptionError(
+                        f"found a start with {den.size - 1} poles for a structure with {n}; "
+                        "expected the same order; change one of the two"
+                    )
 
 
 def _start_poles(
     base: Problem,
+    variants: Sequence[Variant],
     records: Sequence[Record],
     structure: Structure,
     start: TransferFunction | None,
 ) -> tuple[Complex, str]:
     """Admissible poles to begin with, and in words where they come from."""
+    if start is None and not structure.shared:
+        best = laguerre_starts(base, variants)[0]
+        points = [evaluate_variant(base, best.variant, one) for one in best.candidates()]
+        poles = min(points, key=lambda point: point.objective).poles
+        return poles, f"{best.name}, reduced channel by channel"
     if start is None:
         return _own_start(base, records, structure)
-    den = start.common_denominator
-    assert den is not None
-    poles, note = base.admissible(sort_poles(np.roots(den).astype(np.complex128)))
+    found = []
+    for group in base.groups:
+        i, j = group.channels[0]
+        found.append(sort_poles(np.roots(start.den[i][j]).astype(np.complex128)))
+    poles, note = base.admissible(np.concatenate(found))
     return poles, f"the start given, {note}" if note else "the start given"
 
 
@@ -244,9 +312,12 @@ def _own_start(
     The latter where no state-variable filter gives signals that can be told apart, as with many
     poles.
     """
+    even = [part for record in records for part in _even(record, structure)]
     try:
-        model = least_squares([_joined(record) for record in records], structure, None).fit.model
-    except IdentifiabilityError:
+        if not even:
+            raise IdentifiabilityError("found no stretch without gaps")
+        model = least_squares(even, replace(structure, delay=0.0), None).fit.model
+    except (IdentifiabilityError, DataError):
         return discrete_poles(base), "discrete-time least squares on the raw record"
     note = "state-variable-filter least squares on the raw record"
     return base.admissible(model.poles)[0], f"{note}, {model.note}" if model.note else note
@@ -269,3 +340,50 @@ def _joined(record: Record) -> Record:
         input_names=record.input_names,
         output_names=record.output_names,
     )
+
+
+def _even(record: Record, structure: Structure) -> list[Record]:
+    """Stretches on an even grid, the inputs late by their delays: good enough for a start.
+
+    What lies between the samples of the output is a straight line. Where an input has several
+    delays its mean counts.
+    """
+    delays = np.mean(structure.delay_matrix(record.n_outputs, record.n_inputs), axis=0)
+    held = record.intersample != "band-limited"
+    if record.dt is not None and not delays.any() and held:
+        return [_joined(record)]
+    steps = np.diff(record.t)
+    edges = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+    found = []
+    for part in np.split(np.arange(record.n_samples), edges):
+        own = record.t[part]
+        seen = np.isfinite(record.y[part])
+        if part.size < FEWEST or seen.sum(axis=0).min() < FEWEST:
+            continue
+        duration = own[-1] - own[0]
+        count = int(min(duration / typical_step(own), MOST))
+        grid = own[0] + np.arange(count + 1) * (duration / count)
+        u = np.empty((grid.size, record.n_inputs))
+        for j, delay in enumerate(delays):
+            if record.intersample == "zoh":
+                last = np.searchsorted(record.t, grid - delay + 1e-9 * duration / count, "right")
+                u[:, j] = record.u[np.maximum(last - 1, 0), j]
+            else:
+                u[:, j] = np.interp(grid - delay, record.t, record.u[:, j])
+        y = np.column_stack(
+            [
+                np.interp(grid, own[s], one[s])
+                for s, one in zip(seen.T, record.y[part].T, strict=True)
+            ]
+        )
+        found.append(
+            Record(
+                u,
+                y,
+                dt=duration / count,
+                intersample="zoh" if record.intersample == "zoh" else "foh",
+                input_names=record.input_names,
+                output_names=record.output_names,
+            )
+        )
+    return found

@@ -31,13 +31,19 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
-from tridentify.errors import UnsupportedError, UnsupportedOrderError
+from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
+from tridentify.methods.output_error import OutputError
 from tridentify.methods.paper import PaperThreeModel
+from tridentify.methods.robust import check_loss, robust_estimate
 from tridentify.numerics.realization import Complex
+from tridentify.numerics.robust import Loss
 from tridentify.output_error.colour import NoiseChoice, check_noise, settle
 from tridentify.output_error.decide import Finished, decide
 from tridentify.output_error.finish import Recorder, coefficients
@@ -46,9 +52,12 @@ from tridentify.output_error.point import Point
 from tridentify.output_error.problem import Problem
 from tridentify.posterior.weigh import FinishChoice, check_finish, weigh
 from tridentify.record import Record
+from tridentify.strategy.delays import Place, best_of_places
 from tridentify.strategy.passes import series_model
 from tridentify.strategy.search import Search
 from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
 
 SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
 
@@ -69,6 +78,10 @@ class ThreeModel:
     finish : {"auto", "likelihood", "posterior"}
         Where to end: on the likelihood's maximum, on the posterior mean, or on the latter where
         the record is too short and noisy for the former (`posterior.weigh`).
+    loss : {"squared", "huber", "student"}
+        What is minimised: squares, for Gaussian noise; Huber's loss or the likelihood of Student's
+        distribution, for records with outliers or noise with heavy tails (`methods.robust`). The
+        noise is then taken as white, and the end is the minimum of the loss.
 
     References
     ----------
@@ -92,12 +105,19 @@ class ThreeModel:
     max_passes: int = 60
     noise: NoiseChoice = "auto"
     finish: FinishChoice = "auto"
+    loss: Loss = "squared"
 
     def __post_init__(self) -> None:
         check_count("starts", self.starts)
         check_count("max_passes", self.max_passes)
         check_noise(self.noise)
         check_finish(self.finish)
+        check_loss(self.loss)
+        if self.loss != "squared" and self.noise == "ar":
+            raise OptionError(
+                f"found noise='ar' with loss={self.loss!r}; expected one of the two, as whitening "
+                "spreads an outlier over its neighbours; leave one out"
+            )
 
     @classmethod
     def paper(
@@ -156,8 +176,10 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """Knowledge of the coefficients."""
-        return Capability.CONSTRAINTS
+        """All of them."""
+        sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
+        delays = sampling | Capability.FREE_DELAY
+        return delays | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -185,9 +207,32 @@ class ThreeModel:
         """
         say = progress or (lambda _: None)
         check(records, structure, self.name, self.capabilities)
+        if self.loss != "squared":
+            return self._robust(records, structure, say)
         if structure.constrained:
             return self._constrained(records, structure, say)
-        best, search, trace = self._maximum(records, structure, say)
+        if structure.delay != "free":
+            return self._located(records, structure, structure, None, None, say)
+        say("where the delays lie")
+        return best_of_places(
+            records,
+            structure,
+            lambda known, place, limits: self._located(
+                records, structure, known, place, limits, say
+            ),
+        )
+
+    def _located(
+        self,
+        records: Sequence[Record],
+        structure: Structure,
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
+    ) -> Estimate:
+        """With delays that are known, or known well enough to be refined with the poles."""
+        best, search, trace = self._maximum(records, known, place, limits, say)
         return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
 
     def _constrained(
@@ -204,7 +249,7 @@ class ThreeModel:
         looked_at = seen(records, structure, known)
         seeds = Seeds((), (), Trace(()))
         if looked_at is not None:
-            best, search, trace = self._maximum(*looked_at, say)
+            best, search, trace = self._maximum(*looked_at, None, None, say)
             if known.only_bounds:
                 with suppress(UnsupportedOrderError):
                     free = weigh(self.finish, best, *looked_at, trace, self.name, say, search.scan)
@@ -218,37 +263,52 @@ class ThreeModel:
         )
 
     def _maximum(
-        self, records: Sequence[Record], structure: Structure, say: Progress
+        self,
+        records: Sequence[Record],
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
     ) -> tuple[Finished, Search, Trace]:
         """The likelihood's maximum without constraints, and the way there."""
-        choices = candidates(records, structure)
-        base, variants = build_base(records, structure, choices)
+        choices = candidates(records, known)
+        base, variants = build_base(records, known, choices)
+        if place is not None:
+            base = base.delayed(place.delays)
         say("the three models, from several starts")
         search = Search(self.starts)
         search.run(base, variants)
+        if place is not None:
+            base = base.freed(limits)
+            if place.poles.size:
+                search.seeds.append(place.poles)
+                search.trails.append(())
+        filtered = {search.known.poles.tobytes(): search.known.whole} if search.known else {}
         best, decisions, seed = decide(
-            records, structure, choices, base, variants, search.seeds, self.max_passes, say
+            records, known, choices, base, variants, search.seeds, self.max_passes, say, filtered
         )
         if best.status not in SOUND:
             say("another search, as the end lies at a limit")
             variant = variants[choices.index(best.nuisances)]
-            poles = search.again(base, variant, best.point.poles)
+            poles = search.again(base.freed(None), variant, best.point.poles)
             other, reasons, _ = decide(
-                records, structure, choices, base, variants, [poles], self.max_passes, say
+                records, known, choices, base, variants, [poles], self.max_passes, say
             )
             if other.criterion < best.criterion:
                 best, decisions = other, reasons
 
         def again(problem: Problem, seeds: Sequence[Complex]) -> tuple[Finished, tuple[str, ...]]:
             most = self.max_passes
-            return decide(records, structure, choices, problem, variants, seeds, most, say)[:2]
+            return decide(records, known, choices, problem, variants, seeds, most, say)[:2]
 
         def seek(problem: Problem) -> Sequence[Complex]:
             anew = Search(self.starts)
-            anew.run(problem, variants)
+            anew.run(problem.freed(None), variants)
             search.starts += [replace(s, name=f"whitened: {s.name}") for s in anew.starts]
             return anew.seeds
 
+        if limits is not None:
+            base = base.delayed(best.point.problem.delays)
         coloured = settle(self.noise, best, decisions, base, again, seek, say, self.max_passes)
         best, decisions = coloured.best, coloured.decisions
         recorder = Recorder(list(search.trails[seed]))
@@ -256,6 +316,23 @@ class ThreeModel:
         self._certify(best.point, recorder)
         trace = Trace(tuple(recorder.passes), tuple(search.starts), decisions, best.why)
         return best, search, trace
+
+    def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
+        """The same with another loss."""
+        plain = replace(self, loss="squared", noise="white", finish="likelihood")
+
+        def fit(seen: Sequence[Record], wanted: Structure) -> Estimate:
+            return plain.estimate(seen, wanted, say)
+
+        def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
+            return OutputError(near.model, self.max_passes).estimate(seen, wanted)
+
+        found = robust_estimate(records, structure, self.loss, fit, refit, say)
+        trace = found.trace
+        if self.finish == "posterior":
+            told = "the maximum of the robust likelihood: the posterior mean is for squared loss"
+            trace = replace(trace, decisions=(*trace.decisions, told))
+        return replace(found, method=self.name, trace=trace)
 
     def _certify(self, point: Point, recorder: Recorder) -> None:
         """Step 3 at the end: the weights must be (1, 0, ..., 0)."""

@@ -62,6 +62,8 @@ def fit_parallel(
     *,
     free_rows: Array | None = None,
     one_at_a_time: bool = False,
+    used: NDArray[np.bool_] | None = None,
+    free_used: NDArray[np.bool_] | None = None,
 ) -> ParallelFit:
     """Fit the weights of the operators.
 
@@ -79,6 +81,10 @@ def fit_parallel(
     one_at_a_time : bool
         The one-division-per-coefficient formula instead of least squares. Nuisance terms are
         then removed first.
+    used : (n_outputs, n_inputs, n_operators) bool array, optional
+        Which operators each channel has (default: all); the weights of the others are zero.
+    free_used : (n_outputs, k) bool array, optional
+        Which functions the free response of each output has (default: all).
 
     Returns
     -------
@@ -94,6 +100,8 @@ def fit_parallel(
     if free_rows is None:
         free_rows = np.eye(q)[: rows.shape[0]]
     beta = np.zeros((n_outputs, n_inputs, rows.shape[0]))
+    has = np.ones(beta.shape, dtype=bool) if used is None else used
+    starts = np.ones((n_outputs, len(free_rows)), dtype=bool) if free_used is None else free_used
     free = np.zeros((len(regressions), n_outputs, q))
     cost = np.zeros(n_outputs)
     condition = 1.0
@@ -102,28 +110,29 @@ def fit_parallel(
         for e, regression in enumerate(regressions):
             blocks: dict[object, Array] = {}
             for j in range(n_inputs):
-                block = regression.input_signal(i, j, rows.T)
-                block += np.outer(regression.signals[i][:, layout.direct(j)], direct)
+                own = has[i, j]
+                block = regression.input_signal(i, j, rows[own].T)
+                block += np.outer(regression.signals[i][:, layout.direct(j)], direct[own])
                 blocks["beta", j] = block
             if regression.layout.free:
-                blocks["free", e] = regression.impulse_signal(i, free_rows.T)
+                blocks["free", e] = regression.impulse_signal(i, free_rows[starts[i]].T)
             blocks |= nuisance_blocks(regression, e, i)
             columns.add(blocks, regression.targets[i])
         matrix, target = columns.assemble()
         solution = solve(matrix, target)
         x = solution.x
         if one_at_a_time:
-            x = _one_at_a_time(matrix, target, n_inputs * rows.shape[0])
+            x = _one_at_a_time(matrix, target, int(has[i].sum()))
             residual = target - matrix @ x
             cost[i] = float(residual @ residual)
         else:
             cost[i] = solution.cost
         condition = max(condition, solution.condition)
         for j in range(n_inputs):
-            beta[i, j] = columns.pick(x, ("beta", j))
+            beta[i, j, has[i, j]] = columns.pick(x, ("beta", j))
         for e, regression in enumerate(regressions):
             if regression.layout.free:
-                free[e, i] = columns.pick(x, ("free", e)) @ free_rows
+                free[e, i] = columns.pick(x, ("free", e)) @ free_rows[starts[i]]
     response = Response(beta @ rows, beta @ direct, free)
     return ParallelFit(response, beta, cost, condition)
 

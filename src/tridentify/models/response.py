@@ -3,6 +3,9 @@
 A model's output is never a list of samples. It is a combination of the states of an orthonormal
 cascade driven by the recorded inputs (and by ``delta(t - t0)`` for the initial state), so it is
 known between the samples too and can be filtered further without approximation.
+
+Where channels have denominators of their own, the bank is one cascade beside another, a `Branch`
+for each denominator, all driven by every input; a channel uses the states of its own branch.
 """
 
 from __future__ import annotations
@@ -13,10 +16,67 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.numerics.realization import Cascade
+from tridentify.numerics.realization import Cascade, Complex, DegreeBasis, cascade, degree_basis
 from tridentify.regression import Regression
 
 Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """One denominator's part of a bank.
+
+    Attributes
+    ----------
+    inner : Cascade
+        Its poles once (n states).
+    bank : Cascade
+        Its poles repeated: its states among those of the whole bank.
+    basis : DegreeBasis
+        Of ``inner``.
+    states : slice
+        Where its states stand.
+    poles : slice
+        Where its poles stand among those of all denominators.
+    channels : (n_outputs, n_inputs) bool array
+        Which channels have this denominator.
+    """
+
+    inner: Cascade
+    bank: Cascade
+    basis: DegreeBasis
+    states: slice
+    poles: slice
+    channels: NDArray[np.bool_]
+
+    @classmethod
+    def of(
+        cls, poles: Complex, repeats: int, state: int, pole: int, channels: NDArray[np.bool_]
+    ) -> Branch:
+        """A branch of given poles that begins at a state and at a pole."""
+        inner, bank = cascade(poles), cascade(np.tile(poles, repeats))
+        return cls(
+            inner,
+            bank,
+            degree_basis(inner),
+            slice(state, state + bank.order),
+            slice(pole, pole + inner.order),
+            channels,
+        )
+
+    @property
+    def own(self) -> slice:
+        """Its first states, with its poles once."""
+        return slice(self.states.start, self.states.start + self.inner.order)
+
+
+def spread(rows: Array, states: slice, order: int) -> Array:
+    """Rows on some states as rows on all ``order`` states of the bank."""
+    if rows.shape[-1] == order:
+        return rows
+    found = np.zeros((*rows.shape[:-1], order))
+    found[..., states] = rows
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,6 +112,26 @@ class Response:
             total = total + regression.impulse_signal(output, self.free[experiment, output])
         return total
 
+    def part(self, states: slice, channels: NDArray[np.bool_]) -> Response:
+        """What some channels contribute, on the states that they use.
+
+        Parameters
+        ----------
+        states : slice
+        channels : (n_outputs, n_inputs) bool array
+        """
+        outputs = np.asarray(channels.any(axis=1))
+        return Response(
+            self.rows[:, :, states] * channels[:, :, None],
+            self.direct * channels,
+            self.free[:, :, states] * outputs[:, None],
+        )
+
+    def spread(self, states: slice, order: int) -> Response:
+        """A part on all ``order`` states of the bank."""
+        rows, free = spread(self.rows, states, order), spread(self.free, states, order)
+        return Response(rows, self.direct, free)
+
     def filtered(self, bank: Cascade, map_: Array) -> FilteredResponse:
         """The states of a filter driven by each output.
 
@@ -78,6 +158,20 @@ class FilteredResponse:
 
     rows: Array
     free: Array
+
+    def spread(self, states: slice, order: int) -> FilteredResponse:
+        """The same for a part of the outputs, on all ``order`` states of the bank."""
+        return FilteredResponse(spread(self.rows, states, order), spread(self.free, states, order))
+
+    @classmethod
+    def joined(cls, parts: Sequence[FilteredResponse]) -> FilteredResponse:
+        """The states of several filters, one after the other."""
+        if len(parts) == 1:
+            return parts[0]
+        return cls(
+            np.concatenate([part.rows for part in parts], axis=2),
+            np.concatenate([part.free for part in parts], axis=2),
+        )
 
     def signals(self, regression: Regression, experiment: int, output: int) -> Array:
         """(r, q_c): one column a state of the filter."""

@@ -12,6 +12,9 @@ the derivatives of the output error with respect to ``a`` (``dy / da_k = -(p^k /
 stationary point of the output-error cost the residual is orthogonal to them and ``beta`` is
 ``(1, 0, ..., 0)`` exactly: its distance from there is a certificate that needs no further
 computation.
+
+Where channels have denominators of their own, every denominator's part of the output has weights
+of its own, ``y ~ sum_g sum_i beta_gi W_gi y_0g``, and the ``W_g0 = 1`` stand first.
 """
 
 from __future__ import annotations
@@ -22,7 +25,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.models.response import Columns, Response, nuisance_blocks, outputs_of
+from tridentify.models.response import (
+    Columns,
+    FilteredResponse,
+    Response,
+    nuisance_blocks,
+    outputs_of,
+)
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Cascade, filter_map
 from tridentify.regression import Regression
@@ -39,21 +48,24 @@ class SeriesFit:
     response : Response
         The corrected output.
     beta : (n_outputs, 1 + n_operators) array
-        ``beta_0`` belongs to ``W_0 = 1``.
+        ``beta_0`` belongs to ``W_0 = 1``, of every denominator.
     cost : (n_outputs,) array
     condition : float
+    heads : int
+        How many ``W_0`` there are.
     """
 
     response: Response
     beta: Array
     cost: Array
     condition: float
+    heads: int = 1
 
     @property
     def distance(self) -> float:
         """Largest deviation of ``beta`` from (1, 0, ..., 0)."""
         target = np.zeros_like(self.beta)
-        target[:, 0] = 1.0
+        target[:, : self.heads] = 1.0
         return float(np.abs(self.beta - target).max())
 
 
@@ -67,6 +79,9 @@ def fit_series(
     *,
     free_rows: Array | None = None,
     weights: Array | None = None,
+    parts: Sequence[Response] | None = None,
+    states: FilteredResponse | None = None,
+    free_used: NDArray[np.bool_] | None = None,
 ) -> SeriesFit:
     """Fit the weights of operators connected in series with a model.
 
@@ -88,15 +103,23 @@ def fit_series(
     weights : (n_outputs,) array, optional
         With weights the outputs share one ``beta``, as they share one ``a``; without, each has
         its own.
+    parts : sequence of Response, optional
+        What every denominator contributes to ``y_0``, on ``bank`` (default: one contributes all).
+    states : FilteredResponse, optional
+        The states of ``operator_bank``, each driven by its own part (default: by ``y_0``).
+    free_used : (n_outputs, n) bool array, optional
+        Which of ``free_rows`` each output has (default: all).
 
     Returns
     -------
     SeriesFit
     """
     n_outputs = outputs_of(regressions)
-    states = response.filtered(bank, filter_map(operator_bank, bank))
+    if states is None:
+        states = response.filtered(bank, filter_map(operator_bank, bank))
+    heads = [response] if parts is None else list(parts)
     count = operator_rows.shape[0]
-    beta = np.zeros((n_outputs, count + 1))
+    beta = np.zeros((n_outputs, count + len(heads)))
     cost = np.zeros(n_outputs)
     condition = 1.0
     free_correction = np.zeros_like(response.free)
@@ -106,12 +129,13 @@ def fit_series(
         columns = Columns()
         for i in group:
             for e, regression in enumerate(regressions):
-                y_0 = response.signal(regression, e, i)
+                y_0 = np.column_stack([head.signal(regression, e, i) for head in heads])
                 block = states.signals(regression, e, i) @ operator_rows.T
-                block += np.outer(y_0, operator_direct)
+                block += np.outer(y_0.sum(axis=1), operator_direct)
                 blocks: dict[object, Array] = {"beta": np.column_stack([y_0, block])}
                 if regression.layout.free and free_rows is not None:
-                    blocks["free", e, i] = regression.impulse_signal(i, free_rows.T)
+                    own = free_rows if free_used is None else free_rows[free_used[i]]
+                    blocks["free", e, i] = regression.impulse_signal(i, own.T)
                 blocks |= nuisance_blocks(regression, e, i)
                 scaled = {key: scale[i] * block for key, block in blocks.items()}
                 columns.add(scaled, scale[i] * regression.targets[i])
@@ -128,19 +152,28 @@ def fit_series(
                 at += rows
                 if regression.layout.free and free_rows is not None:
                     c_0 = columns.pick(solution.x, ("free", e, i))
-                    free_correction[e, i] = c_0 @ free_rows
-    corrected = _corrected(response, states.rows, states.free, beta, operator_rows, operator_direct)
+                    own = free_rows if free_used is None else free_rows[free_used[i]]
+                    free_correction[e, i] = c_0 @ own
+    corrected = _corrected(heads, states, beta, operator_rows, operator_direct)
     corrected = Response(corrected.rows, corrected.direct, corrected.free + free_correction)
-    return SeriesFit(corrected, beta, cost, condition)
+    return SeriesFit(corrected, beta, cost, condition, len(heads))
 
 
 def _corrected(
-    response: Response, rows: Array, free: Array, beta: Array, operators: Array, direct: Array
+    heads: Sequence[Response],
+    states: FilteredResponse,
+    beta: Array,
+    operators: Array,
+    direct: Array,
 ) -> Response:
-    gain = beta[:, 0] + beta[:, 1:] @ direct
-    weights = beta[:, 1:] @ operators
-    return Response(
-        gain[:, None, None] * response.rows + np.einsum("ik,ijkq->ijq", weights, rows),
-        gain[:, None] * response.direct,
-        gain[None, :, None] * response.free + np.einsum("ik,eikq->eiq", weights, free),
-    )
+    own = beta[:, len(heads) :]
+    gains = beta[:, : len(heads)].T + own @ direct
+    weights = own @ operators
+    rows = np.einsum("ik,ijkq->ijq", weights, states.rows)
+    free = np.einsum("ik,eikq->eiq", weights, states.free)
+    through = np.zeros_like(heads[0].direct)
+    for gain, head in zip(gains, heads, strict=True):
+        rows = rows + gain[:, None, None] * head.rows
+        through = through + gain[:, None] * head.direct
+        free = free + gain[None, :, None] * head.free
+    return Response(rows, through, free)

@@ -19,17 +19,39 @@ comparable size whatever the spread of the poles.
 
 A free initial state enters as ``- (c_0(p) / c(p)) delta`` with its own numerator of degree ``n
 - 1``.
+
+*Separate denominators.* Let the channels of denominator ``g`` make the part ``y_g`` of an output,
+``y = sum_g y_g``, and let the parallel model say which part is which. The output error of ``a_g =
+c_g (1 + alpha_g X_g)`` is ``sum_g (y_M,g - (b_g / a_g) x_g)``, and each term is ``c_g / a_g`` times
+its equation error. To first order in ``alpha`` and ``y_M,g - (b_g / c_g) x_g``, which both vanish
+at the solution, that factor is one, so
+
+    eps = sum_g [(a_g / c_g) y_M,g - (b_g / c_g) x_g]
+
+is the output error expanded there, and with ``c_g`` held it is linear in all ``a_g`` and ``b_g``:
+one convex problem for all channels of an output together. The parts need not be right one by one;
+what one of them lacks another's ``b`` makes good. With a single denominator it is the equation
+error above.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.models.response import Columns, Response, outputs_of
+from tridentify.models.response import (
+    Branch,
+    Columns,
+    FilteredResponse,
+    Response,
+    outputs_of,
+    spread,
+)
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import (
     Cascade,
@@ -54,7 +76,7 @@ class SeriesParallelFit:
     Attributes
     ----------
     poles : (n,) complex array
-        Roots of ``a`` [rad/s]; not necessarily stable.
+        Roots of ``a`` [rad/s], of all denominators one after the other; not necessarily stable.
     b : nested tuple of arrays
         ``b[output][input]``: coefficients of the numerators, descending powers.
     cost : float
@@ -67,6 +89,46 @@ class SeriesParallelFit:
     b: tuple[tuple[Array, ...], ...]
     cost: float
     condition: float
+
+
+@dataclass(frozen=True, eq=False)
+class Filtering:
+    """One denominator to be found, and the filter that it is found through.
+
+    Attributes
+    ----------
+    filter_bank : Cascade
+        Cascade of ``c``, degree at least ``n_poles``.
+    n_poles : int
+        Degree of ``a``.
+    bank : Cascade
+        Holds the poles that the parallel model uses and those of the filter.
+    states : slice
+        Where the states of ``bank`` stand in the regression.
+    channels : (n_outputs, n_inputs) bool array
+        Which channels have this denominator.
+    """
+
+    filter_bank: Cascade
+    n_poles: int
+    bank: Cascade
+    states: slice
+    channels: NDArray[np.bool_]
+
+    @classmethod
+    def adapted(cls, branch: Branch) -> Filtering:
+        """The filter ``c = a_hat`` of a branch."""
+        return cls(branch.inner, branch.inner.order, branch.bank, branch.states, branch.channels)
+
+    @cached_property
+    def basis(self) -> DegreeBasis:
+        """Of the filter's cascade."""
+        return degree_basis(self.filter_bank)
+
+    @cached_property
+    def map(self) -> Array:
+        """How the filter answers to the states of the bank."""
+        return filter_map(self.filter_bank, self.bank)
 
 
 def fit_series_parallel(
@@ -105,35 +167,108 @@ def fit_series_parallel(
     ----------
     .. [1] Silvestrov et al., System Research and Information Technologies 2025(2), eq. (5).
     """
-    basis = degree_basis(filter_bank)
-    map_ = filter_map(filter_bank, bank)
-    output_states = response.filtered(bank, map_)
-    input_rows = np.tensordot(bank.b, map_, 1)
+    every = np.ones((len(n_zeros), len(n_zeros[0])), dtype=bool)
+    whole = Filtering(filter_bank, n_poles, bank, slice(0, bank.order), every)
+    return fit_denominators(regressions, response, [whole], n_zeros, weights)
+
+
+def fit_denominators(
+    regressions: Sequence[Regression],
+    response: Response,
+    filterings: Sequence[Filtering],
+    n_zeros: Sequence[Sequence[int]],
+    weights: Array,
+) -> SeriesParallelFit:
+    """Fit all denominators (and ``b``) to noise-free outputs, each through its own filter.
+
+    Parameters
+    ----------
+    regressions : sequence of Regression
+        One per experiment.
+    response : Response
+        ``y_M``, on the bank of the regressions.
+    filterings : sequence of Filtering
+        One per denominator; a channel that none of them has is left out.
+    n_zeros : (n_outputs, n_inputs) nested sequence of int
+        Degrees of ``b``.
+    weights : (n_outputs,) array
+        Weights of the outputs (one over the noise standard deviation).
+
+    Returns
+    -------
+    SeriesParallelFit
+    """
+    q = regressions[0].layout.order
     columns = Columns()
+    parts = [_part(one, response, q) for one in filterings]
     for e, regression in enumerate(regressions):
         for i in range(outputs_of(regressions)):
-            w = weights[i]
-            states = output_states.signals(regression, e, i)
-            monic = _monic(regression, response, states, basis, n_poles, e, i)
-            blocks: dict[object, Array] = {"a": w * (states @ basis.rows[:n_poles].T)}
-            for j, m in enumerate(n_zeros[i]):
-                blocks["b", i, j] = -w * _numerator(regression, i, j, input_rows, basis, m)
-            if regression.layout.free:
-                rows = basis.rows[:n_poles] @ input_rows
-                blocks["free", e, i] = -w * regression.impulse_signal(i, rows.T)
-            columns.add(blocks, -w * monic)
+            blocks: dict[object, Array] = {}
+            monic = np.zeros(regression.targets[i].size)
+            for g, (one, part) in enumerate(zip(filterings, parts, strict=True)):
+                if one.channels[i].any():
+                    found, leading = _blocks(regression, one, part, n_zeros[i], (g, e, i))
+                    blocks |= {key: weights[i] * block for key, block in found.items()}
+                    monic = monic + leading
+            if blocks:
+                columns.add(blocks, -weights[i] * monic)
     matrix, target = columns.assemble()
     solution = solve(matrix, target)
-    alpha = columns.pick(solution.x, "a")
-    poles = _roots(filter_bank, basis, alpha, n_poles)
+    owner = {(i, j): one for one in filterings for i, j in np.argwhere(one.channels).tolist()}
+    poles = [
+        _roots(one.filter_bank, one.basis, columns.pick(solution.x, ("a", g)), one.n_poles)
+        for g, one in enumerate(filterings)
+    ]
     b = tuple(
         tuple(
-            _polynomial(filter_bank, basis, columns.pick(solution.x, ("b", i, j)), m)
+            _polynomial(
+                owner[i, j].filter_bank, owner[i, j].basis, columns.pick(solution.x, ("b", i, j)), m
+            )
+            if (i, j) in owner
+            else np.zeros(0)
             for j, m in enumerate(row)
         )
         for i, row in enumerate(n_zeros)
     )
-    return SeriesParallelFit(poles, b, solution.cost, solution.condition)
+    return SeriesParallelFit(np.concatenate(poles), b, solution.cost, solution.condition)
+
+
+class _Part(NamedTuple):
+    """What the channels of one denominator contribute, the filter driven by it, and by an input."""
+
+    response: Response
+    states: FilteredResponse
+    input_rows: Array
+
+
+def _part(one: Filtering, response: Response, order: int) -> _Part:
+    own = response.part(one.states, one.channels)
+    driven = np.tensordot(one.bank.b, one.map, 1)
+    return _Part(
+        own.spread(one.states, order),
+        own.filtered(one.bank, one.map).spread(one.states, order),
+        spread(driven, one.states, order),
+    )
+
+
+def _blocks(
+    regression: Regression,
+    one: Filtering,
+    part: _Part,
+    n_zeros: Sequence[int],
+    where: tuple[int, int, int],
+) -> tuple[dict[object, Array], Array]:
+    """Columns of one denominator and its numerators in one output, and ``p^n / c`` of its part."""
+    g, e, i = where
+    n, basis = one.n_poles, one.basis
+    states = part.states.signals(regression, e, i)
+    blocks: dict[object, Array] = {("a", g): states @ basis.rows[:n].T}
+    for j in np.flatnonzero(one.channels[i]).tolist():
+        blocks["b", i, j] = -_numerator(regression, i, j, part.input_rows, basis, n_zeros[j])
+    if regression.layout.free:
+        rows = basis.rows[:n] @ part.input_rows
+        blocks["free", e, i, g] = -regression.impulse_signal(i, rows.T)
+    return blocks, _monic(regression, part.response, states, basis, n, e, i)
 
 
 def _polynomial(filter_bank: Cascade, basis: DegreeBasis, beta: Array, degree: int) -> Array:

@@ -35,6 +35,7 @@ gives its roots without ever being expanded (`roots_of`).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -311,3 +312,23 @@ def roots_of(bank: Cascade, row: Array) -> Complex:
     [(-1+0j), (-2+0j)]
     """
     return sort_poles(np.linalg.eigvals(bank.a - np.outer(bank.b, row)).astype(np.complex128))
+
+
+def side_by_side(banks: Sequence[Cascade]) -> Cascade:
+    """Banks driven by the same input beside one another, none feeding another.
+
+    Examples
+    --------
+    >>> both = side_by_side([cascade(np.array([-1.0])), cascade(np.array([-2.0]))])
+    >>> both.a.tolist()
+    [[-1.0, 0.0], [0.0, -2.0]]
+    """
+    if len(banks) == 1:
+        return banks[0]
+    a = np.zeros((sum(bank.order for bank in banks),) * 2)
+    at = 0
+    for bank in banks:
+        a[at : at + bank.order, at : at + bank.order] = bank.a
+        at += bank.order
+    b = np.concatenate([bank.b for bank in banks])
+    return Cascade(a, b, np.concatenate([bank.poles for bank in banks]))

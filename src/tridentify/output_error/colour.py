@@ -284,6 +284,11 @@ def _refusal(point: Point) -> UnsupportedError | TooFewSamplesError | None:
         return UnsupportedError(
             "found a residual that is no more than rounding; expected noise; use noise='white'"
         )
+    if any(e.t is not None for e in point.problem.experiments):
+        return UnsupportedError(
+            "found time that is not uniform; expected a uniform step, as an autoregression is a "
+            "model of evenly spaced samples; use noise='white', or resample the record"
+        )
     steps = [e.dt for e in point.problem.experiments]
     if not all(math.isclose(dt, steps[0], rel_tol=1e-6) for dt in steps):
         return UnsupportedError(

@@ -10,20 +10,21 @@ a lower one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 
 from tridentify.estimate import Status
-from tridentify.numerics.realization import Complex, cascade
+from tridentify.numerics.realization import Complex
 from tridentify.output_error.finish import Recorder, at_rounding, criterion, finish
 from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.output_error.point import Point, evaluate
+from tridentify.output_error.point import Point, bank_of, evaluate
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.record import Record
-from tridentify.regression import regress
+from tridentify.regression import Regression, regress
 from tridentify.structure import Structure
 
 TRUSTED = np.log(4.0)
@@ -72,6 +73,7 @@ def decide(
     seeds: Sequence[Complex],
     most: int,
     say: Callable[[str], None],
+    known: Mapping[bytes, tuple[Regression, ...]] = MappingProxyType({}),
 ) -> tuple[Finished, tuple[str, ...], int]:
     """Finish what is worth finishing and choose.
 
@@ -88,6 +90,8 @@ def decide(
         Most steps on the output error for each choice.
     say : callable
         Is told what is going on.
+    known : mapping
+        Triangles of ``base`` that exist already, by the bytes of the seed.
 
     Returns
     -------
@@ -97,7 +101,7 @@ def decide(
     seed : int
         Position of the seed that was followed.
     """
-    promised, seed = _predict(base, variants, seeds)
+    promised, seed = _predict(base, variants, seeds, known)
     done: dict[int, Finished] = {}
     while len(done) < len(choices):
         k = min(
@@ -108,6 +112,8 @@ def decide(
             break
         say(f"output error ({choices[k].label})")
         problem = build(records, structure, choices[k]).whitened(base.noise)
+        if base.limits is not None:
+            problem = problem.delayed(base.delays).freed(base.limits)
         at = partial(evaluate, problem)
         same = _same_input(problem, base, variants[k])
         start = promised[k].point if same else at(promised[k].point.poles)
@@ -116,20 +122,23 @@ def decide(
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
         surprised = abs(done[k].criterion - promised[k].criterion) > SURPRISE
         if len(done) < len(choices) and (surprised or at_rounding(point)):
-            promised, _ = _predict(base, variants, [point.poles])
+            promised, _ = _predict(base, variants, [point.poles], known)
     best = min(done.values(), key=lambda one: one.criterion)
     table = [done[k].criterion if k in done else promised[k].criterion for k in range(len(choices))]
     return best, _decisions(choices, best, table), seed
 
 
 def _predict(
-    base: Problem, variants: Sequence[Variant], seeds: Sequence[Complex]
+    base: Problem,
+    variants: Sequence[Variant],
+    seeds: Sequence[Complex],
+    known: Mapping[bytes, tuple[Regression, ...]],
 ) -> tuple[list[Predicted], int]:
     """Every choice one Gauss-Newton step ahead of the best seed; and which seed that is."""
     found = []
     for poles in seeds:
-        bank = cascade(np.tile(poles, 2))
-        whole = tuple(regress(e, bank) for e in base.experiments)
+        bank = bank_of(base, poles, 2)[0]
+        whole = known.get(poles.tobytes()) or tuple(regress(e, bank) for e in base.experiments)
         found.append(
             [evaluate(v.problem(base), poles, 2, v.regressions(whole, bank)) for v in variants]
         )

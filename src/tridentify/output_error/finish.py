@@ -15,17 +15,18 @@ from numpy.typing import NDArray
 from tridentify.estimate import Pass, Status, Step
 from tridentify.numerics.realization import Complex, denominator, numerators
 from tridentify.output_error.point import Point
-from tridentify.output_error.problem import REFLECTED, TOO_FAST
+from tridentify.output_error.problem import REFLECTED, TOO_FAST, Problem
 
 Array = NDArray[np.float64]
 
 SETTLED = 1e-7
-SETTLED_LONG = 1e-5
+SETTLED_LONG = 1e-4  # a hundredth of a standard error, squared
 LONG = 50_000
 ROUNDING = 1e-22
 MOST_STEPS = 60
 NEARLY = 1e-3
 IDLE = 1e-6
+KINK = 1e-3
 INDISTINGUISHABLE = 1e-22
 
 
@@ -56,17 +57,21 @@ class Recorder:
 
 
 def coefficients(point: Point) -> Array:
-    """Physical coefficients in the order of `Structure.names`: ``a``, then each ``b``."""
-    problem, n = point.problem, point.problem.n_poles
-    a = denominator(point.poles)
-    table = numerators(point.poles)
-    parts = [a[1:]]
-    for i in range(problem.n_outputs):
-        for j, m in enumerate(problem.n_zeros[i]):
-            proper = point.response.rows[i, j, :n] @ table
+    """Physical coefficients in the order of `Structure.names`."""
+    problem = point.problem
+    found = np.zeros(problem.n_coefficients)
+    a_places, b_places = problem.places()
+    for place, branch in zip(a_places, point.branches, strict=True):
+        n, a = branch.inner.order, denominator(branch.inner.poles)
+        table = numerators(branch.inner.poles)
+        found[place] = a[1:]
+        for i, j in np.argwhere(branch.channels).tolist():
+            proper = point.response.rows[i, j, branch.own] @ table
             full = np.concatenate([[0.0], proper]) + point.response.direct[i, j] * a
-            parts.append(full[n - m :])
-    return np.concatenate(parts)
+            found[b_places[i, j]] = full[n - problem.n_zeros[i][j] :]
+    if problem.n_delays:
+        found[-problem.n_delays :] = problem.delays
+    return found
 
 
 def mean_square(point: Point) -> float:
@@ -105,15 +110,25 @@ def at_rounding(point: Point) -> bool:
     return bool(np.all(point.rss / point.counts < ROUNDING * point.problem.size))
 
 
+def _gain(point: Point, trial: Point) -> float:
+    """Fall of `Point.objective`; outputs at rounding count only when all are."""
+    limit = ROUNDING * point.problem.size
+    exact = (point.rss < limit * point.counts) & (trial.rss < limit * trial.counts)
+    if exact.all() or not exact.any():
+        return point.objective - trial.objective
+    before, after = np.log(point.variance[~exact]), np.log(trial.variance[~exact])
+    return float(point.counts[~exact] @ (before - after))
+
+
 def finish(
-    at: Callable[[Complex], Point], point: Point, recorder: Recorder, most: int = MOST_STEPS
+    at: Callable[..., Point], point: Point, recorder: Recorder, most: int = MOST_STEPS
 ) -> tuple[Point, Status, str]:
     """Levenberg-Marquardt on the reduced output-error cost.
 
     Parameters
     ----------
     at : callable
-        Evaluates the cost at admissible poles.
+        Evaluates the cost at admissible poles, and at ``delays`` where they are estimated along.
     point : Point
         Where to begin.
     recorder : Recorder
@@ -133,14 +148,14 @@ def finish(
     settled = SETTLED if point.counts.sum() < LONG else SETTLED_LONG
     damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
     for _ in range(most):
-        left = point.step(0.0)[1]
+        left = point.step(0.0).decrease
         if left < settled:
             why = f"the next step would lower -2 log L by {left:.0e}, less than {settled:.0e}"
             return point, _settled(held), why
-        poles, predicted = point.step(damping)
-        poles, note = problem.admissible(poles)
-        trial = at(poles)
-        gain = point.objective - trial.objective
+        proposed, predicted, delays = point.step(damping)
+        poles, note = problem.admissible(proposed)
+        trial = at(poles) if delays is None else _late(at, poles, delays, problem)
+        gain = _gain(point, trial)
         exact += at_rounding(trial)
         if exact and (gain < 0.5 * point.counts.sum() or exact > 3):
             best = trial if gain > 0 else point
@@ -160,7 +175,9 @@ def finish(
         idle = idle + 1 if gain < IDLE else 0
         if idle > 2:
             break
-    left = point.step(0.0)[1]
+    if point.problem.n_delays and point.problem.pinned is None and point.problem.kinks().any():
+        return _on_a_kink(at, point, recorder, most)
+    left = point.step(0.0).decrease
     if held and held != REFLECTED:
         return point, _settled(held), held
     if left < NEARLY:
@@ -168,6 +185,26 @@ def finish(
     if idle > 2 or damping > 1e8:
         return point, Status.STALLED, "no further step lowers the cost"
     return point, Status.MAX_PASSES, f"{most} steps on the output error"
+
+
+def _late(at: Callable[..., Point], poles: Complex, delays: Array, problem: Problem) -> Point:
+    if problem.pinned is None:
+        return at(poles, delays=delays)
+    return at(poles, delays=delays, pinned=problem.pinned)
+
+
+def _on_a_kink(
+    at: Callable[..., Point], point: Point, recorder: Recorder, most: int
+) -> tuple[Point, Status, str]:
+    """The end where a delay cannot leave a whole number of steps: all else is finished there."""
+    problem = point.problem
+    kinks, dt = problem.kinks(), problem.experiments[0].dt
+    delays = np.where(kinks, np.round(problem.delays / dt) * dt, problem.delays)
+    there = at(point.poles, delays=delays, pinned=kinks)
+    end, status, why = finish(at, there, recorder, most)
+    if end.objective > point.objective + KINK:
+        return point, Status.STALLED, "no further step lowers the cost"
+    return end, status, f"{why}; a delay lies on a whole step, where the cost has a kink"
 
 
 def _settled(held: str) -> Status:
@@ -181,7 +218,7 @@ def _error_step(point: Point, damping: float) -> Step:
     note = f"damping {damping:.1e}" if damping else ""
     return Step(
         "output error",
-        denominator(point.poles)[1:],
+        point.problem.lower_coefficients(point.poles),
         float(point.rss.sum() / point.counts.sum()),
         condition,
         note,

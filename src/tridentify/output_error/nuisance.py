@@ -6,6 +6,12 @@ along are the rows of a short list: ``rest``, ``rest + offset``, ``equilibrium``
 ``free + offset``, each with or without drift. The structure narrows the list; where more than
 one row is left, the method decides between them by the data.
 
+With delays a free initial state stands for the inputs before the record only from the moment on
+when the last of the recorded inputs has arrived. Output samples before it could be explained by
+nothing that is known, and where a free state is possible (``free`` and ``auto``) they are not used,
+by no choice, so that the choices are compared on the same samples. Rest and equilibrium, stated by
+the user, say what the input was before, and every sample counts.
+
 All rows are nested in the largest one, so one pass over the samples serves them all (`Variant`).
 """
 
@@ -17,13 +23,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.errors import ConstantInputError, OptionError, TooFewSamplesError
-from tridentify.output_error.problem import Problem, Variant, poles_of
+from tridentify.checks.samples import typical_step
+from tridentify.errors import ConstantInputError, DelayError, OptionError, TooFewSamplesError
+from tridentify.output_error.problem import Problem, Variant, states_of
 from tridentify.record import Record
 from tridentify.regression import Experiment
 from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
+
+SLACK = 1e-6
 
 
 @dataclass(frozen=True)
@@ -45,8 +54,13 @@ class Nuisances:
 
     def count(self, n_poles: int, n_outputs: int, n_experiments: int) -> int:
         """Number of unknowns."""
-        per_output = n_poles * (self.initial_state == "free") + self.offset + self.drift
-        return per_output * n_outputs * n_experiments
+        return self.total((n_poles,) * n_outputs, n_experiments)
+
+    def total(self, states: Sequence[int], n_experiments: int) -> int:
+        """Number of unknowns where each output has states of its own number."""
+        fixed = self.offset + self.drift
+        free = self.initial_state == "free"
+        return sum(n * free + fixed for n in states) * n_experiments
 
 
 def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, ...]:
@@ -58,7 +72,10 @@ def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisanc
         If the initial state is free (or in equilibrium) and the input never changes.
     TooFewSamplesError
         If no choice leaves more samples than unknowns.
+    DelayError
+        If no input arrives within the record, or no output sample is left after that.
     """
+    _check_delays(records, structure)
     offsets = (False, True) if structure.offset == "auto" else (bool(structure.offset),)
     drifts = (False, True) if structure.drift == "auto" else (bool(structure.drift),)
     if structure.initial_state == "equilibrium" and structure.offset is False:
@@ -108,15 +125,19 @@ def _affordable(
 ) -> tuple[Nuisances, ...]:
     first = records[0]
     n_coefficients = len(structure.names(first.input_names, first.output_names))
-    samples = sum(int(np.isfinite(record.y).sum()) for record in records)
+    seen = [np.isfinite(explained(record, structure)).sum(axis=0) for record in records]
+    samples = int(sum(counts.sum() for counts in seen))
+    states = states_of(structure, first.n_outputs, first.n_inputs)
 
     def unknowns(nuisances: Nuisances) -> int:
-        count = nuisances.count(poles_of(structure), first.n_outputs, len(records))
-        return n_coefficients + count
+        return n_coefficients + nuisances.total(states, len(records))
 
     def enough(nuisances: Nuisances) -> bool:
-        own = nuisances.count(poles_of(structure), 1, 1)
-        return all(int(n) > own for record in records for n in np.isfinite(record.y).sum(axis=0))
+        return all(
+            int(n) > nuisances.total((own,), 1)
+            for counts in seen
+            for n, own in zip(counts, states, strict=True)
+        )
 
     kept = [n for n in found if samples > unknowns(n) + 2 and enough(n)]
     if not kept:
@@ -150,20 +171,74 @@ def build(
     for record in records:
         u = np.asarray(record.u)
         reference = reference_of(record, nuisances) if shift else np.zeros(record.n_inputs)
-        assert record.dt is not None
+        delays = np.array(structure.delay_matrix(record.n_outputs, record.n_inputs))
         experiments.append(
             Experiment(
                 np.ascontiguousarray(u - reference) if np.any(reference) else u,
-                np.asarray(record.y),
-                record.dt,
+                explained(record, structure),
+                typical_step(record.t) if record.dt is None else record.dt,
                 record.intersample,
                 nuisances.initial_state == "free",
                 nuisances.offset,
                 nuisances.drift,
+                t=record.t - record.t[0] if record.dt is None else None,
+                delays=delays if np.any(delays) else None,
+                start=first_explained(record, structure),
             )
         )
     zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
-    return Problem.of(experiments, poles_of(structure), zeros)
+    return Problem.of(experiments, structure.poles, zeros)
+
+
+def first_explained(record: Record, structure: Structure) -> int:
+    """The first sample whose inputs, delayed, all lie within the record; 0 if the past is stated.
+
+    Examples
+    --------
+    >>> record = Record([0, 1, 1, 1], [0.0, 0.1, 0.3, 0.4], dt=0.5)
+    >>> first_explained(record, Structure(1, 0, delay=0.7))
+    2
+    """
+    if structure.initial_state not in ("free", "auto"):
+        return 0
+    longest = float(np.max(structure.delay_matrix(record.n_outputs, record.n_inputs)))
+    if not longest:
+        return 0
+    since = record.t - record.t[0]
+    slack = SLACK * float(np.median(np.diff(since)))
+    return int(np.searchsorted(since, longest - slack))
+
+
+def explained(record: Record, structure: Structure) -> Array:
+    """(n_samples, n_outputs) outputs, ``nan`` where no recorded input can explain them."""
+    start = first_explained(record, structure)
+    y = np.asarray(record.y)
+    if not start:
+        return y
+    y = y.copy()
+    y[:start] = np.nan
+    return y
+
+
+def _check_delays(records: Sequence[Record], structure: Structure) -> None:
+    """Refuse delays that leave nothing to explain."""
+    for record in records:
+        delays = structure.delay_matrix(record.n_outputs, record.n_inputs)
+        longest = float(np.max(delays))
+        if longest and longest >= (1.0 - SLACK) * record.duration:
+            raise DelayError(
+                f"found a delay of {longest:.6g} s and a record of {record.duration:.6g} s; "
+                "expected a delay shorter than the record, which shows nothing of a later "
+                "response; correct the delay or its unit, or record longer"
+            )
+        left = np.isfinite(explained(record, structure)).sum(axis=0)
+        if longest and not left.all():
+            name = record.output_names[int(np.argmin(left))]
+            raise DelayError(
+                f"found no sample of output {name!r} after the delay of {longest:.6g} s; expected "
+                "output samples that the recorded input can explain; correct the delay, record "
+                "longer, or state initial_state='rest' or 'equilibrium'"
+            )
 
 
 def reference_of(record: Record, nuisances: Nuisances) -> Array:

@@ -7,6 +7,16 @@ moving ``a -> a (1 + alpha X)`` changes the output by ``- X y_0`` per unit of ``
 Projecting these scores off the columns of ``b`` and the nuisance terms gives the Jacobian of
 the reduced cost (Kaufman 1975), whose Gauss-Newton step is that of the full problem.
 
+Where channels have denominators of their own, ``y_0 = sum_g y_g`` with the part ``y_g`` of the
+channels (and of the free response) of denominator ``g``. Each has scores of its own, ``- X_g y_g``,
+and its own branch of the bank; all else is as with one.
+
+A delay ``tau_j`` of an input that is estimated along has the score ``dy_0 / dtau_j = - dy_j / dt``
+with ``y_j`` what that input makes of the output. With ``x' = A x + B u_j`` and ``y_j = C x`` this
+is ``- C A x - C B u_j``, a combination of columns that are there: one more column of the Jacobian.
+Where the input jumps and ``C B`` is not zero the derivative jumps too: the cost has a kink where a
+jump meets a sample, for a held input at every whole number of steps.
+
 The bank holds the poles of ``a`` several times over: twice is enough for ``y_0`` and all its
 scores, since both are polynomials of degree below ``2 n`` over ``a^2``; a third time lets Step
 2 filter the parallel model's output once more.
@@ -19,13 +29,16 @@ are those of its innovations (`regression`), and so are ``RSS`` and everything m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.models.response import (
+    Branch,
     Columns,
     FilteredResponse,
     Response,
@@ -35,11 +48,9 @@ from tridentify.numerics.least_squares import Solution, solve
 from tridentify.numerics.realization import (
     Cascade,
     Complex,
-    DegreeBasis,
-    cascade,
-    degree_basis,
     filter_map,
     roots_of,
+    side_by_side,
 )
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress, response_of
@@ -59,6 +70,55 @@ class OutputFit:
     residual: Array
 
 
+class Proposal(NamedTuple):
+    """A step: where it leads, and what it promises.
+
+    Attributes
+    ----------
+    poles : (n,) complex array
+        Not necessarily admissible.
+    decrease : float
+        Predicted fall of `Point.objective`.
+    delays : (n_inputs,) array or None
+        Where they are estimated along [s].
+    """
+
+    poles: Complex
+    decrease: float
+    delays: Array | None
+
+
+class _Decomposition(NamedTuple):
+    """SVD of the scores that count, scaled; the residual on them, and its norm."""
+
+    kept: NDArray[np.intp]
+    s: Array
+    vt: Array
+    scale: Array
+    projection: Array
+    total: float
+    n_scores: int
+
+    def gain(self, damping: float) -> Array:
+        """Of every singular value."""
+        return np.where(self.s > 1e-13 * self.s[0], self.s / (self.s**2 + damping), 0.0)
+
+    def step(self, damping: float) -> Array:
+        """(n_scores,) change of ``alpha`` and the delays."""
+        found = np.zeros(self.n_scores)
+        found[self.kept] = -(self.vt.T @ (self.gain(damping) * self.projection)) / self.scale
+        return found
+
+
+def _decomposed(scores: Array, residual: Array, kept: NDArray[np.intp]) -> _Decomposition:
+    own = scores[:, kept]
+    norms = np.sqrt(np.einsum("ij,ij->j", own, own))
+    scale = np.where(norms > 0, norms, 1.0)
+    u, s, vt = np.linalg.svd(own / scale, full_matrices=False)
+    total = float(np.sqrt(residual @ residual))
+    return _Decomposition(kept, s, vt, scale, u.T @ residual, total, scores.shape[1])
+
+
 @dataclass(frozen=True, eq=False)
 class Point:
     """A denominator and the best fit there.
@@ -69,10 +129,8 @@ class Point:
     poles : (n,) complex array
     bank : Cascade
         The poles repeated.
-    inner : Cascade
-        The poles once.
-    basis : DegreeBasis
-        Of ``inner``.
+    branches : tuple of Branch
+        The part of the bank that belongs to each denominator.
     regressions : tuple of Regression
     fits : tuple of OutputFit
     response : Response
@@ -82,8 +140,7 @@ class Point:
     problem: Problem
     poles: Complex
     bank: Cascade
-    inner: Cascade
-    basis: DegreeBasis
+    branches: tuple[Branch, ...]
     regressions: tuple[Regression, ...]
     fits: tuple[OutputFit, ...]
     response: Response
@@ -116,36 +173,83 @@ class Point:
         """(n_outputs,) one over the residual standard deviations."""
         return np.asarray(1.0 / np.sqrt(self.variance))
 
+    @property
+    def inner(self) -> Cascade:
+        """The poles once, where all channels share them."""
+        (branch,) = self.branches
+        return branch.inner
+
+    @cached_property
+    def parts(self) -> tuple[Response, ...]:
+        """What each denominator contributes, on the states of its branch."""
+        return tuple(self.response.part(one.states, one.channels) for one in self.branches)
+
     @cached_property
     def score_states(self) -> FilteredResponse:
         """``X y_0`` on the bank: minus the derivatives of the outputs with respect to ``alpha``."""
-        return self.response.filtered(self.bank, filter_map(self.inner, self.bank))
+        found = [
+            part.filtered(one.bank, filter_map(one.inner, one.bank)).spread(
+                one.states, self.bank.order
+            )
+            for one, part in zip(self.branches, self.parts, strict=True)
+        ]
+        return FilteredResponse.joined(found)
+
+    def slopes(self, regression: Regression, output: int) -> Array:
+        """(r, n_delays) time derivatives of what each input makes of an output."""
+        found = [
+            regression.input_signal(output, j, row @ self.bank.a, float(row @ self.bank.b))
+            for j, row in enumerate(self.response.rows[output][: self.problem.n_delays])
+        ]
+        return np.stack(found, axis=1) if found else np.zeros((regression.targets[output].size, 0))
 
     @cached_property
-    def _decomposition(self) -> tuple[Array, Array, Array, Array, float]:
-        """SVD (s, V', scale) of the projected scores, the residual on them, and its norm."""
+    def _scores(self) -> tuple[Array, Array]:
+        """Minus the derivatives by ``alpha`` and the delays, projected, and the residual."""
         projected, residuals = [], []
         for i, fit in enumerate(self.fits):
             raw = np.vstack(
-                [self.score_states.signals(r, e, i) for e, r in enumerate(self.regressions)]
+                [
+                    np.hstack([self.score_states.signals(r, e, i), self.slopes(r, i)])
+                    for e, r in enumerate(self.regressions)
+                ]
             )
             q = fit.solution.basis
             projected.append(self.weights[i] * (raw - q @ (q.T @ raw)))
             residuals.append(self.weights[i] * fit.residual)
-        scores, residual = np.vstack(projected), np.concatenate(residuals)
-        norms = np.sqrt(np.einsum("ij,ij->j", scores, scores))
-        scale = np.where(norms > 0, norms, 1.0)
-        u, s, vt = np.linalg.svd(scores / scale, full_matrices=False)
-        return s, vt, scale, u.T @ residual, float(np.sqrt(residual @ residual))
+        return np.vstack(projected), np.concatenate(residuals)
+
+    @cached_property
+    def _decomposition(self) -> _Decomposition:
+        """Of all scores but those of delays that lie at an end of their range and pull outward."""
+        scores, residual = self._scores
+        kept = np.arange(scores.shape[1])
+        while True:
+            found = _decomposed(scores, residual, kept)
+            outward = self._outward(found.step(0.0)[self.problem.n_poles :])
+            if not np.isin(self.problem.n_poles + outward, kept).any():
+                return found
+            kept = np.setdiff1d(kept, self.problem.n_poles + outward)
+
+    def _outward(self, change: Array) -> NDArray[np.intp]:
+        """Delays that are pinned, or that a change would take beyond an end of their range."""
+        if self.problem.limits is None:
+            return np.zeros(0, dtype=np.intp)
+        if self.problem.pinned is not None:
+            change = np.where(self.problem.pinned, np.inf, change)
+        delays = self.problem.delays
+        low = (delays <= 0) & (change < 0)
+        high = (delays >= self.problem.limits) & (change > 0)
+        return np.flatnonzero(low | high | np.isinf(change))
 
     @cached_property
     def gradient(self) -> float:
         """The residual's share along the scores: 0 at a stationary point, at most 1."""
-        s, _, _, projection, total = self._decomposition
+        _, s, _, _, projection, total, _ = self._decomposition
         kept = projection[s > 1e-13 * s[0]]
         return float(np.sqrt(kept @ kept)) / total if total else 0.0
 
-    def step(self, damping: float) -> tuple[Complex, float]:
+    def step(self, damping: float) -> Proposal:
         """A Levenberg-Marquardt step.
 
         Parameters
@@ -155,20 +259,24 @@ class Point:
 
         Returns
         -------
-        poles : (n,) complex array
-            Not necessarily admissible.
-        decrease : float
-            Predicted fall of `objective`.
+        Proposal
         """
-        s, vt, scale, projection, total = self._decomposition
-        gain = np.where(s > 1e-13 * s[0], s / (s**2 + damping), 0.0)
-        alpha = -(vt.T @ (gain * projection)) / scale
+        found = self._decomposition
+        s, projection, total = found.s, found.projection, found.total
+        gain = found.gain(damping)
+        change = found.step(damping)
+        alpha = change[: self.problem.n_poles]
         shrink = s * gain
         share = float(np.sum(projection**2 * shrink * (2.0 - shrink)))
         n = float(self.counts.sum())
         fraction = min(share / total**2, 1.0) if total else 0.0
         decrease = -n * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
-        return roots_of(self.inner, alpha), decrease
+        roots = [roots_of(one.inner, alpha[one.poles]) for one in self.branches]
+        delays = None
+        if self.problem.limits is not None:
+            moved = self.problem.delays + change[self.problem.n_poles :]
+            delays = np.clip(moved, 0.0, self.problem.limits)
+        return Proposal(np.concatenate(roots), decrease, delays)
 
     def residuals(self, most: int | None = None) -> tuple[Array, ...]:
         """Recorded minus fitted outputs over time, (n_samples, n_outputs) per experiment.
@@ -210,17 +318,20 @@ class Point:
                 (n,) * self.problem.n_outputs,
             )
             blocks: dict[object, Array] = {"a": -self.score_states.signals(unit, e, output)}
-            linear = linear_blocks(self.problem, self.basis, self.inner.order, unit, e, output)
+            if self.problem.n_delays:
+                blocks["delay"] = -self.slopes(unit, output)
+            linear = linear_blocks(self.problem, self.branches, unit, e, output)
             blocks |= {(output, key): block for key, block in linear.items()}
             rows = np.zeros((n, combinations.shape[1]))
             for key, block in blocks.items():
                 rows += block @ combinations[width[key]]
-            signals = response_of(experiment, self.bank, rows.T)
+            owners = [output] * rows.shape[1]
+            signals = response_of(experiment, self.bank, rows.T, outputs=owners)
             found.append(np.where(np.isnan(experiment.y[:, [output]]), np.nan, signals))
         return tuple(found)
 
     def jacobian(self) -> tuple[Columns, Array, Array]:
-        """Derivatives of all outputs with respect to alpha, b and every nuisance term.
+        """Derivatives of all outputs by alpha, free delays, b and every nuisance term.
 
         Returns
         -------
@@ -235,7 +346,9 @@ class Point:
         for i in range(self.problem.n_outputs):
             for e, regression in enumerate(self.regressions):
                 blocks: dict[object, Array] = {"a": -self.score_states.signals(regression, e, i)}
-                linear = linear_blocks(self.problem, self.basis, self.inner.order, regression, e, i)
+                if self.problem.n_delays:
+                    blocks["delay"] = -self.slopes(regression, i)
+                linear = linear_blocks(self.problem, self.branches, regression, e, i)
                 blocks |= {(i, key): block for key, block in linear.items()}
                 columns.add(blocks, regression.targets[i])
                 owner.append(np.full(regression.targets[i].size, i))
@@ -244,26 +357,57 @@ class Point:
 
 def linear_blocks(
     problem: Problem,
-    basis: DegreeBasis,
-    n: int,
+    branches: Sequence[Branch],
     regression: Regression,
     experiment: int,
     output: int,
 ) -> dict[object, Array]:
-    """Columns of ``b``, the free response, offset and drift at a fixed denominator."""
+    """Columns of ``b``, the free response, offset and drift at fixed denominators."""
     q = regression.layout.order
     blocks: dict[object, Array] = {}
     for j, m in enumerate(problem.n_zeros[output]):
+        branch = next(one for one in branches if one.channels[output, j])
+        n = branch.inner.order
         rows = np.zeros((q, min(m + 1, n)))
-        rows[:n] = basis.rows[: min(m + 1, n)].T
+        rows[branch.own] = branch.basis.rows[: min(m + 1, n)].T
         block = regression.input_signal(output, j, rows)
         if m == n:
             direct = regression.signals[output][:, regression.layout.direct(j)]
             block = np.column_stack([block, direct])
         blocks["b", j] = block
     if regression.layout.free:
-        blocks["free", experiment] = regression.signals[output][:, :n]
+        blocks["free", experiment] = regression.signals[output][:, free_states(branches, output)]
     return blocks | nuisance_blocks(regression, experiment, output)
+
+
+def free_states(branches: Sequence[Branch], output: int) -> NDArray[np.intp]:
+    """States of the bank that span the free response of one output."""
+    used = [one.own for one in branches if one.channels[output].any()]
+    return np.concatenate([np.arange(own.start, own.stop) for own in used])
+
+
+def bank_of(problem: Problem, poles: Complex, repeats: int) -> tuple[Cascade, tuple[Branch, ...]]:
+    """The poles repeated, a branch for each denominator.
+
+    Parameters
+    ----------
+    problem : Problem
+    poles : (n,) complex array
+        Admissible poles.
+    repeats : int
+
+    Returns
+    -------
+    bank : Cascade
+    branches : tuple of Branch
+    """
+    branches = []
+    for group in problem.groups:
+        channels = np.zeros((problem.n_outputs, problem.n_inputs), dtype=bool)
+        channels[tuple(np.transpose(group.channels))] = True
+        own = poles[group.poles]
+        branches.append(Branch.of(own, repeats, repeats * group.first, group.first, channels))
+    return side_by_side([branch.bank for branch in branches]), tuple(branches)
 
 
 def evaluate(
@@ -271,6 +415,8 @@ def evaluate(
     poles: Complex,
     repeats: int = 2,
     regressions: tuple[Regression, ...] | None = None,
+    delays: Array | None = None,
+    pinned: NDArray[np.bool_] | None = None,
 ) -> Point:
     """Filter the records on the poles (repeated) and fit all that is linear.
 
@@ -283,17 +429,21 @@ def evaluate(
         2 for the cost and its derivatives, 3 when Step 2 follows.
     regressions : tuple of Regression, optional
         The triangles, where they are known already.
+    delays : (n_inputs,) array, optional
+        Of the inputs [s], in place of the problem's.
+    pinned : (n_inputs,) bool array, optional
+        Delays that are to stay there.
 
     Returns
     -------
     Point
     """
-    inner = cascade(poles)
-    bank = cascade(np.tile(poles, repeats))
-    basis = degree_basis(inner)
+    if delays is not None:
+        problem = replace(problem.delayed(delays), pinned=pinned)
+    bank, branches = bank_of(problem, poles, repeats)
     if regressions is None:
         regressions = tuple(regress(e, bank) for e in problem.experiments)
-    n, q = problem.n_poles, bank.order
+    q = bank.order
     rows = np.zeros((problem.n_outputs, problem.n_inputs, q))
     direct = np.zeros((problem.n_outputs, problem.n_inputs))
     free = np.zeros((len(problem.experiments), problem.n_outputs, q))
@@ -301,25 +451,35 @@ def evaluate(
     for i in range(problem.n_outputs):
         columns = Columns()
         for e, regression in enumerate(regressions):
-            blocks = linear_blocks(problem, basis, n, regression, e, i)
+            blocks = linear_blocks(problem, branches, regression, e, i)
             columns.add(blocks, regression.targets[i])
         matrix, target = columns.assemble()
         solution = solve(matrix, target)
         fits.append(OutputFit(columns, matrix, solution, target - matrix @ solution.x))
         for j, m in enumerate(problem.n_zeros[i]):
+            branch = next(one for one in branches if one.channels[i, j])
+            n = branch.inner.order
             beta = columns.pick(solution.x, ("b", j))
-            rows[i, j, :n] = beta[:n] @ basis.rows[: min(m + 1, n)]
+            rows[i, j, branch.own] = beta[:n] @ branch.basis.rows[: min(m + 1, n)]
             direct[i, j] = beta[n] if m == n else 0.0
-        for e in range(len(regressions)):
-            c_0 = columns.pick(solution.x, ("free", e))
-            free[e, i, : c_0.size] = c_0
-    return Point(
-        problem, poles, bank, inner, basis, regressions, tuple(fits), Response(rows, direct, free)
-    )
+        started = free_states(branches, i)
+        for e, regression in enumerate(regressions):
+            if regression.layout.free:
+                free[e, i, started] = columns.pick(solution.x, ("free", e))
+    response = Response(rows, direct, free)
+    return Point(problem, poles, bank, branches, regressions, tuple(fits), response)
 
 
-def evaluate_variant(base: Problem, variant: Variant, poles: Complex, repeats: int = 2) -> Point:
+def evaluate_variant(
+    base: Problem,
+    variant: Variant,
+    poles: Complex,
+    repeats: int = 2,
+    delays: Array | None = None,
+) -> Point:
     """As `evaluate`, for a choice of nuisance terms of a problem that has more of them."""
-    bank = cascade(np.tile(poles, repeats))
+    if delays is not None:
+        base = base.delayed(delays)
+    bank = bank_of(base, poles, repeats)[0]
     whole = tuple(regress(e, bank) for e in base.experiments)
     return evaluate(variant.problem(base), poles, repeats, variant.regressions(whole, bank))

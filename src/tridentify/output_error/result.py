@@ -28,7 +28,7 @@ from tridentify.numerics.realization import Complex, denominator, numerators
 from tridentify.output_error.finish import ROUNDING, coefficients, mean_square
 from tridentify.output_error.nuisance import Nuisances, reference_of
 from tridentify.output_error.point import Point
-from tridentify.output_error.problem import Problem, poles_of
+from tridentify.output_error.problem import Problem
 from tridentify.record import Record
 from tridentify.regression import Regression
 from tridentify.structure import InitialState, Structure
@@ -65,7 +65,7 @@ def estimate_from(
     inverse, condition, keys = _covariance(point, noise)
     if condition > SINGULAR:
         raise UnsupportedOrderError(
-            f"found score columns of condition {condition:.1e} with {poles_of(structure)} poles; "
+            f"found score columns of condition {condition:.1e} with {structure.poles} poles; "
             f"expected coefficients that the record can tell apart (below {SINGULAR:.0e}); lower "
             "the number of poles or zeros, or excite the system more richly"
         )
@@ -74,8 +74,8 @@ def estimate_from(
     cov = transform @ inverse @ transform.T
     cov = 0.5 * (cov + cov.T)
     std = np.sqrt(np.diag(cov))
-    n = point.problem.n_poles
-    weak = bool(np.any(std[:n] > np.abs(theta[:n])))
+    a = point.problem.denominator_places()
+    weak = bool(np.any(std[a] > np.abs(theta[a])))
     if status is Status.CONVERGED and weak:
         status = Status.WEAKLY_IDENTIFIABLE
     return Estimate(
@@ -150,11 +150,11 @@ def _refuse_invisible(
     if np.all(noise > floor):
         return
     inverse = _covariance(point, np.maximum(noise, floor))[0]
-    n = point.problem.n_poles
-    std = np.sqrt(np.diag(transform @ inverse @ transform.T))[:n]
-    if np.any(std > 0.5 * np.abs(theta[:n])):
+    a = point.problem.denominator_places()
+    std = np.sqrt(np.diag(transform @ inverse @ transform.T))[a]
+    if np.any(std > 0.5 * np.abs(theta[a])):
         raise UnsupportedOrderError(
-            f"found a record without noise that does not determine {poles_of(structure)} poles; "
+            f"found a record without noise that does not determine {structure.poles} poles; "
             "expected an order that the record needs; lower the number of poles"
         )
 
@@ -162,10 +162,14 @@ def _refuse_invisible(
 def degrees_of_freedom(point: Point) -> Array:
     """(n_outputs,) samples less unknowns, those of the noise model included.
 
-    The shared denominator is split evenly.
+    A denominator is split evenly among the outputs that share it.
     """
     own = np.array([fit.matrix.shape[1] for fit in point.fits], dtype=np.float64)
-    shared = point.problem.n_poles / point.problem.n_outputs
+    shared = np.zeros(own.size)
+    for group in point.problem.groups:
+        outputs = sorted({i for i, _ in group.channels})
+        shared[outputs] += group.order / len(outputs)
+    shared += point.problem.n_delays / own.size
     sizes = [a.size for a in point.problem.noise]
     noise = np.array(sizes or np.zeros(own.size), dtype=np.float64)
     return np.asarray(np.maximum(point.counts - own - shared - noise, 1.0))
@@ -173,18 +177,20 @@ def degrees_of_freedom(point: Point) -> Array:
 
 def model_of(problem: Problem, theta: Array, record: Record) -> TransferFunction:
     """The transfer function of a parameter vector."""
-    n = problem.n_poles
-    den = np.concatenate([[1.0], theta[:n]])
-    num, at = [], n
-    for row in problem.n_zeros:
-        line = []
-        for m in row:
-            line.append(theta[at : at + m + 1])
-            at += m + 1
-        num.append(line)
-    dens = [[den] * problem.n_inputs] * problem.n_outputs
+    a_places, b_places = problem.places()
+    num: list[list[Array]] = [[theta[:0]] * problem.n_inputs for _ in range(problem.n_outputs)]
+    den: list[list[Array]] = [[theta[:0]] * problem.n_inputs for _ in range(problem.n_outputs)]
+    for place, group in zip(a_places, problem.groups, strict=True):
+        for i, j in group.channels:
+            den[i][j] = np.concatenate([[1.0], theta[place]])
+            num[i][j] = theta[b_places[i, j]]
+    delays = problem.experiments[0].delays
     return TransferFunction(
-        num, dens, input_names=record.input_names, output_names=record.output_names
+        num,
+        den,
+        delay=0.0 if delays is None else delays,
+        input_names=record.input_names,
+        output_names=record.output_names,
     )
 
 
@@ -208,20 +214,24 @@ def _root(point: Point, noise: Array) -> tuple[Array, float, dict[object, slice]
 
 def _transform(point: Point, keys: dict[object, slice], width: int) -> Array:
     """d(physical coefficients) / d(unknowns)."""
-    problem, n = point.problem, point.problem.n_poles
-    table = numerators(point.poles)
-    a = denominator(point.poles)
+    problem = point.problem
     transform = np.zeros((problem.n_coefficients, width))
-    transform[:n, keys["a"]] = table.T
-    at = n
-    for i in range(problem.n_outputs):
-        for j, m in enumerate(problem.n_zeros[i]):
-            proper = point.basis.rows[: min(m + 1, n)] @ table
+    a_places, b_places = problem.places()
+    first = keys["a"].start
+    for place, branch in zip(a_places, point.branches, strict=True):
+        n, a = branch.inner.order, denominator(branch.inner.poles)
+        table = numerators(branch.inner.poles)
+        own = slice(first + branch.poles.start, first + branch.poles.stop)
+        transform[place, own] = table.T
+        for i, j in np.argwhere(branch.channels).tolist():
+            m = problem.n_zeros[i][j]
+            proper = branch.basis.rows[: min(m + 1, n)] @ table
             block = np.pad(proper, ((0, 0), (1, 0)))
             if m == n:
                 block = np.vstack([block, a])
-            transform[at : at + m + 1, keys[i, ("b", j)]] = block[:, n - m :].T
-            at += m + 1
+            transform[b_places[i, j], keys[i, ("b", j)]] = block[:, n - m :].T
+    if problem.n_delays:
+        transform[-problem.n_delays :, keys["delay"]] = np.eye(problem.n_delays)
     return transform
 
 
@@ -247,12 +257,10 @@ def _nuisance(
     inverse: Array,
     keys: dict[object, slice],
 ) -> tuple[Nuisance, ...]:
-    problem, n = point.problem, point.problem.n_poles
-    table = numerators(point.poles)
+    problem = point.problem
     found = []
     for e, record in enumerate(records):
         offset, drift, offset_std, drift_std = np.zeros((4, problem.n_outputs))
-        free = np.zeros((problem.n_outputs, n))
         for i, fit in enumerate(point.fits):
             values = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
             where = keys.get((i, ("nuisance", e, i)), slice(0, 0))
@@ -264,20 +272,42 @@ def _nuisance(
             if nuisances.drift:
                 duration = problem.experiments[e].duration
                 drift[i], drift_std[i] = values[at] / duration, std[at] / duration
-            free[i] = point.response.free[e, i, :n] @ table
         found.append(
             Nuisance(
                 input_reference=reference_of(record, nuisances),
                 offset=offset,
                 drift=drift,
-                free_response=free,
+                free_response=_free_response(point, e),
                 offset_std=offset_std,
                 drift_std=drift_std,
                 initial_state=nuisances.initial_state,
                 t0=float(record.t[0]),
+                free_after=free_after(problem, e),
             )
         )
     return tuple(found)
+
+
+def _free_response(point: Point, experiment: int) -> Array:
+    """Numerators of the free response: of every output, or of every channel on its own."""
+    problem = point.problem
+    free = point.response.free[experiment]
+    if len(problem.groups) == 1:
+        (branch,) = point.branches
+        return np.asarray(free[:, branch.own] @ numerators(branch.inner.poles))
+    longest = max(group.order for group in problem.groups)
+    found = np.zeros((problem.n_outputs, problem.n_inputs, longest))
+    for branch in point.branches:
+        table = numerators(branch.inner.poles)
+        for i, j in np.argwhere(branch.channels).tolist():
+            found[i, j, longest - branch.inner.order :] = free[i, branch.own] @ table
+    return found
+
+
+def free_after(problem: Problem, experiment: int) -> float:
+    """When the free response of an experiment begins, after its first sample [s]."""
+    e = problem.experiments[experiment]
+    return float(e.instants[e.start]) if e.free else 0.0
 
 
 def fingerprint(records: Sequence[Record]) -> str:
@@ -285,6 +315,8 @@ def fingerprint(records: Sequence[Record]) -> str:
     digest = hashlib.sha256()
     for record in records:
         digest.update(np.array([record.t[0], record.dt or 0.0]).tobytes())
+        if record.dt is None:
+            digest.update(record.t)  # type: ignore[arg-type]
         digest.update(record.u)  # type: ignore[arg-type]
         digest.update(record.y)  # type: ignore[arg-type]
     return digest.hexdigest()
@@ -415,4 +447,5 @@ def _held_nuisance(
         drift_std=np.full(problem.n_outputs, np.nan if nuisances.drift else 0.0),
         initial_state=nuisances.initial_state,
         t0=float(record.t[0]),
+        free_after=free_after(problem, e),
     )

@@ -41,6 +41,7 @@ from numpy.typing import NDArray
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.propagate import propagate
+from tridentify.numerics.sampled import Sampled, States
 from tridentify.output_error.problem import Problem
 from tridentify.posterior.sections import (
     Sections,
@@ -142,7 +143,7 @@ def _surface(problem: Problem, phi: Array) -> Surface:
     polynomials = sections.polynomials()
     tables = numerator_tables(a, b, polynomials)
     unit = unit_of(problem)
-    data = [_triangles(e, bank_a, bank_b, n, e.dt / unit) for e in problem.experiments]
+    data = [_triangles(e, bank_a, bank_b, n, unit) for e in problem.experiments]
     bases = degree_bases(a, b)
     maps = filter_maps(a, b, bank_a, bank_b)
     likelihood = np.zeros(phi.shape[0])
@@ -198,7 +199,7 @@ def _block_diagonal(blocks: list[Array]) -> Array:
     return whole
 
 
-def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, dt: float) -> list[Array]:
+def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, unit: float) -> list[Array]:
     """Per output the triangle (s, r, columns) of [states | inputs | y], nuisance terms removed.
 
     The nuisance columns come first in the factorisation, so what stands below their rows is
@@ -206,13 +207,39 @@ def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, dt: float) -
     """
     count, q = bank_b.shape
     n_samples, n_inputs = e.u.shape
+    nuisance = n * e.free + e.offset + e.drift
+    width = nuisance + n_inputs * (q + 1) + 1
+    columns = np.zeros((count, width, n_samples))
+    at = n * e.free
+    if e.offset:
+        columns[:, at] = 1.0
+        at += 1
+    if e.drift:
+        columns[:, at] = e.ramp
+    found: dict[int, Array] = {}
+    for signal in dict.fromkeys(e.sampled):
+        held = e.intersample != "band-limited"
+        if signal.t is None and not any(signal.delays) and held:
+            _fill(columns, e, bank_a, bank_b, n, nuisance, e.dt / unit)
+        else:
+            _fill_any(columns, e, signal.in_units(unit), bank_a, bank_b, n, nuisance)
+        columns[:, nuisance + n_inputs * q : width - 1] = signal.direct.T
+        for i, own in enumerate(e.sampled):
+            if own is signal:
+                found[i] = _reduced(e, i, columns, nuisance)
+    return [found[i] for i in range(e.y.shape[1])]
+
+
+def _fill(
+    columns: Array, e: Experiment, bank_a: Array, bank_b: Array, n: int, nuisance: int, dt: float
+) -> None:
+    """States of many banks on uniform time."""
+    count, q = bank_b.shape
+    n_samples, n_inputs = e.u.shape
     step = discretize(bank_a, bank_b[:, :, None], dt, e.intersample)
     transition = np.ascontiguousarray(step.transition)
     current = np.ascontiguousarray(step.from_current[:, :, 0])
     following = np.ascontiguousarray(step.from_next[:, :, 0])
-    nuisance = n * e.free + e.offset + e.drift
-    width = nuisance + n_inputs * (q + 1) + 1
-    columns = np.zeros((count, width, n_samples))
     nothing = np.zeros((n_samples, 1))
     inner = np.ascontiguousarray(transition[:, :n, :n])
     for s in range(count):
@@ -225,14 +252,24 @@ def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, dt: float) -
             transition[s], current[s], following[s], e.u, np.zeros((n_inputs, q)),
             columns[s, nuisance:], upper=1,
         )  # fmt: skip
-    at = n * e.free
-    if e.offset:
-        columns[:, at] = 1.0
-        at += 1
-    if e.drift:
-        columns[:, at] = np.linspace(0.0, 1.0, n_samples)
-    columns[:, nuisance + n_inputs * q : width - 1] = e.u.T
-    return [_reduced(e, i, columns, nuisance) for i in range(e.y.shape[1])]
+
+
+def _fill_any(
+    columns: Array,
+    e: Experiment,
+    signal: Sampled,
+    bank_a: Array,
+    bank_b: Array,
+    n: int,
+    nuisance: int,
+) -> None:
+    """The same for any instants and delays, bank by bank."""
+    for s in range(bank_b.shape[0]):
+        states = States(signal, bank_a[s], bank_b[s], upper=1)
+        states.advance(0, e.n_samples, columns[s, nuisance:])
+        if e.free:
+            inner = States(signal, bank_a[s, :n, :n], bank_b[s, :n], upper=1)
+            inner.impulse(e.start).advance(0, e.n_samples, columns[s])
 
 
 def _reduced(e: Experiment, output: int, columns: Array, nuisance: int) -> Array:

@@ -26,6 +26,9 @@ FinishChoice = Literal["auto", "likelihood", "posterior"]
 CHOICES = ("auto", "likelihood", "posterior")
 RIVAL = 30.0
 APART = float(np.log(2.0))
+SEPARATE = (
+    "the likelihood's maximum: the posterior is weighed for a shared denominator and known delays"
+)
 SOUND = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.WEAKLY_IDENTIFIABLE)
 
 
@@ -79,6 +82,8 @@ def weigh(
     possible = is_short(best.point.problem) and not at_rounding(best.point)
     if finish == "likelihood" or not possible:
         return _given(maximum)
+    if len(best.point.problem.groups) > 1 or best.point.problem.n_delays:
+        return _told(_given(maximum), SEPARATE)
     n = best.point.problem.n_poles
     cov = None if isinstance(maximum, UnsupportedOrderError) else maximum.cov[:n, :n]
     longest = max(e.duration for e in best.point.problem.experiments)
@@ -89,9 +94,9 @@ def weigh(
     say("the posterior, as the record is short and noisy")
     found = posterior(best.point.problem, [(best.point.poles, cov)])
     if not found.usable:
-        told = "the posterior could not be sampled; the likelihood's maximum is kept"
-        kept = _given(maximum)
-        return replace(kept, trace=replace(kept.trace, decisions=(*kept.trace.decisions, told)))
+        return _told(
+            _given(maximum), "the posterior could not be sampled; the likelihood's maximum is kept"
+        )
     point = evaluate(best.point.problem, found.poles)
     told = _in_words(finish, vague, sound, best)
     trace = _continued(trace, point, found, told)
@@ -169,6 +174,11 @@ def _given(maximum: Estimate | UnsupportedOrderError) -> Estimate:
     if isinstance(maximum, UnsupportedOrderError):
         raise maximum
     return maximum
+
+
+def _told(estimate: Estimate, decision: str) -> Estimate:
+    trace = estimate.trace
+    return replace(estimate, trace=replace(trace, decisions=(*trace.decisions, decision)))
 
 
 def _in_words(finish: str, vague: float, sound: bool, best: Finished) -> str:

@@ -25,7 +25,11 @@ Row = Sequence[str]
 ROUNDING = 1e-9
 """Of the root mean square of an output: a residual below this is not noise."""
 _ESTIMATED = {True: "estimated", False: "none", "auto": "chosen by AICc"}
-_BETWEEN = {"zoh": "held between samples (zoh)", "foh": "linear between samples (foh)"}
+_BETWEEN = {
+    "zoh": "held between samples (zoh)",
+    "foh": "linear between samples (foh)",
+    "band-limited": "band-limited",
+}
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
+from tridentify.numerics.realization import Cascade, Complex, cascade, side_by_side, sort_poles
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress
 from tridentify.strategy.starts import rate_limits
@@ -62,7 +62,7 @@ def moved_poles(base: Problem, variant: Variant, poles: Complex) -> list[Move]:
     variant : Variant
         The nuisance terms that are kept.
     poles : (n,) complex array
-        Where a search ended, slow to fast with pairs side by side.
+        Where a search ended; of each denominator slow to fast with pairs side by side.
 
     Returns
     -------
@@ -71,33 +71,59 @@ def moved_poles(base: Problem, variant: Variant, poles: Complex) -> list[Move]:
     """
     low, high = rate_limits(base)
     found: list[Move] = []
-    for group in _groups(poles):
-        kept = np.delete(poles, group)
-        lines = list(_lines(len(group), low, FARTHER * high))
-        costs = place_costs(base, variant, kept, [place for line in lines for place in line])
-        first = 0
-        for line in lines:
-            own = costs[first : first + len(line)]
-            first += len(line)
-            around = np.concatenate([[np.inf], own, [np.inf]])
-            for k in np.flatnonzero((own <= around[:-2]) & (own < around[2:])):
-                moved = sort_poles(np.concatenate([kept, line[k]]))
-                whole = base.admissible(moved)[0]
-                found.append(Move(float(own[k]), line[k], poles[list(group)], whole))
+    for k, denominator in enumerate(base.groups):
+        own = poles[denominator.poles]
+        for group in _groups(own):
+            kept = np.delete(own, group)
+            lines = list(_lines(len(group), low, FARTHER * high))
+            places = [place for line in lines for place in line]
+            costs = place_costs(base, variant, kept, places, (k, poles))
+            first = 0
+            for line in lines:
+                along = costs[first : first + len(line)]
+                first += len(line)
+                around = np.concatenate([[np.inf], along, [np.inf]])
+                for at in np.flatnonzero((along <= around[:-2]) & (along < around[2:])):
+                    moved = poles.copy()
+                    moved[denominator.poles] = sort_poles(np.concatenate([kept, line[at]]))
+                    whole = base.admissible(moved)[0]
+                    found.append(Move(float(along[at]), line[at], own[list(group)], whole))
     return sorted(found, key=lambda one: one.objective)
 
 
-def place_costs(base: Problem, variant: Variant, kept: Complex, places: list[Complex]) -> Array:
-    """(n_places,) minus two log likelihood with the kept poles and those of each place."""
-    bank, states = _branches(kept, places)
+def place_costs(
+    base: Problem,
+    variant: Variant,
+    kept: Complex,
+    places: list[Complex],
+    whole_poles: tuple[int, Complex] | None = None,
+) -> Array:
+    """(n_places,) minus two log likelihood with the kept poles and those of each place.
+
+    Parameters
+    ----------
+    base : Problem
+    variant : Variant
+    kept : (n - width,) complex array
+        Poles of the denominator that moves, but for those that do.
+    places : list of (width,) complex arrays
+    whole_poles : (int, (n_poles,) complex array), optional
+        Which denominator moves, and the poles of all (default: there is only one).
+    """
+    moving, poles = (0, kept) if whole_poles is None else whole_poles
+    held = [cascade(poles[g.poles]) for k, g in enumerate(base.groups) if k != moving]
+    bank, states = _branches(kept, places, held)
     whole = tuple(regress(e, bank) for e in base.experiments)
     problem = variant.problem(base)
     regressions = variant.regressions(whole, bank)
-    a = bank.a[states[:, :, None], states[:, None, :]]
-    krylov = _krylov(a, bank.b[states])
+    still = iter(_held(held))
+    moved = _Spanned(
+        states, _krylov(bank.a[states[:, :, None], states[:, None, :]], bank.b[states])
+    )
+    spanned = [moved if k == moving else next(still) for k in range(len(base.groups))]
     total = np.zeros(len(places))
-    for i, zeros in enumerate(problem.n_zeros):
-        matrix, target = _stacked(regressions, i, zeros, states, krylov)
+    for i in range(problem.n_outputs):
+        matrix, target = _stacked(problem, regressions, i, spanned, len(places))
         q = np.linalg.qr(matrix)[0]
         rest = target - np.einsum("sij,sj->si", q, np.einsum("sij,i->sj", q, target))
         count = float(sum(r.counts[i] for r in regressions))
@@ -106,9 +132,32 @@ def place_costs(base: Problem, variant: Variant, kept: Complex, places: list[Com
     return total
 
 
-def _branches(kept: Complex, places: list[Complex]) -> tuple[Cascade, NDArray[np.intp]]:
-    """The bank that branches after the kept poles; (n_places, n) states of each place."""
-    trunk = cascade(kept)
+class _Spanned(NamedTuple):
+    """One denominator's states and Krylov vectors: of each place, or (1, ...) where it is held."""
+
+    states: NDArray[np.intp]
+    krylov: Array
+
+
+def _held(held: list[Cascade]) -> list[_Spanned]:
+    """Of the denominators that do not move, which stand first in the bank."""
+    found, first = [], 0
+    for one in held:
+        states = np.arange(first, first + one.order)[None]
+        found.append(_Spanned(states, _krylov(one.a[None], one.b[None])))
+        first += one.order
+    return found
+
+
+def _branches(
+    kept: Complex, places: list[Complex], held: list[Cascade]
+) -> tuple[Cascade, NDArray[np.intp]]:
+    """The bank that branches after the kept poles; (n_places, n) states of each place.
+
+    Other denominators stand beside it, at the front.
+    """
+    trunk = side_by_side([*held, cascade(kept)])
+    before = sum(one.order for one in held)
     n, width = trunk.order, places[0].size
     q = n + width * len(places)
     a, b = np.zeros((q, q)), np.zeros(q)
@@ -119,10 +168,11 @@ def _branches(kept: Complex, places: list[Complex]) -> tuple[Cascade, NDArray[np
     b[first] = np.sqrt(-2.0 * width * upper.real)
     if width == 2:
         a[first, first + 1], a[first + 1, first] = -np.abs(upper), np.abs(upper)
-    a[n:, :n] = -np.outer(b[n:], trunk.b)
+    a[n:, before:n] = -np.outer(b[n:], trunk.b[before:])
     own = n + np.arange(q - n).reshape(len(places), width)
-    shared = np.tile(np.arange(n), (len(places), 1))
-    return Cascade(a, b, np.concatenate([kept, *places]), (n, width)), np.hstack([shared, own])
+    shared = np.tile(np.arange(before, n), (len(places), 1))
+    poles = np.concatenate([trunk.poles, *places])
+    return Cascade(a, b, poles, (n, width)), np.hstack([shared, own])
 
 
 def _krylov(a: Array, b: Array) -> Array:
@@ -140,26 +190,36 @@ def _krylov(a: Array, b: Array) -> Array:
 
 
 def _stacked(
+    problem: Problem,
     regressions: tuple[Regression, ...],
     output: int,
-    zeros: tuple[int, ...],
-    states: NDArray[np.intp],
-    krylov: Array,
+    spanned: list[_Spanned],
+    count: int,
 ) -> tuple[Array, Array]:
     """(n_places, rows, unknowns) columns of one output, and its (rows,) target."""
-    count, n = states.shape
+    used = [g.of_output(output) for g in problem.groups]
     parts = []
     for e, regression in enumerate(regressions):
         signals, layout = regression.signals[output], regression.layout
         blocks = []
-        for j, m in enumerate(zeros):
+        for j, m in enumerate(problem.n_zeros[output]):
+            g = next(k for k, g in enumerate(problem.groups) if (output, j) in g.channels)
+            states, krylov = spanned[g]
+            n = states.shape[1]
             first = layout.input_states(j).start
             own = signals[:, first + states].transpose(1, 0, 2)
-            blocks.append(own @ krylov[:, n - 1 - min(m, n - 1) :].transpose(0, 2, 1))
+            block = own @ krylov[:, n - 1 - min(m, n - 1) :].transpose(0, 2, 1)
+            blocks.append(_each(block, count))
             if m == n:
                 blocks.append(_each(signals[:, [layout.direct(j)]], count))
         for other, one in enumerate(regressions):
-            local = [signals[:, states].transpose(1, 0, 2)] if layout.free else []
+            local = []
+            if layout.free:
+                local = [
+                    _each(signals[:, states].transpose(1, 0, 2), count)
+                    for (states, _), has in zip(spanned, used, strict=True)
+                    if has
+                ]
             if one.layout.nuisance.stop > one.layout.nuisance.start:
                 local.append(_each(regression.nuisance_signals(output), count))
             blocks += [block if other == e else np.zeros_like(block) for block in local]
@@ -170,7 +230,7 @@ def _stacked(
 
 def _each(block: Array, count: int) -> Array:
     """The same columns for every place."""
-    return np.broadcast_to(block, (count, *block.shape))
+    return np.broadcast_to(block, (count, *block.shape[-2:]))
 
 
 def _groups(poles: Complex) -> list[tuple[int, ...]]:

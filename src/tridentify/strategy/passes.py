@@ -17,8 +17,8 @@ import numpy as np
 from tridentify.estimate import Step
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
-from tridentify.models.series_parallel import fit_series_parallel
-from tridentify.numerics.realization import Complex, denominator
+from tridentify.models.series_parallel import Filtering, fit_denominators
+from tridentify.numerics.realization import Complex
 from tridentify.output_error.finish import Recorder, at_rounding
 from tridentify.output_error.point import Point, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
@@ -51,12 +51,10 @@ def adapt(
     for _ in range(most):
         point = evaluate_variant(base, variant, poles, 3)
         parallel = parallel_model(point)
-        step = fit_series_parallel(
+        step = fit_denominators(
             point.regressions,
-            point.bank,
             parallel.response,
-            point.inner,
-            base.n_poles,
+            [Filtering.adapted(branch) for branch in point.branches],
             base.n_zeros,
             point.weights,
         )
@@ -72,7 +70,7 @@ def adapt(
                 ),
                 Step(
                     "series-parallel",
-                    denominator(step.poles)[1:],
+                    base.lower_coefficients(step.poles),
                     step.cost / float(point.counts.sum()),
                     step.condition,
                     "filter 1/a of the pass before",
@@ -93,26 +91,54 @@ def adapt(
 
 
 def parallel_model(point: Point) -> ParallelFit:
-    """Step 1 on the poles of ``a_hat``, twice each."""
-    q, n = point.bank.order, point.problem.n_poles
-    rows = np.eye(2 * n, q)
-    direct = np.zeros(2 * n)
-    if point.problem.biproper:
+    """Step 1 on the poles of ``a_hat``, twice each; every channel on those of its own."""
+    q, problem = point.bank.order, point.problem
+    owner: list[int] = []
+    states: list[int] = []
+    for g, branch in enumerate(point.branches):
+        first, count = branch.states.start, 2 * branch.inner.order
+        states += range(first, first + count)
+        owner += [g] * count
+    rows = np.eye(q)[states]
+    direct = np.zeros(len(states))
+    has = np.array([branch.channels for branch in point.branches])
+    used = np.moveaxis(has, 0, 2)[:, :, owner]
+    if problem.biproper:
         rows = np.vstack([rows, np.zeros(q)])
         direct = np.append(direct, 1.0)
-    return fit_parallel(point.regressions, rows, direct, free_rows=np.eye(2 * n, q))
+        used = np.concatenate([used, np.ones((*used.shape[:2], 1), dtype=bool)], axis=2)
+    return fit_parallel(
+        point.regressions,
+        rows,
+        direct,
+        free_rows=np.eye(q)[states],
+        used=used,
+        free_used=np.asarray(has.any(axis=2)).T[:, owner],
+    )
 
 
 def series_model(point: Point) -> SeriesFit:
     """Step 3 with the orthonormal functions on the poles of ``a_hat``."""
-    n = point.problem.n_poles
+    n, q = point.problem.n_poles, point.bank.order
+    owner: list[int] = []
+    states: list[int] = []
+    for g, branch in enumerate(point.branches):
+        states += range(branch.own.start, branch.own.stop)
+        owner += [g] * branch.inner.order
+    outputs = np.array([branch.channels.any(axis=1) for branch in point.branches])
     return fit_series(
         point.regressions,
         point.bank,
         point.response,
-        point.inner,
+        point.bank,
         np.eye(n),
         np.zeros(n),
-        free_rows=np.eye(n, point.bank.order),
+        free_rows=np.eye(q)[states],
         weights=point.weights,
+        parts=[
+            part.spread(branch.states, q)
+            for part, branch in zip(point.parts, point.branches, strict=True)
+        ],
+        states=point.score_states,
+        free_used=outputs.T[:, owner],
     )

@@ -26,10 +26,12 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.estimate import Pass, Start
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Complex
+from tridentify.numerics.whiteness import is_white
 from tridentify.output_error.finish import (
     Recorder,
     at_rounding,
@@ -38,8 +40,9 @@ from tridentify.output_error.finish import (
     finish,
     mean_square,
 )
-from tridentify.output_error.point import Point, evaluate_variant
+from tridentify.output_error.point import Point, bank_of, evaluate, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
+from tridentify.regression import Regression, regress
 from tridentify.strategy.moves import Move, moved_poles
 from tridentify.strategy.passes import adapt
 from tridentify.strategy.starts import (
@@ -60,6 +63,8 @@ from tridentify.strategy.thin import (
     window,
 )
 
+Array = NDArray[np.float64]
+
 ALLOWANCE = 6.0
 CLEARLY = 10.0
 MOST_ENRICHED = 8
@@ -71,6 +76,7 @@ MOST_FOLLOWED = 3
 NEAR = 20.0
 HELPED = 0.005
 WORTHWHILE = 50.0
+TESTED = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,6 +96,14 @@ class Found:
     def at(self, poles: Complex) -> Point:
         """The cost elsewhere."""
         return evaluate_variant(self.base, self.variant, poles)
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """Triangles of the whole record at poles, for whoever begins there."""
+
+    poles: Complex
+    whole: tuple[Regression, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +134,10 @@ class Search:
         The passes that led to each seed.
     variant : Variant, optional
         The nuisance terms of the best start.
+    scan : Scan, optional
+        The last places looked at.
+    known : Known, optional
+        Triangles of the whole record, where they were made.
     """
 
     n_starts: int
@@ -129,6 +147,7 @@ class Search:
     trails: list[tuple[Pass, ...]] = field(default_factory=list)
     variant: Variant | None = None
     scan: Scan | None = None
+    known: Known | None = None
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
@@ -142,6 +161,8 @@ class Search:
         first = self.follow(piece, [free_variant(piece)], "window of the record: ")
         near = self.move(first, "window of the record: ")
         passes = list(self.recorder.passes)
+        if first.settled and self._suffices(base, variants[-1], near, passes):
+            return
         if first.settled:
             second = self.begin(whole, variants, "record averaged: ", most=1)
         else:
@@ -149,6 +170,26 @@ class Search:
         far = self.move(second, "record averaged: ")
         blind = explained(far) < WORTHWHILE <= explained(near)
         self._choose(base, near.poles, far.poles, passes, blind)
+
+    def _suffices(
+        self, base: Problem, variant: Variant, near: Point, passes: Sequence[Pass]
+    ) -> bool:
+        """Whether the window's poles leave nothing but white noise on the whole record.
+
+        Then there is nothing for the averaged record to find. Slow dynamics that the window cannot
+        show are looked for in block means of the residual.
+        """
+        if explained(near) < WORTHWHILE or base.noise:
+            return False
+        poles = _sharpened(base, near.poles)
+        bank = bank_of(base, poles, 2)[0]
+        whole = tuple(regress(e, bank) for e in base.experiments)
+        point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
+        if at_rounding(point) or not _is_white(point):
+            return False
+        self._keep(poles, passes)
+        self.known = Known(poles, whole)
+        return True
 
     def again(self, base: Problem, variant: Variant, poles: Complex) -> Complex:
         """Another way in, after the end turned out to lie at a limit: runaway poles put back.
@@ -203,7 +244,8 @@ class Search:
         shown = float(np.min(-far.real)) * piece.experiments[0].duration > SLOW_EDGE
         clear = other.objective - point.objective > CLEARLY
         if clear and (shown or blind):
-            self._keep(finish(at, point, Recorder(), MOST_SHARPENING)[0].poles, passes)
+            sharp = finish(at, point, Recorder(), MOST_SHARPENING)[0].poles
+            self._keep(_nearer(base, sharp), passes)
         else:
             self._keep(near, passes)
             self._keep(far)
@@ -229,6 +271,8 @@ class Search:
         best, variant, reachable = found.point, found.variant, found.reachable
         extremes = _extremes(variants)
         further = ["discrete", "spread", "relaxed"]
+        if len(base.groups) > 1:
+            further.remove("discrete")
         for _ in range(MOST_ENRICHED):
             if at_rounding(best):
                 return Found(base, best, variant, reachable, True)
@@ -285,11 +329,8 @@ class Search:
     ) -> Point:
         """Follow starts until one reaches the criterion; the best point."""
         for start in parallel:
-            found = [start.filtered_poles(), start.reduced_poles()]
             firsts = [
-                evaluate_variant(start.base, start.variant, poles)
-                for poles in found
-                if poles is not None
+                evaluate_variant(start.base, start.variant, poles) for poles in start.candidates()
             ]
             first = min(firsts, key=lambda point: point.objective)
             best = self._adapted(
@@ -331,8 +372,10 @@ class Search:
         where: str,
     ) -> Point:
         """Poles from numerators of full degree, then the wanted degree."""
-        n = base.n_poles
-        zeros = tuple(tuple(max(m, n - 1) for m in row) for row in base.n_zeros)
+        zeros = tuple(
+            tuple(max(m, base.order(i, j) - 1) for j, m in enumerate(row))
+            for i, row in enumerate(base.n_zeros)
+        )
         if zeros == base.n_zeros:
             return best
         relaxed = replace(base, n_zeros=zeros)
@@ -341,6 +384,43 @@ class Search:
             name = where + "numerators of full degree first"
             best = self._adapted(base, variant, point.poles, reachable, best, name)
         return best
+
+
+def _sharpened(base: Problem, poles: Complex) -> Complex:
+    """Poles of a window taken to those of longer ones, so that few steps on the whole are left."""
+    total = sum(e.n_samples for e in base.experiments)
+    if total >= 4 * LONGER * SMALL:
+        piece = window(base, LONGER * SMALL)
+        if is_usable(piece):
+            at = partial(evaluate_variant, piece, free_variant(piece))
+            poles = finish(at, at(poles), Recorder(), MOST_SHARPENING)[0].poles
+    return _nearer(base, poles) if total >= 16 * SMALL else poles
+
+
+def _nearer(base: Problem, poles: Complex) -> Complex:
+    """One Gauss-Newton step on a quarter of a long record: it saves one on the whole."""
+    piece = window(base, sum(e.n_samples for e in base.experiments) // 4)
+    if not is_usable(piece):
+        return poles
+    point = evaluate_variant(piece, free_variant(piece), poles)
+    return base.admissible(point.step(0.0)[0])[0]
+
+
+def _is_white(point: Point) -> bool:
+    """Whether the residual and its means over blocks, short and long, pass for white noise."""
+    residuals = point.residuals(TESTED)
+    longest = max(one.shape[0] for one in residuals) // SMALL
+    blocks = sorted({1, max(int(np.sqrt(longest)), 1), max(longest, 1)})
+    return all(
+        is_white([_block_means(one[:, i], block) for one in residuals])
+        for i in range(point.problem.n_outputs)
+        for block in blocks
+    )
+
+
+def _block_means(series: Array, block: int) -> Array:
+    kept = series.size // block * block
+    return np.asarray(series[:kept].reshape(-1, block).mean(axis=1))
 
 
 def explained(point: Point) -> float:

@@ -35,11 +35,12 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tridentify.models.parallel import ParallelFit, fit_parallel
-from tridentify.models.series_parallel import fit_series_parallel
+from tridentify.models.response import Response
+from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
-from tridentify.output_error.problem import Problem, Variant
-from tridentify.regression import Regression, regress
+from tridentify.output_error.problem import Group, Problem, Variant
+from tridentify.regression import Regression, regress, restricted
 
 Array = NDArray[np.float64]
 
@@ -74,8 +75,9 @@ class ParallelStart:
         AICc.
     rate : float
         Typical pole of the operators [rad/s].
-    filter_poles : (k,) complex array
-        Poles of the bank that follow the operators: the filter ``c`` of Step 2 (none: no Step 2).
+    filters : tuple of (k,) complex arrays
+        The filter ``c`` of Step 2 for each denominator, whose poles follow the operators in the
+        bank (empty: no Step 2).
     bank : Cascade
     regressions : tuple of Regression
         On ``bank``.
@@ -88,7 +90,7 @@ class ParallelStart:
     order: int
     criterion: float
     rate: float
-    filter_poles: Complex
+    filters: tuple[Complex, ...]
     bank: Cascade
     regressions: tuple[Regression, ...]
 
@@ -103,37 +105,74 @@ class ParallelStart:
             direct = np.append(direct, 1.0)
         return fit_parallel(self.regressions, rows, direct, free_rows=free_rows)
 
-    def filtered_poles(self) -> Complex | None:
-        """Step 2 on the parallel model's output: admissible roots of ``a``."""
-        if self.filter_poles.size == 0:
+    def candidates(self) -> list[Complex]:
+        """Admissible poles by Step 2 and by balanced truncation."""
+        found = [self.filtered_poles(), self.reduced_poles()]
+        if len(self.problem.groups) > 1:
+            found.insert(1, self.filtered_poles(alone=True))
+        return [poles for poles in found if poles is not None]
+
+    def filtered_poles(self, *, alone: bool = False) -> Complex | None:
+        """Step 2 on the parallel model's output: admissible roots of ``a``.
+
+        Parameters
+        ----------
+        alone : bool
+            Every denominator from its own part of the output, not all from their sum.
+        """
+        if not self.filters:
             return None
-        step = fit_series_parallel(
-            self.regressions,
-            self.bank,
-            self.fit.response,
-            cascade(self.filter_poles),
-            self.problem.n_poles,
-            self.problem.n_zeros,
-            self._weights(),
-        )
-        return self.problem.admissible(step.poles)[0]
+        filterings = [
+            Filtering(
+                cascade(poles),
+                group.order,
+                self.bank,
+                slice(0, self.bank.order),
+                _channels(self.problem, group),
+            )
+            for group, poles in zip(self.problem.groups, self.filters, strict=True)
+        ]
+        regressions, response = self.regressions, self.fit.response
+        if len(filterings) > 1:
+            # the free response is not known denominator by denominator, so it is left out
+            regressions = tuple(
+                restricted(r, self.bank, free=False, offset=False, drift=False) for r in regressions
+            )
+            response = Response(response.rows, response.direct, np.zeros_like(response.free))
+        together = [[one] for one in filterings] if alone else [filterings]
+        weights, zeros = self._weights(), self.problem.n_zeros
+        found = [
+            fit_denominators(regressions, response, some, zeros, weights).poles for some in together
+        ]
+        return self.problem.admissible(np.concatenate(found))[0]
 
     def reduced_poles(self) -> Complex | None:
-        """Balanced truncation of the parallel model: admissible poles."""
-        n, k = self.problem.n_poles, self.order
-        if k < n:
+        """Balanced truncation of every denominator's part of the parallel model."""
+        k = self.order
+        if k < max(group.order for group in self.problem.groups):
             return None
         a = self.bank.a[:k, :k]
-        c = (self.fit.response.rows[:, :, :k] * self._weights()[:, None, None]).reshape(-1, k)
-        gramian = scipy.linalg.solve_continuous_lyapunov(a.T, -(c.T @ c))
-        vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))[1][:, -n:]
-        poles = np.linalg.eigvals(vectors.T @ a @ vectors).astype(np.complex128)
-        return self.problem.admissible(sort_poles(poles))[0]
+        weighted = self.fit.response.rows[:, :, :k] * self._weights()[:, None, None]
+        found = []
+        for group in self.problem.groups:
+            c = weighted[_channels(self.problem, group)]
+            gramian = scipy.linalg.solve_continuous_lyapunov(a.T, -(c.T @ c))
+            vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))[1][:, -group.order :]
+            poles = np.linalg.eigvals(vectors.T @ a @ vectors).astype(np.complex128)
+            found.append(sort_poles(poles))
+        return self.problem.admissible(np.concatenate(found))[0]
 
     def _weights(self) -> Array:
         problem = self.problem
         samples = sum(e.n_samples for e in problem.experiments)
         return np.asarray(1.0 / np.sqrt(self.fit.cost / samples + 1e-30 * problem.size))
+
+
+def _channels(problem: Problem, group: Group) -> NDArray[np.bool_]:
+    """(n_outputs, n_inputs) which channels a group has."""
+    found = np.zeros((problem.n_outputs, problem.n_inputs), dtype=bool)
+    found[tuple(np.transpose(group.channels))] = True
+    return found
 
 
 def discrete_poles(base: Problem) -> Complex:
@@ -158,11 +197,12 @@ def discrete_poles(base: Problem) -> Complex:
     parts = []
     dt = base.experiments[0].dt
     for e in base.experiments:
-        if e.n_samples <= 2 * n + 2 or not math.isclose(e.dt, dt, rel_tol=1e-6):
+        same = e.t is None and math.isclose(e.dt, dt, rel_tol=1e-6)
+        if e.n_samples <= 2 * n + 2 or not same:
             continue
-        lags = sliding_window_view(e.u, n + 1, axis=0)[:, :, ::-1]
-        inputs = np.column_stack([lags.reshape(lags.shape[0], -1), np.ones(lags.shape[0])])
         for i in range(n_outputs):
+            lags = sliding_window_view(e.sampled[i].direct, n + 1, axis=0)[:, :, ::-1]
+            inputs = np.column_stack([lags.reshape(lags.shape[0], -1), np.ones(lags.shape[0])])
             y = sliding_window_view(e.y[:, i] / scale[i], n + 1)[:, ::-1]
             seen = np.isfinite(y).all(axis=1)
             if seen.sum() <= 2 * n:
@@ -190,8 +230,8 @@ def relocated_poles(base: Problem, poles: Complex) -> list[Complex]:
     ----------
     base : Problem
     poles : (n,) complex array
-        Where a search ended. Poles faster than the band are moved; if there is none, the
-        fastest pole or pair is.
+        Where a search ended. Poles faster than the band are moved, those of one denominator at a
+        time; if there is none, the fastest pole or pair is.
 
     Returns
     -------
@@ -200,18 +240,23 @@ def relocated_poles(base: Problem, poles: Complex) -> list[Complex]:
         band.
     """
     low, high = rate_limits(base)
-    size = np.abs(poles)
-    moved = size > BEYOND * high
-    if not moved.any():
-        moved = np.isclose(size, size.max(), rtol=1e-9)
-    count = int(moved.sum())
-    angles = np.pi / 2.0 + np.arcsin(MOVED_DAMPING) * (1.0 + np.arange(count // 2))
-    pattern = np.concatenate([np.exp(1j * angles), np.exp(-1j * angles), -np.ones(count % 2)])
-    kept = poles[~moved]
-    return [
-        base.admissible(sort_poles(np.concatenate([kept, radius * pattern])))[0]
-        for radius in np.geomspace(low, high, MOVED_RADII)
-    ]
+    found: list[Complex] = []
+    fastest = max(range(len(base.groups)), key=lambda k: np.abs(poles[base.groups[k].poles]).max())
+    for k, group in enumerate(base.groups):
+        own = poles[group.poles]
+        moved = np.abs(own) > BEYOND * high
+        if not moved.any() and k == fastest:
+            moved = np.isclose(np.abs(own), np.abs(own).max(), rtol=1e-9)
+        if not moved.any():
+            continue
+        count = int(moved.sum())
+        angles = np.pi / 2.0 + np.arcsin(MOVED_DAMPING) * (1.0 + np.arange(count // 2))
+        pattern = np.concatenate([np.exp(1j * angles), np.exp(-1j * angles), -np.ones(count % 2)])
+        for radius in np.geomspace(low, high, MOVED_RADII):
+            whole = poles.copy()
+            whole[group.poles] = sort_poles(np.concatenate([own[~moved], radius * pattern]))
+            found.append(base.admissible(whole)[0])
+    return found
 
 
 def rate_limits(problem: Problem) -> tuple[float, float]:
@@ -244,8 +289,8 @@ def laguerre_starts(base: Problem, variants: Sequence[Variant]) -> list[Parallel
     found = []
     for gamma in np.geomspace(low, high, count):
         poles = np.full(most, -gamma, dtype=np.complex128)
-        after = np.full(base.n_poles + 1, -gamma, dtype=np.complex128)
-        found += _starts(f"Laguerre {gamma:.3g} rad/s", base, variants, poles, after, gamma)
+        filters = tuple(np.full(g.order + 1, -gamma, dtype=np.complex128) for g in base.groups)
+        found += _starts(f"Laguerre {gamma:.3g} rad/s", base, variants, poles, filters, gamma)
     return sorted(found, key=lambda start: start.criterion)
 
 
@@ -254,13 +299,12 @@ def spread_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelSt
 
     Parameters and result as for `laguerre_starts`.
     """
-    none = np.zeros(0, dtype=np.complex128)
     low, high = rate_limits(base)
     found = []
     for damping in SPREAD_DAMPING:
-        poles = _spread(base, damping, _most(base, MOST_SPREAD))
+        poles = spread_poles(base, damping, _most(base, MOST_SPREAD))
         name = f"poles spread over the band, damping {damping:g}"
-        found += _starts(name, base, variants, poles, none, float(np.sqrt(low * high)), whole=True)
+        found += _starts(name, base, variants, poles, (), float(np.sqrt(low * high)), whole=True)
     return sorted(found, key=lambda start: start.criterion)
 
 
@@ -283,15 +327,24 @@ def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> list[Par
     low, high = rate_limits(base)
     found = []
     for damping in SPREAD_DAMPING:
-        spread = _spread(base, damping, _most(base, MOST_SPREAD) // 2)
+        spread = spread_poles(base, damping, _most(base, MOST_SPREAD) // 2)
         operators = np.concatenate([poles, poles, spread])
         name = f"the poles so far and a spread, damping {damping:g}"
         rate = float(np.sqrt(low * high))
-        found += _starts(name, base, [variant], operators, poles, rate, whole=True)
+        filters = base.split(poles)
+        found += _starts(name, base, [variant], operators, filters, rate, whole=True)
     return sorted(found, key=lambda start: start.criterion)
 
 
-def _spread(base: Problem, damping: float, count: int) -> Complex:
+def parallel_criterion(problem: Problem, rate: float, most: int) -> float:
+    """AICc of the best parallel model on up to ``most`` Laguerre functions of one rate."""
+    bank = cascade(np.full(_most(problem, most), -rate, dtype=np.complex128))
+    regressions = tuple(regress(e, bank) for e in problem.experiments)
+    return _order(problem, regressions, bank.order, None)[1]
+
+
+def spread_poles(base: Problem, damping: float, count: int) -> Complex:
+    """Poles over the whole band, real for a damping of 1 and in pairs below it."""
     low, high = rate_limits(base)
     if damping == 1.0:
         return -np.geomspace(low, 3.0 * high, count).astype(np.complex128)
@@ -302,7 +355,8 @@ def _spread(base: Problem, damping: float, count: int) -> Complex:
 
 def _most(base: Problem, limit: int) -> int:
     samples = sum(e.n_samples for e in base.experiments)
-    return max(base.n_poles + 1, min(limit, samples // (3 * base.n_inputs)))
+    fewest = max(group.order for group in base.groups) + 1
+    return max(fewest, min(limit, samples // (3 * base.n_inputs)))
 
 
 def _starts(
@@ -310,13 +364,13 @@ def _starts(
     base: Problem,
     variants: Sequence[Variant],
     poles: Complex,
-    after: Complex,
+    filters: tuple[Complex, ...],
     rate: float,
     *,
     whole: bool = False,
 ) -> list[ParallelStart]:
     """One bank, every choice of nuisance terms."""
-    bank = cascade(np.concatenate([poles, after]))
+    bank = cascade(np.concatenate([poles, _covering(filters)]))
     regressions = tuple(regress(e, bank) for e in base.experiments)
     found = []
     for variant in variants:
@@ -332,7 +386,7 @@ def _starts(
                 order,
                 criterion,
                 rate,
-                after,
+                filters,
                 bank,
                 own,
             )
@@ -340,11 +394,22 @@ def _starts(
     return found
 
 
+def _covering(filters: Sequence[Complex]) -> Complex:
+    """Poles that hold those of every filter: the longest where they repeat one, else all."""
+    if not filters:
+        return np.zeros(0, dtype=np.complex128)
+    longest = max(filters, key=len)
+    if all(np.array_equal(longest[: own.size], own) for own in filters):
+        return longest
+    return np.concatenate(filters)
+
+
 def _order(
     problem: Problem, regressions: Sequence[Regression], most: int, only: int | None
 ) -> tuple[int, float]:
     """Number of functions by AICc, summed over the outputs, and its value."""
-    fewest = min(problem.n_poles + 1, most) if only is None else only
+    highest = max(group.order for group in problem.groups)
+    fewest = min(highest + 1, most) if only is None else only
     total = np.zeros(most)
     samples = 0.0
     for i in range(problem.n_outputs):

@@ -8,6 +8,9 @@ edges. The whole record in little, good for dynamics slower than a block.
 *Window*: a stretch at the full rate, where the output moves most, with a free initial state.
 Good for dynamics that are shorter than the window.
 
+Delays stay what they are, in seconds. Where time is not uniform the averages are weighted by the
+time between the samples.
+
 Only starting poles come from them; the estimate itself is always that of the full record.
 """
 
@@ -17,6 +20,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from tridentify.checks.samples import typical_step
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Experiment
 
@@ -44,7 +48,7 @@ def averaged(problem: Problem) -> Problem:
     total = sum(e.n_samples for e in problem.experiments)
     block = -(-total // SMALL)
     experiments = [_averaged(e, _visible(e, block)) for e in problem.experiments]
-    return Problem.of(experiments, problem.n_poles, problem.n_zeros)
+    return problem.over(experiments)
 
 
 def _visible(e: Experiment, block: int) -> int:
@@ -60,14 +64,23 @@ def _averaged(e: Experiment, block: int) -> Experiment:
     if count < 2:
         return e
     kept = count * block
-    u = e.u[:kept].reshape(count, block, e.u.shape[1]).mean(axis=1)
+    edges = e.instants[:kept:block]
+    # in the last block the input is held to its end
+    spans = np.diff(e.instants[: kept + 1])
+    spans = np.append(spans, spans[-1:])[:kept].reshape(count, block, 1)
+    u = (e.u[:kept].reshape(count, block, -1) * spans).sum(axis=1) / spans.sum(axis=1)
+    start = -(-e.start // block)
+    y = e.y[:kept:block].copy()
+    y[:start] = np.nan
     return replace(
         e,
         u=np.ascontiguousarray(u),
-        y=e.y[:kept:block].copy(),
-        dt=e.dt * block,
+        y=y,
+        dt=e.dt * block if e.t is None else typical_step(edges),
         intersample="zoh",
         noise=(),
+        t=None if e.t is None else edges,
+        start=start,
     )
 
 
@@ -81,7 +94,9 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
         Its length.
     """
     e = max(problem.experiments, key=lambda one: one.n_samples)
-    length = min(samples, e.n_samples)
+    # what the delays take off the beginning is added
+    longest = 0.0 if e.delays is None else float(e.delays.max())
+    length = min(samples + int(np.ceil(longest / e.dt)), e.n_samples)
     starts = range(0, e.n_samples - length + 1, max(length // 2, 1))
     y = np.nan_to_num(e.y) if np.isnan(e.y.sum()) else e.y
     weights = 1.0 / np.where(problem.power > 0, problem.power, 1.0)
@@ -95,8 +110,19 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
     ]
     start = starts[int(np.argmax(movement))]
     part = slice(start, start + length)
-    piece = replace(e, u=np.ascontiguousarray(e.u[part]), y=e.y[part].copy(), free=True)
-    return Problem.of([piece], problem.n_poles, problem.n_zeros)
+    since = e.instants[part] - e.instants[start]
+    arrived = int(np.searchsorted(since, longest - 1e-6 * e.dt)) if longest else 0
+    y = e.y[part].copy()
+    y[:arrived] = np.nan
+    piece = replace(
+        e,
+        u=np.ascontiguousarray(e.u[part]),
+        y=y,
+        free=True,
+        t=None if e.t is None else since,
+        start=arrived,
+    )
+    return problem.over([piece])
 
 
 def free_variant(problem: Problem) -> Variant:

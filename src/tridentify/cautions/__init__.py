@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
+from tridentify.cautions.outliers import outlier_cautions
+from tridentify.cautions.sensors import sensor_cautions
 from tridentify.estimate import Estimate
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
@@ -59,6 +61,7 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
             f"Standard error above half of the value: {', '.join(vague)}. Do not rely on these "
             "coefficients one by one; excite the system more, or use fewer poles or zeros."
         )
+    found += outlier_cautions(estimate, records)
     found += _at_bounds(estimate)
     parameters = estimate.parameters.values()
     integrates = any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters)
@@ -69,6 +72,7 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
         missing = int(np.isnan(record.y).sum())
         if missing:
             found.append(f"{missing} output samples are missing{where}; they do not count.")
+        found += sensor_cautions(estimate, record, number, where)
         whitened = dict(zip(estimate.output_names, estimate.noise_model, strict=True))
         for name, outside, n_lags in coloured_outputs(estimate, record, number):
             which = "whitened residual" if whitened[name].size else "residual"
@@ -165,7 +169,7 @@ def missed_outputs(estimate: Estimate, record: Record, experiment: int) -> list[
 def _beginning(record: Record) -> Record:
     """The first 20,000 samples, or all where an output has none among them."""
     seen = np.isfinite(record.y[:LONGEST]).any(axis=0).all()
-    if record.dt is not None and record.n_samples > LONGEST and seen:
+    if record.n_samples > LONGEST and seen:
         return record.slice(None, float(record.t[LONGEST - 1]))
     return record
 

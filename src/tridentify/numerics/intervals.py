@@ -1,0 +1,352 @@
+"""Exact propagation over intervals of any lengths: jitter, gaps, delays between the samples.
+
+Between two events (an input sample arriving, an output sample being taken) the input is a straight
+line, ``u(s) = v + c s``, so the state at the end of an interval of length ``h`` is
+
+    x(h) = e^{A h} x + p(h) v + r(h) c,
+    p(h) = int_0^h e^{A s} B ds,   r(h) = int_0^h e^{A (h - s)} B s ds
+
+and all three are blocks of one exponential, that of ``[[A, B, 0], [0, 0, 1], [0, 0, 0]] h``
+(Van Loan 1978, IEEE Trans. Automatic Control 23(3), 395-404).
+
+Few different lengths (missing rows, two rates, a delay on a uniform grid) have one exponential
+each. Many (jitter) would cost more than all else; instead a length is written in the positional
+system of base 64,
+
+    h = c_0 d_0 + c_1 d_1 + ... + rest,     d_{l+1} = d_l / 64,   0 <= c_l < 64,
+
+and the state is carried over the digits one after the other, and digits that are zero cost
+nothing, so that a gap of a day beside steps of a millisecond
+needs no special case. The rest is so short that a few terms of the Taylor series, applied to the
+vector, reach rounding (Higham, Functions of Matrices, SIAM 2008, section 10.3). The cost is linear
+in the number of intervals.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Index = NDArray[np.int64]
+
+BASE = 64
+MOST_TABULATED = 128
+MOST_LEVELS = 12
+SERIES = 1e-17
+RESOLUTION = float(np.finfo(np.float64).eps)
+SNAP = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """What happens to the channels that share a delay, interval by interval.
+
+    Attributes
+    ----------
+    lengths : (m,) array
+        Of the intervals [s].
+    value, slope : (n_channels, m) arrays
+        The input at the beginning of each interval and its slope there.
+    reached : (n_samples,) int array
+        How many intervals lie before each sample; -1 where none has begun.
+    which : (m,) int array
+        The position of each length among ``distinct``; empty where they are too many.
+    distinct : (k,) array
+        Different lengths; empty where they are too many.
+    """
+
+    lengths: Array
+    value: Array
+    slope: Array
+    reached: Index
+    which: Index
+    distinct: Array
+
+
+def plan(t: Array, u: Array, delay: float, intersample: str) -> Plan:
+    """Merge the instants at which the delayed input changes with those of the samples.
+
+    Parameters
+    ----------
+    t : (n_samples,) array
+        Instants of inputs and outputs, from zero [s].
+    u : (n_samples, n_channels) array
+        Inputs; zero before the first sample.
+    delay : float
+        [s]
+    intersample : {"zoh", "foh"}
+
+    Examples
+    --------
+    >>> p = plan(np.array([0.0, 1.0, 3.0]), np.array([[1.0], [2.0], [3.0]]), 0.5, "zoh")
+    >>> p.lengths.tolist(), p.value.tolist(), p.reached.tolist()
+    ([0.5, 0.5, 1.5], [[1.0, 1.0, 2.0]], [-1, 1, 3])
+    """
+    knots = snapped(t + delay, t)
+    events = np.union1d(t, knots[knots <= t[-1]])
+    events = events[events >= knots[0]]
+    at = np.clip(np.searchsorted(knots, events[:-1], side="right") - 1, 0, t.size - 1)
+    value, slope = u[at].T, np.zeros((u.shape[1], at.size))
+    if intersample == "foh":
+        rates = np.append(np.diff(u, axis=0) / np.diff(t)[:, None], np.zeros((1, u.shape[1])), 0)
+        slope = rates[at].T
+        value = value + slope * (events[:-1] - knots[at])
+    reached = np.where(t >= knots[0], np.searchsorted(events, t), -1).astype(np.int64)
+    return _classified(np.diff(events), value, slope, reached)
+
+
+def free_plan(t: Array, begin: int) -> Plan:
+    """The intervals between the samples from sample ``begin`` on, without input."""
+    lengths = np.diff(t[begin:])
+    reached = np.arange(t.size, dtype=np.int64) - begin
+    nothing = np.zeros((1, lengths.size))
+    return _classified(lengths, nothing, nothing, np.maximum(reached, -1))
+
+
+def snapped(knots: Array, t: Array) -> Array:
+    """Knots that fall on a sample but for rounding, put onto it."""
+    tolerance = SNAP * float(np.median(np.diff(t))) + 4.0 * RESOLUTION * float(abs(t[-1]))
+    right = np.clip(np.searchsorted(t, knots), 1, t.size - 1)
+    nearest = np.where(t[right] - knots < knots - t[right - 1], right, right - 1)
+    return np.where(np.abs(t[nearest] - knots) <= tolerance, t[nearest], knots)
+
+
+def _classified(lengths: Array, value: Array, slope: Array, reached: Index) -> Plan:
+    which, distinct = np.zeros(0, dtype=np.int64), np.zeros(0)
+    # lengths as they are, else as far as the instants can tell them apart
+    unit = RESOLUTION * float(lengths.sum())
+    for key in (lengths, np.round(lengths / unit) if unit else lengths):
+        _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+        if first.size <= MOST_TABULATED:
+            which, distinct = inverse.astype(np.int64).ravel(), lengths[first]
+            break
+    return Plan(
+        lengths,
+        np.ascontiguousarray(value),
+        np.ascontiguousarray(slope),
+        reached,
+        which,
+        distinct,
+    )
+
+
+class Steps(NamedTuple):
+    """How the intervals of a plan are crossed by one state equation.
+
+    ``tables`` (levels, entries, q, q + 2) holds ``[e^{A h} | p | r / unit]``; ``units`` (levels,)
+    the lengths of one digit; with ``terms`` zero there is one level, whose entries are the
+    distinct lengths, and ``units`` are those of its entries.
+    """
+
+    tables: Array
+    units: Array
+    terms: int
+
+
+def steps(a: Array, b: Array, lengths: Array, distinct: Array) -> Steps:
+    """Tables for the intervals of a plan.
+
+    Parameters
+    ----------
+    a : (q, q) array
+    b : (q,) array
+    lengths, distinct : arrays
+        Of a `Plan`.
+    """
+    q = b.size
+    if distinct.size or not lengths.size:
+        augmented = _augmented(a, b, distinct)
+        return Steps(np.asarray(scipy.linalg.expm(augmented))[None, :, :q].copy(), distinct, 0)
+    largest = float(lengths.max())
+    size = float(np.abs(a).sum(axis=1).max())
+    levels, terms = _levels(size * largest / (BASE - 1))
+    units = largest / (BASE - 1) / BASE ** np.arange(levels, dtype=np.float64)
+    return Steps(np.ascontiguousarray(_digits(a, b, units)[:, :, :q]), units, terms)
+
+
+def _augmented(a: Array, b: Array, lengths: Array) -> Array:
+    q = b.size
+    matrix = np.zeros((lengths.size, q + 2, q + 2))
+    matrix[:, :q, :q] = lengths[:, None, None] * a
+    matrix[:, :q, q] = lengths[:, None] * b
+    matrix[:, q, q + 1] = 1.0
+    return matrix
+
+
+def _levels(size: float) -> tuple[int, int]:
+    """Levels and Taylor terms with the fewest products, for ``size = |A| d_0``."""
+    best, found = math.inf, (1, 1)
+    for level in range(1, MOST_LEVELS + 1):
+        rest = size / BASE ** (level - 1)
+        terms, bound = 0, 1.0
+        while bound > SERIES and terms < 20:
+            terms += 1
+            bound *= rest / (terms + 1)
+        # the first term left out is relative to the first one kept
+        if bound <= SERIES and level + terms < best:
+            best, found = level + terms, (level, max(terms, 1))
+    return found
+
+
+def _digits(a: Array, b: Array, units: Array) -> Array:
+    """(levels, BASE, ., .): the exponentials of 0 .. BASE - 1 units of each level.
+
+    Each is the product of two exponentials, so that no error of one is multiplied 64 times.
+    """
+    root = math.isqrt(BASE)
+    counts = np.concatenate([np.arange(root), root * np.arange(root)]).astype(np.float64)
+    lengths = np.outer(units, counts)
+    matrices = _augmented(a, b, lengths.ravel())
+    # the slope counts in one unit of the level, whatever the digit
+    matrices[:, -2, -1] = np.tile(counts, units.size)
+    found = np.asarray(scipy.linalg.expm(matrices)).reshape(
+        units.size, 2, root, *matrices.shape[1:]
+    )
+    product = found[:, 1, :, None] @ found[:, 0, None, :]
+    return np.asarray(product.reshape(units.size, BASE, *matrices.shape[1:]))
+
+
+def _cross(
+    tables: Array,
+    units: Array,
+    terms: int,
+    a: Array,
+    b: Array,
+    upper: int,
+    lengths: Array,
+    which: Index,
+    value: Array,
+    slope: Array,
+    reached: Index,
+    done: Index,
+    state: Array,
+    start: int,
+    stop: int,
+    out: Array,
+) -> None:
+    """Write the states at samples start..stop-1 and carry ``state`` and ``done`` on."""
+    levels, entries, q = tables.shape[0], tables.shape[1], tables.shape[2]
+    new, term = np.empty(q), np.empty(q)
+    for j in range(state.shape[0]):
+        for k in range(start, stop):
+            for i in range(done[j], reached[k]):
+                now, rise, rest = value[j, i], slope[j, i], lengths[i]
+                for level in range(levels):
+                    if terms == 0:
+                        digit, unit = which[i], units[which[i]]
+                    else:
+                        unit = units[level]
+                        digit = min(int(rest / unit), entries - 1)
+                        if digit == 0:
+                            continue
+                    for m in range(q):
+                        total = tables[level, digit, m, q] * now
+                        total += tables[level, digit, m, q + 1] * (rise * unit)
+                        for o in range(min(m + 1 + upper, q)):
+                            total += tables[level, digit, m, o] * state[j, o]
+                        new[m] = total
+                    for m in range(q):
+                        state[j, m] = new[m]
+                    if terms > 0:
+                        now += rise * (digit * unit)
+                        rest = max(rest - digit * unit, 0.0)
+                if terms > 0 and rest > 0.0:
+                    for m in range(q):
+                        term[m] = state[j, m]
+                    driven = now
+                    for p in range(1, terms + 1):
+                        for m in range(q):
+                            total = b[m] * driven
+                            for o in range(min(m + 1 + upper, q)):
+                                total += a[m, o] * term[o]
+                            new[m] = total * rest / p
+                        for m in range(q):
+                            term[m] = new[m]
+                            state[j, m] += new[m]
+                        driven = rise * rest if p == 1 else 0.0
+            if reached[k] >= 0:
+                done[j] = max(done[j], reached[k])
+                for m in range(q):
+                    out[j * q + m, k - start] = state[j, m]
+            else:
+                for m in range(q):
+                    out[j * q + m, k - start] = 0.0
+
+
+@cache
+def _compiled() -> Callable[..., None]:
+    """The loop as machine code (compiled at the first call, afterwards read from disk)."""
+    import numba
+
+    def read(dimensions: int, kind: Any = numba.float64) -> Any:
+        return numba.types.Array(kind, dimensions, "C", readonly=True)
+
+    whole = numba.int64
+    signature = numba.void(
+        read(4), read(1), whole, read(2), read(1), whole, read(1), read(1, whole), read(2), read(2),
+        read(1, whole), whole[::1], numba.float64[:, ::1], whole, whole, numba.float64[:, :],
+    )  # fmt: skip
+    try:
+        compiled: Any = numba.njit(signature, cache=True, error_model="numpy")(_cross)
+    except RuntimeError:  # no folder on this machine can hold the cache
+        compiled = numba.njit(signature, error_model="numpy")(_cross)
+    return compiled  # type: ignore[no-any-return]
+
+
+class Crossing:
+    """States of one state equation over the samples of a plan, block by block.
+
+    Parameters
+    ----------
+    chart : Plan
+    a : (q, q) array
+    b : (q,) array
+    state : (n_channels, q) array
+        Where the first interval begins (default: zero).
+    upper : int, optional
+        Non-zero diagonals of ``a`` above the main one (default: all).
+
+    Examples
+    --------
+    >>> t = np.array([0.0, 0.5, 2.0])
+    >>> crossing = Crossing(plan(t, np.ones((3, 1)), 0.0, "zoh"), -np.eye(1), np.ones(1))
+    >>> out = np.empty((1, 3))
+    >>> crossing.advance(0, 3, out)
+    >>> bool(np.allclose(out, 1 - np.exp(-t), rtol=1e-15))
+    True
+    """
+
+    def __init__(
+        self,
+        chart: Plan,
+        a: Array,
+        b: Array,
+        state: Array | None = None,
+        upper: int | None = None,
+    ) -> None:
+        self.chart = chart
+        self._a, self._b = np.ascontiguousarray(a), np.ascontiguousarray(b)
+        channels = chart.value.shape[0]
+        self.state = np.zeros((channels, b.size)) if state is None else state.copy()
+        self._done = np.zeros(channels, dtype=np.int64)
+        self._upper = b.size if upper is None else upper
+        self._steps: Steps | None = None
+
+    def advance(self, start: int, stop: int, out: Array) -> None:
+        """Write the states at samples ``start .. stop - 1``; to be called in their order."""
+        chart = self.chart
+        if self._steps is None:
+            self._steps = steps(self._a, self._b, chart.lengths, chart.distinct)
+        tables, units, terms = self._steps
+        _compiled()(
+            tables, units, terms, self._a, self._b, self._upper, chart.lengths, chart.which,
+            chart.value, chart.slope, chart.reached, self._done, self.state, start, stop, out,
+        )  # fmt: skip

@@ -1,0 +1,24 @@
+"""Physical parameters behind the coefficients: declared maps, estimates, and what is determined."""
+
+from __future__ import annotations
+
+from tridentify.physical.electrical import dc_motor, rc_circuit, rcrc_circuit
+from tridentify.physical.fit import estimate_physical
+from tridentify.physical.identifiability import Identifiability, identifiability
+from tridentify.physical.mechanical import mass_spring_damper, short_period
+from tridentify.physical.model import PhysicalModel, PhysicalParameter
+from tridentify.physical.result import PhysicalEstimate
+
+__all__ = [
+    "Identifiability",
+    "PhysicalEstimate",
+    "PhysicalModel",
+    "PhysicalParameter",
+    "dc_motor",
+    "estimate_physical",
+    "identifiability",
+    "mass_spring_damper",
+    "rc_circuit",
+    "rcrc_circuit",
+    "short_period",
+]

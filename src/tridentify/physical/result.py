@@ -1,0 +1,259 @@
+"""Estimated physical parameters with their covariance, and what the record says about them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import os
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.encoding import decode, encode
+from tridentify.errors import (
+    DataError,
+    PhysicalParameterError,
+    UndeterminedError,
+    UnreadableFileError,
+)
+from tridentify.estimate import Estimate
+from tridentify.files import write_atomically
+from tridentify.parameter import Parameter
+from tridentify.physical.model import model_of
+from tridentify.text import format_std, format_table, format_value, html_table
+from tridentify.trace import freeze_arrays
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+
+SCHEMA = 1
+_WIDTH = 78
+_TITLES = ("parameter", "value", "std error", "95 % from", "to", "unit")
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class PhysicalEstimate:
+    """Physical parameters, their covariance, and the coefficients that belong to them.
+
+    Attributes
+    ----------
+    model_name : str
+    names, units, descriptions : tuple of str
+        Of the parameters.
+    values : ndarray, shape (n_parameters,)
+        ``nan`` for a parameter that the record does not determine.
+    cov : ndarray, shape (n_parameters, n_parameters)
+        Rows and columns of such a parameter are ``nan``; zero for what is known exactly.
+    known : mapping of str to (float, float)
+        Value and standard deviation of what was known beforehand.
+    combinations : tuple of Parameter
+        Products and declared combinations that are determined.
+    notes : tuple of str
+        What cannot be told apart, and what to be careful about.
+    alternatives : ndarray, shape (n_others, n_parameters)
+        Other values that explain the record as well.
+    theta, theta_cov : ndarray
+        Coefficients that belong to the parameters, in the order of ``estimate.names``, and their
+        covariance.
+    fit : ndarray, shape (n_outputs,)
+        Normalised fit with these coefficients [percent].
+    statistic, p_value : float
+        Test of the restrictions that the map puts on the coefficients: chi-square distributed with
+        ``freedom`` degrees of freedom if they are true. ``nan`` where there is nothing to test.
+    by_distance : ndarray, shape (n_parameters,)
+        Parameters of least distance to the free coefficients, for comparison.
+    estimate : Estimate
+        The coefficients without the restrictions.
+    """
+
+    model_name: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    descriptions: tuple[str, ...]
+    values: Array
+    cov: Array
+    known: Mapping[str, tuple[float, float]]
+    combinations: tuple[Parameter, ...]
+    notes: tuple[str, ...]
+    alternatives: Array
+    theta: Array
+    theta_cov: Array
+    fit: Array
+    statistic: float
+    freedom: int
+    p_value: float
+    by_distance: Array
+    estimate: Estimate
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+        object.__setattr__(self, "known", MappingProxyType(dict(self.known)))
+
+    def __repr__(self) -> str:
+        pairs = zip(self.names, self.values.tolist(), self.std.tolist(), strict=True)
+        listed = ", ".join(f"{name}={format_value(v, std)}" for name, v, std in pairs)
+        return f"PhysicalEstimate({self.model_name}; {listed})"
+
+    @property
+    def std(self) -> Array:
+        """Standard errors, shape (n_parameters,); ``nan`` for what is not determined."""
+        variance = np.diag(self.cov)
+        return np.asarray(np.sqrt(np.where(variance > 0, variance, 0.0 * variance)))
+
+    @property
+    def parameters(self) -> Mapping[str, Parameter]:
+        """Name -> `Parameter`, in the order of ``names``."""
+        rows = zip(self.names, self.values.tolist(), self.std.tolist(), self.units, strict=True)
+        return MappingProxyType({row[0]: Parameter(*row) for row in rows})
+
+    def value(self, name: str) -> float:
+        """One parameter or combination.
+
+        Parameters
+        ----------
+        name : str
+
+        Returns
+        -------
+        float
+
+        Raises
+        ------
+        PhysicalParameterError
+            There is none of that name.
+        UndeterminedError
+            The record does not determine it.
+        """
+        table = {**{p.name: p for p in self.combinations}, **self.parameters}
+        if name not in table:
+            raise PhysicalParameterError(
+                f"found no {name!r} in {self.model_name}; expected one of {', '.join(table)}; "
+                "correct the name"
+            )
+        if np.isnan(table[name].value):
+            told = "; ".join(self.notes[:2])
+            raise UndeterminedError(
+                f"found no value of {name}: {told}; expected a parameter that is determined; state "
+                "some of the others with known={...}"
+            )
+        return table[name].value
+
+    @property
+    def model(self) -> TransferFunction:
+        """The transfer function that belongs to the parameters."""
+        kept = self.estimate
+        return model_of(kept.structure, self.theta, kept.input_names, kept.output_names)
+
+    def summary(self) -> str:
+        """Fixed-width text: parameters, combinations, test of the restrictions, notes."""
+        head = f"{self.model_name}: {len(self.names)} parameters from {self.estimate.n_samples}"
+        lines = ["=" * _WIDTH, *textwrap.wrap(f"{head} samples", _WIDTH), "=" * _WIDTH]
+        lines += format_table(_TITLES, [self._row(p) for p in self.parameters.values()])
+        if self.combinations:
+            titles = ("combination", *_TITLES[1:])
+            lines += ["", *format_table(titles, [self._row(p) for p in self.combinations])]
+        outputs = zip(self.estimate.output_names, self.fit, self.estimate.fit, strict=True)
+        fits = [(n, f"{f:.2f}", f"{free:.2f}", "%") for n, f, free in outputs]
+        lines += ["", *format_table(("output", "fit", "fit of free coefficients", ""), fits), ""]
+        for note in (self.test_note(), *self.notes):
+            if note:
+                lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
+        return "\n".join(line.rstrip() for line in (*lines, "=" * _WIDTH))
+
+    def test_note(self) -> str:
+        """The test of the restrictions in words; empty where there is nothing to test."""
+        if self.freedom == 0 or np.isnan(self.statistic):
+            return ""
+        verdict = (
+            "the coefficients agree with the map"
+            if self.p_value >= 0.01
+            else "the coefficients contradict the map: it, the noise or the record is not as stated"
+        )
+        return (
+            f"restrictions of the map: chi-square {self.statistic:.3g} with {self.freedom} degrees "
+            f"of freedom, p = {self.p_value:.2g}; {verdict}"
+        )
+
+    def _row(self, parameter: Parameter) -> tuple[str, ...]:
+        value, std = parameter.value, parameter.std
+        if np.isnan(value):
+            return parameter.name, "not determined", "", "", "", parameter.unit
+        ends = [format_value(end, std) for end in parameter.interval()] if std > 0 else ["", ""]
+        shown = format_std(std) if std > 0 else "known" if parameter.name in self.known else ""
+        return parameter.name, format_value(value, std), shown, *ends, parameter.unit
+
+    def _repr_html_(self) -> str:
+        rows = [self._row(p) for p in (*self.parameters.values(), *self.combinations)]
+        caption = "; ".join(filter(None, (self.model_name, self.test_note(), *self.notes)))
+        return html_table(_TITLES, rows, caption)
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write everything but the map as JSON.
+
+        Raises
+        ------
+        OutputPathError
+            The file cannot be written.
+        """
+        document = {"physical_schema": SCHEMA, **encode(self)}
+        return write_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> PhysicalEstimate:
+        """Read what `save` wrote.
+
+        Raises
+        ------
+        UnreadableFileError
+            There is no such file, or it is not JSON.
+        DataError
+            It is of another schema version, or damaged.
+        """
+        try:
+            document = json.loads(Path(path).read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise UnreadableFileError(
+                f"found no readable physical estimate in {path} ({error}); expected a JSON file "
+                "written by PhysicalEstimate.save; check the path"
+            ) from error
+        schema = document.pop("physical_schema", None) if isinstance(document, dict) else None
+        if schema != SCHEMA:
+            raise DataError(
+                f"found physical schema {schema!r} in {path}; expected {SCHEMA}; estimate again "
+                "with this version and save it"
+            )
+        try:
+            return _decoded(document)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
+            raise DataError(
+                f"found a damaged physical estimate in {path} ({error!r}); expected the fields "
+                "that PhysicalEstimate.save wrote; estimate again and save it"
+            ) from error
+
+
+def _decoded(document: Mapping[str, Any]) -> PhysicalEstimate:
+    """Build the estimate from what `encode` made of it."""
+    fields = {f.name: str(f.type) for f in dataclasses.fields(PhysicalEstimate)}
+    if document.keys() != fields.keys():
+        raise KeyError(*(document.keys() ^ fields.keys()))
+    made: dict[str, Any] = {}
+    for name, value in document.items():
+        match fields[name]:
+            case "Array":
+                made[name] = np.array(value, dtype=np.float64)
+            case "tuple[str, ...]":
+                made[name] = tuple(str(item) for item in value)
+            case "float":
+                made[name] = np.nan if value is None else float(value)
+            case _:
+                made[name] = value
+    made["known"] = {str(k): (float(v), float(s)) for k, (v, s) in document["known"].items()}
+    made["combinations"] = tuple(decode(Parameter, one) for one in document["combinations"])
+    made["alternatives"] = made["alternatives"].reshape(-1, len(made["names"]))
+    made["estimate"] = decode(Estimate, document["estimate"])
+    return PhysicalEstimate(**made)

@@ -1,0 +1,306 @@
+"""Where the delays lie: a profile of convex parallel models, then low-order models from there.
+
+The output-error cost has many minima along a delay, about one to each period of what the output
+does, and one for each way in which a fast pole can stand for a part of the delay. So its range is
+looked at as a whole before anything is refined.
+
+1. *Parallel models.* At every place of a grid the record is fitted by Laguerre functions of the
+   delayed inputs, which is convex, and AICc says how many of them and how well. Too short a delay
+   costs functions, too long a one misses the beginning of the response; the criterion is lowest
+   near the delay, whatever the poles. With several inputs one delay is taken along the grid at a
+   time, the others held, beginning from what is best for all in common.
+2. *Low order.* From the lowest places the parallel model is reduced to the order that is asked
+   for, and poles and delays are refined together (`output_error.finish`).
+3. *Away from there.* With the poles held the reduced cost is taken along each delay. Other minima
+   that come near it are followed, as long as that helps.
+
+All this runs on a stand-in where the record is long, and with a start of every kind that the
+structure allows. A free initial state stands for the inputs before the record, so output samples
+that the longest delay leaves unexplained are not looked at; a start at rest uses all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import IdentifiabilityError, UnsupportedError
+from tridentify.estimate import Estimate
+from tridentify.numerics.realization import Complex
+from tridentify.output_error.finish import Recorder, finish
+from tridentify.output_error.nuisance import Nuisances, build
+from tridentify.output_error.point import Point, evaluate
+from tridentify.output_error.problem import Problem, Variant
+from tridentify.record import Record
+from tridentify.strategy.starts import laguerre_starts, parallel_criterion, rate_limits
+from tridentify.strategy.thin import is_large, is_usable, window
+from tridentify.structure import InitialState, Structure
+
+Array = NDArray[np.float64]
+
+LONGEST = 0.3
+LONGEST_STATED = 0.6
+PLACES = 32
+FINE = 96
+RATES = 5
+FUNCTIONS = 10
+MOST_PLACES = 5
+MOST_STEPS = 12
+MOST_ROUNDS = 3
+SWEEPS = 2
+NEAR = 20.0
+HELPED = 0.005
+APART = 0.5
+MARGIN_STEPS = 2.0
+MARGIN_SHARE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """Delays and poles worth beginning from.
+
+    Attributes
+    ----------
+    delays : (n_inputs,) array [s]
+    poles : (n,) complex array
+    """
+
+    delays: Array
+    poles: Complex
+
+
+def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]:
+    """Delays and poles to begin from, the best of every kind of start.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : Structure
+        With free delays.
+
+    Returns
+    -------
+    list of Place
+        At least one.
+    """
+    found = []
+    for problem in _problems(records, structure):
+        found.append(_best(problem))
+    return [Place(point.problem.delays, point.poles) for point in found]
+
+
+def best_of_places(
+    records: Sequence[Record],
+    structure: Structure,
+    located: Callable[[Structure, Place, Array], Estimate],
+    given: Array | None = None,
+) -> Estimate:
+    """The best of the estimates from every place; again where a delay ended at its limit.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : Structure
+        With free delays.
+    located : callable
+        The estimate for a structure of known delays, from a place, with limits of the delays.
+    given : (n_inputs,) array, optional
+        Delays to begin with [s], in place of a search.
+    """
+    _refuse_direct(records[0], structure)
+    none = np.zeros(0, dtype=np.complex128)
+    places = delay_places(records, structure) if given is None else [Place(given, none)]
+    known, limits = with_delays(records, structure, [place.delays for place in places])
+    found, refusals = [], []
+    for place in places:
+        try:
+            found.append(located(known, place, limits))
+        except IdentifiabilityError as refusal:
+            refusals.append(refusal)
+    if not found:
+        raise refusals[0]
+    best = min(found, key=lambda estimate: estimate.aicc)
+    for _ in range(MOST_ROUNDS):
+        delays = best.theta[-best.model.n_inputs :]
+        if np.all(delays < 0.999 * limits):
+            break
+        known, limits = with_delays(records, structure, [delays])
+        best = located(
+            known, Place(delays, none if given is not None else best.model.poles), limits
+        )
+    return best
+
+
+def _refuse_direct(record: Record, structure: Structure) -> None:
+    """Refuse channels that follow their input at once: the delay of a jump has no derivative.
+
+    Raises
+    ------
+    UnsupportedError
+    """
+    poles = structure.poles_matrix(record.n_outputs, record.n_inputs)
+    zeros = structure.zeros_matrix(record.n_outputs, record.n_inputs)
+    if any(
+        m == n
+        for row, line in zip(poles, zeros, strict=True)
+        for n, m in zip(row, line, strict=True)
+    ):
+        raise UnsupportedError(
+            "found as many zeros as poles together with delay='free'; expected fewer zeros, as the "
+            "output must depend smoothly on the delay; lower zeros, or give the delay in seconds"
+        )
+
+
+def with_delays(
+    records: Sequence[Record], structure: Structure, delays: Sequence[Array]
+) -> tuple[Structure, Array]:
+    """A structure with known delays that leaves room around some, and how far they may go.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : Structure
+        With free delays.
+    delays : sequence of (n_inputs,) arrays [s]
+
+    Returns
+    -------
+    known : Structure
+        Output samples that no input explains, up to its delays, are not to be used.
+    limits : (n_inputs,) array [s]
+    """
+    first = records[0]
+    longest = max(float(one.max()) for one in delays)
+    step = max(float(np.median(np.diff(record.t))) for record in records)
+    shortest = min(record.duration for record in records)
+    room = longest + max(MARGIN_STEPS * step, MARGIN_SHARE * longest)
+    room = min(room, 0.9 * shortest)
+    known = replace(structure, delay=((room,) * first.n_inputs,) * first.n_outputs)
+    stated = structure.initial_state in ("rest", "equilibrium")
+    limit = 0.9 * shortest if stated else room
+    return known, np.full(first.n_inputs, limit)
+
+
+def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
+    """Small problems without delay, their limits the longest that is looked for."""
+    kinds: tuple[str, ...] = (structure.initial_state,)
+    if structure.initial_state == "auto":
+        moved = any(np.any(record.u[0]) for record in records)
+        kinds = ("rest", "equilibrium", "free") if moved else ("rest", "free")
+    first = records[0]
+    shortest = min(record.duration for record in records)
+    found = []
+    for kind in kinds:
+        offset = structure.offset is not False or kind == "equilibrium"
+        chosen = Nuisances(kind, offset, structure.drift is not False)
+        longest = (LONGEST if kind == "free" else LONGEST_STATED) * shortest
+        late = ((longest,) * first.n_inputs,) * first.n_outputs
+        state = cast("InitialState", kind)
+        known = replace(structure, delay=late, initial_state=state, offset=offset)
+        problem = build(records, known, chosen)
+        piece = window(problem) if is_large(problem) else problem
+        if is_large(problem) and not is_usable(piece):
+            piece = problem
+        nothing = np.zeros(first.n_inputs)
+        limits = np.full(first.n_inputs, min(longest, LONGEST_STATED * piece.shortest))
+        found.append(piece.delayed(nothing).freed(limits))
+    return found
+
+
+def _best(problem: Problem) -> Point:
+    """Poles and delays of the lowest cost that was found."""
+    ends = [_refined(problem, delays) for delays in _profile(problem)]
+    best = min(ends, key=lambda point: point.objective)
+    for _ in range(MOST_ROUNDS):
+        before = best
+        for delays in _elsewhere(best):
+            other = _from(problem, delays, best.poles)
+            if other.objective < best.objective - HELPED:
+                best = other
+        if best.objective > before.objective - HELPED:
+            break
+    return best
+
+
+def _profile(problem: Problem) -> list[Array]:
+    """Delays where the parallel models' criterion is low."""
+    assert problem.limits is not None
+    rates = np.geomspace(*rate_limits(problem), RATES)
+    grid = np.linspace(0.0, float(problem.limits[0]), PLACES + 1)
+    count = problem.n_inputs
+
+    def cost(delays: Array) -> float:
+        late = problem.delayed(delays).freed(None)
+        return min(parallel_criterion(late, rate, FUNCTIONS) for rate in rates)
+
+    common = np.array([cost(np.full(count, delay)) for delay in grid])
+    found = [np.full(count, grid[k]) for k in _low(common)]
+    if count > 1:
+        at = found[0].copy()
+        others: list[Array] = []
+        for sweep in range(SWEEPS):
+            for j in range(count):
+                costs = np.array([cost(np.where(np.arange(count) == j, d, at)) for d in grid])
+                low = _low(costs)
+                at[j] = grid[low[0]]
+                if sweep == SWEEPS - 1:
+                    others += [np.where(np.arange(count) == j, grid[k], at) for k in low[1:3]]
+        found = [at.copy(), found[0], *others]
+    return _distinct([*found[:MOST_PLACES], np.zeros(count)])
+
+
+def _low(costs: Array) -> NDArray[np.intp]:
+    """Positions of the local minima, the lowest first."""
+    around = np.concatenate([[np.inf], costs, [np.inf]])
+    low = np.flatnonzero((costs <= around[:-2]) & (costs <= around[2:]))
+    return low[np.argsort(costs[low], kind="stable")]
+
+
+def _distinct(delays: Sequence[Array]) -> list[Array]:
+    kept: list[Array] = []
+    for one in delays:
+        if not any(np.array_equal(one, other) for other in kept):
+            kept.append(one)
+    return kept
+
+
+def _refined(problem: Problem, delays: Array) -> Point:
+    """The parallel model at given delays reduced, and refined with them."""
+    late = problem.delayed(delays).freed(None)
+    start = laguerre_starts(late, [_kept(problem)])[0]
+    points = [evaluate(late, poles) for poles in start.candidates()]
+    return _from(problem, delays, min(points, key=lambda point: point.objective).poles)
+
+
+def _from(problem: Problem, delays: Array, poles: Complex) -> Point:
+    late = problem.delayed(delays)
+    at = partial(evaluate, late)
+    return finish(at, at(poles), Recorder(), MOST_STEPS)[0]
+
+
+def _elsewhere(point: Point) -> list[Array]:
+    """Delays, one of them moved with the poles held, where the cost has another low minimum."""
+    problem, found = point.problem, []
+    assert problem.limits is not None
+    for j, limit in enumerate(problem.limits):
+        grid = np.linspace(0.0, float(limit), FINE + 1)
+        tried = [np.where(np.arange(problem.n_inputs) == j, d, problem.delays) for d in grid]
+        costs = np.array([evaluate(problem, point.poles, 1, delays=d).objective for d in tried])
+        here = APART * (grid[1] - grid[0])
+        found += [
+            (float(costs[k]), tried[k])
+            for k in _low(costs)
+            if costs[k] < point.objective + NEAR and abs(grid[k] - problem.delays[j]) > here
+        ]
+    return [delays for _, delays in sorted(found, key=lambda one: one[0])[:MOST_PLACES]]
+
+
+def _kept(problem: Problem) -> Variant:
+    """The problem as it is: no nuisance term dropped."""
+    e = problem.experiments[0]
+    return Variant(e.free, e.offset, e.drift, (None,) * len(problem.experiments))
