@@ -376,3 +376,46 @@ def test_the_posterior_mean_is_refused_where_it_is_asked_for():
     record = record_of([0.2, 0.5], [1.0, 1.0, 3.0], 0.1)
     with pytest.raises(err.UnsupportedError, match="posterior"):
         identify(record, Structure(2, 1, static_gain=0.2), ThreeModel(finish="posterior"))
+
+
+# -------------------------------------------------------------------------- units and starts
+@every_able
+@pytest.mark.parametrize(("dt", "input_unit", "output_unit"), [(1e-6, 1e3, 1.0), (1e5, 1.0, 1e-6)])
+@pytest.mark.parametrize("case", ["gain", "bound and prior", "equality", "integrator"])
+def test_units_change_nothing_but_the_units(key, case, dt, input_unit, output_unit):
+    num, den = ([2.0], [1.0, 2.0, 0.0]) if case == "integrator" else ([0.2, 0.5], [1.0, 1.0, 3.0])
+
+    def found(step, gain_in, gain_out):
+        plain = record_of(num, den, 0.1, offset=0.3)
+        record = Record(gain_in * np.array(plain.u), gain_out * np.array(plain.y), dt=step)
+        rate, gain = DT / step, gain_out / gain_in
+        size = {"a1": rate, "a0": rate**2, "b1": gain * rate, "b0": gain * rate**2}
+        known = {
+            "gain": {"static_gain": gain * 0.5 / 3.0},
+            "bound and prior": {
+                "bounds": {"a1": (1.5 * size["a1"], None)},
+                "priors": {"b1": (0.3 * size["b1"], 0.05 * size["b1"])},
+            },
+            "equality": {"equalities": [({"a1": 1 / size["a1"], "a0": 1 / size["a0"]}, 4.2)]},
+            "integrator": {"fixed": {"a0": 0.0}},
+        }[case]
+        estimate = identify(record, Structure(2, len(num) - 1, **known), METHODS[key]())
+        scale = np.array([size[name] for name in estimate.names])
+        return estimate.theta / scale, estimate.std / scale
+
+    theta, std = found(DT, 1.0, 1.0)
+    again, others = found(dt, input_unit, output_unit)
+    assert np.allclose(again, theta, rtol=1e-9, atol=0.0)
+    assert np.allclose(others, std, rtol=1e-9, atol=0.0)
+
+
+@every_able
+def test_a_free_optimum_that_no_projection_keeps_stable_is_no_dead_end(key):
+    """A short record of four slow poles; a0 fixed makes the free optimum's neighbours unstable."""
+    den = np.poly([-0.32 + 0.46j, -0.32 - 0.46j, -0.28 + 0.53j, -0.28 - 0.53j]).real
+    record = record_of([-2.4], den, 0.03, n_samples=80)
+    structure = Structure(4, 0, fixed={"a0": den[-1]}, **REST)
+    found = identify(record, structure, METHODS[key](), throw=False)
+    noise = 0.03 * np.std(respond([-2.4], den, record.u[:, 0]))
+    assert np.all(found.model.poles.real < 0)
+    assert np.sqrt(found.cost) < 1.15 * noise

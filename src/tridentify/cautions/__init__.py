@@ -63,8 +63,8 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
         )
     found += outlier_cautions(estimate, records)
     found += _at_bounds(estimate)
-    fixed = estimate.structure.fixed or {}
-    integrates = any(name.startswith("a0") and not value for name, value in fixed.items())
+    parameters = estimate.parameters.values()
+    integrates = any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters)
     if not (estimate.model.is_stable or integrates):
         found.append("The model is not stable. Check whether the system is, or use fewer poles.")
     for number, record in enumerate(records):

@@ -26,9 +26,9 @@ from tridentify.constraints.result import (
     reference,
     standard_errors,
 )
-from tridentify.constraints.starts import plain_points, starting_points
+from tridentify.constraints.starts import further_points, starting_points
 from tridentify.errors import ContradictoryConstraintsError
-from tridentify.estimate import Estimate, Start, Trace
+from tridentify.estimate import Estimate, Start, Status, Trace
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white
 from tridentify.output_error.colour import NoiseChoice
@@ -228,10 +228,8 @@ def _from_all(
         follow(name, theta)
     if not found and known.n_poles == known.integrators:
         follow("no pole to be found", known.origin)
-    if not any(one.status.ok for one in found):
-        plain = [(name, theta) for name, theta in plain_points(problem, known, scale)]
-        ranked = sorted(plain, key=lambda pair: fit_at(problem, known, pair[1]).likelihood)
-        for name, theta in ranked[:MOST_PLAIN]:
+    if not any(one.status is Status.CONVERGED for one in found):
+        for name, theta in further_points(problem, known, seeds, scale, MOST_PLAIN):
             follow(name, theta)
     if not found:
         raise ContradictoryConstraintsError(
