@@ -9,8 +9,8 @@ looked at as a whole before anything is refined.
    costs functions, too long a one misses the beginning of the response; the criterion is lowest
    near the delay, whatever the poles. With several inputs one delay is taken along the grid at a
    time, the others held, beginning from what is best for all in common.
-2. *Low order.* From the lowest places the parallel model is reduced to the order that is asked
-   for, and poles and delays are refined together (`output_error.finish`).
+2. *Low order.* At the lowest places the poles are searched (`strategy.search`), and poles and
+   delays are refined together (`output_error.finish`).
 3. *Away from there.* With the poles held the reduced cost is taken along each delay. Other minima
    that come near it are followed, as long as that helps.
 
@@ -37,7 +37,8 @@ from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import Point, evaluate
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.record import Record
-from tridentify.strategy.starts import laguerre_starts, parallel_criterion, rate_limits
+from tridentify.strategy.search import Search
+from tridentify.strategy.starts import parallel_criterion, rate_limits
 from tridentify.strategy.thin import is_large, is_usable, window
 from tridentify.structure import InitialState, Structure
 
@@ -49,7 +50,8 @@ PLACES = 32
 FINE = 96
 RATES = 5
 FUNCTIONS = 10
-MOST_PLACES = 5
+MOST_PLACES = 4
+STARTS = 2
 MOST_STEPS = 12
 MOST_ROUNDS = 3
 SWEEPS = 2
@@ -88,10 +90,14 @@ def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]
     list of Place
         At least one.
     """
-    found = []
+    step = min(float(np.median(np.diff(record.t))) for record in records)
+    kept: list[Place] = []
     for problem in _problems(records, structure):
-        found.append(_best(problem))
-    return [Place(point.problem.delays, point.poles) for point in found]
+        best = _best(problem)
+        delays = best.problem.delays
+        if not any(np.all(np.abs(one.delays - delays) < APART * step) for one in kept):
+            kept.append(Place(delays, best.poles))
+    return kept
 
 
 def best_of_places(
@@ -130,9 +136,7 @@ def best_of_places(
         if np.all(delays < 0.999 * limits):
             break
         known, limits = with_delays(records, structure, [delays])
-        best = located(
-            known, Place(delays, none if given is not None else best.model.poles), limits
-        )
+        best = located(known, Place(delays, none), limits)
     return best
 
 
@@ -270,11 +274,9 @@ def _distinct(delays: Sequence[Array]) -> list[Array]:
 
 
 def _refined(problem: Problem, delays: Array) -> Point:
-    """The parallel model at given delays reduced, and refined with them."""
+    """The search for poles at given delays, and both refined together."""
     late = problem.delayed(delays).freed(None)
-    start = laguerre_starts(late, [_kept(problem)])[0]
-    points = [evaluate(late, poles) for poles in start.candidates()]
-    return _from(problem, delays, min(points, key=lambda point: point.objective).poles)
+    return _from(problem, delays, Search(STARTS).begin(late, [_kept(problem)]).point.poles)
 
 
 def _from(problem: Problem, delays: Array, poles: Complex) -> Point:
