@@ -20,6 +20,7 @@ __all__ = [
     "CoefficientError",
     "CoefficientMapError",
     "ConstantInputError",
+    "ContradictoryConstraintsError",
     "ConvergenceError",
     "DataError",
     "DataWarning",
@@ -30,6 +31,7 @@ __all__ = [
     "EmptyRangeError",
     "ForeignObjectError",
     "FileTooLargeError",
+    "EqualityError",
     "IdentifiabilityError",
     "ImproperModelError",
     "LengthMismatchError",
@@ -43,11 +45,13 @@ __all__ = [
     "OutputPathError",
     "ParameterNameError",
     "PhysicalParameterError",
+    "PriorError",
     "RaggedRowError",
     "ResampleError",
     "SampleTypeError",
     "SamplingError",
     "ShapeError",
+    "StaticGainError",
     "StructureError",
     "TextInColumnError",
     "ThousandsSeparatorError",
@@ -238,7 +242,7 @@ class OptionError(StructureError, TypeError):
 
 
 class ParameterNameError(StructureError):
-    """A fixed or bounded coefficient does not exist in the structure."""
+    """A coefficient that is fixed, bounded or known otherwise does not exist in the structure."""
 
 
 class BoundsError(StructureError):
@@ -247,6 +251,22 @@ class BoundsError(StructureError):
 
 class DelayError(StructureError):
     """A delay leaves no output sample that a recorded input could explain."""
+
+
+class EqualityError(StructureError):
+    """A linear equality is not a pair (weights by coefficient, value) of finite numbers."""
+
+
+class PriorError(StructureError):
+    """A prior is not a pair (mean, standard deviation) with a positive standard deviation."""
+
+
+class StaticGainError(StructureError):
+    """A known static gain is no finite number, or is nested for other channels."""
+
+
+class ContradictoryConstraintsError(StructureError):
+    """Constraints contradict one another, or leave no stable model or nothing to estimate."""
 
 
 class CoefficientError(StructureError):

@@ -16,12 +16,12 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from tridentify.errors import NonUniformTimeError, OptionError
-from tridentify.numerics.discretize import discretize
-from tridentify.numerics.propagate import propagate
-from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
+from tridentify.checks.samples import typical_step
+from tridentify.errors import OptionError
+from tridentify.numerics.realization import Complex, cascade, sort_poles
+from tridentify.numerics.sampled import Sampled, States
 from tridentify.record import Record
 
 Array = NDArray[np.float64]
@@ -225,17 +225,11 @@ def apply_operators(bank: OperatorBank, record: Record) -> Array:
     ----------
     bank : OperatorBank
     record : Record
-        Uniformly sampled.
 
     Returns
     -------
     (n_samples, n_inputs, n_operators) array
         In units of the inputs (times sqrt(s) for orthonormal functions).
-
-    Raises
-    ------
-    NonUniformTimeError
-        If the record has no uniform sampling interval.
 
     Examples
     --------
@@ -243,48 +237,18 @@ def apply_operators(bank: OperatorBank, record: Record) -> Array:
     >>> apply_operators(AllPass(1.0, 1), record)[:, 0, 0].round(6).tolist()
     [1.0, 0.213061, -0.264241]
     """
-    if record.dt is None:
-        raise NonUniformTimeError(
-            "found a record without a uniform step; expected one; resample it first"
-        )
-    states = bank_states(cascade(bank.poles), np.asarray(record.u), record.dt, record.intersample)
+    since = record.t - record.t[0]
+    signal = Sampled(
+        np.ascontiguousarray(record.u),
+        typical_step(record.t) if record.dt is None else record.dt,
+        record.intersample,
+        since if record.dt is None else None,
+    )
+    c = cascade(bank.poles)
+    states = np.empty((record.n_inputs * c.order, record.n_samples))
+    runner = States(signal, c.a, c.b, upper=int(np.any(c.poles.imag != 0)))
+    runner.advance(0, record.n_samples, states)
     n_states = bank.rows.shape[1]
     shaped = states.reshape(record.n_inputs, n_states, record.n_samples)
     value = np.einsum("jqk,iq->kji", shaped, bank.rows)
     return np.asarray(value + record.u[:, :, None] * bank.direct)
-
-
-def bank_states(
-    bank: Cascade, u: ArrayLike, dt: float, intersample: str, initial: Array | None = None
-) -> Array:
-    """States of a cascade driven by each input channel.
-
-    Parameters
-    ----------
-    bank : Cascade
-        q states.
-    u : (n_samples, n_inputs) array
-    dt : float
-        [s]
-    intersample : {"zoh", "foh"}
-    initial : (n_inputs, q) array, optional
-        States at the first sample (default: zero).
-
-    Returns
-    -------
-    (n_inputs * q, n_samples) array
-    """
-    inputs = np.ascontiguousarray(u, dtype=np.float64)
-    step = discretize(bank.a, bank.b[:, None], dt, intersample)
-    state = np.zeros((inputs.shape[1], bank.order)) if initial is None else initial.copy()
-    out = np.empty((state.size, inputs.shape[0]))
-    propagate(
-        step.transition,
-        step.from_current[:, 0],
-        step.from_next[:, 0],
-        inputs,
-        state,
-        out,
-        upper=int(np.any(bank.poles.imag != 0)),
-    )
-    return out

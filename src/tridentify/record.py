@@ -2,14 +2,16 @@
 
 A `Record` holds the sampled inputs ``u`` and outputs ``y`` of one experiment, time along the first
 axis. The sampled input stands for a function of continuous time: `intersample` says which one, held
-between samples (``"zoh"``, a computer's output) or joined by straight lines (``"foh"``, a measured
-smooth signal). Arrays are copied once, checked and made read-only; every method gives a new record
-that shares the memory it can share.
+between samples (``"zoh"``, a computer's output), joined by straight lines (``"foh"``, a measured
+smooth signal) or without content above half the sampling rate (``"band-limited"``, a signal
+measured behind an anti-aliasing filter). Arrays are copied once, checked and made read-only; every
+method gives a new record that shares the memory it can share.
 """
 
 from __future__ import annotations
 
 import html
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -18,10 +20,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tridentify.checks.rates import filtered, interpolate, merge_rates
 from tridentify.checks.samples import (
     FloatArray,
     Intersample,
     channel_names,
+    check_band_limited,
     check_distinct,
     check_inputs,
     check_lengths,
@@ -32,11 +36,23 @@ from tridentify.checks.samples import (
     sample_range,
     time_axis,
     time_slack,
+    uniform_step,
     warn_if_input_moves,
 )
-from tridentify.errors import EmptyRangeError, OptionError, ResampleError, ShapeError, shown
+from tridentify.errors import (
+    DataWarning,
+    EmptyRangeError,
+    OptionError,
+    ResampleError,
+    SampleTypeError,
+    ShapeError,
+    shown,
+)
+from tridentify.numerics.interpolation import FEWEST, lowpass
 
 __all__ = ["FloatArray", "Intersample", "Record"]
+
+MOST_SAMPLES = 20_000_000
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -53,8 +69,9 @@ class Record:
         Uniform sampling interval [s]; time then begins at zero. Give exactly one of `dt` and `t`.
     t : array_like, shape (n_samples,), optional
         Sampling instants [s], strictly increasing.
-    intersample : {"zoh", "foh"}
-        What the input does between samples: it is held, or joined by straight lines.
+    intersample : {"zoh", "foh", "band-limited"}
+        What the input does between samples: it is held, joined by straight lines, or the
+        band-limited signal through its samples (uniform time only).
     input_names, output_names : sequence of str, optional
         One name per channel, all different; ``u`` or ``u1, u2, ...`` and likewise ``y`` by default.
     units : mapping of str to str, optional
@@ -120,14 +137,16 @@ class Record:
         units: Mapping[str, str] | None = None,
         name: str | None = None,
     ) -> None:
-        if intersample not in ("zoh", "foh"):
+        if intersample not in ("zoh", "foh", "band-limited"):
             raise OptionError(
                 f"found intersample={shown(intersample)}; expected 'zoh' (input held between "
-                "samples) or 'foh' (straight lines); choose one"
+                "samples), 'foh' (straight lines) or 'band-limited'; choose one"
             )
         inputs, outputs = sample_array("u", u), sample_array("y", y)
         step, time = time_axis(dt, t, len(inputs))
         check_lengths(inputs, outputs, time)
+        if intersample == "band-limited":
+            check_band_limited(step, len(inputs))
         names_in = channel_names(input_names, inputs.shape[1], "u")
         names_out = channel_names(output_names, outputs.shape[1], "y")
         check_distinct((*names_in, *names_out))
@@ -243,7 +262,11 @@ class Record:
         return self._part(0, middle), self._part(middle, self.n_samples)
 
     def _part(self, first: int, last: int) -> Record:
-        return self._derive(u=self.u[first:last], y=self.y[first:last], t=self.t[first:last])
+        t = self.t[first:last]
+        if self.intersample == "band-limited":
+            check_band_limited(self.dt, len(t))
+        step = uniform_step(t) if self.dt is None else self.dt
+        return self._derive(u=self.u[first:last], y=self.y[first:last], t=t, dt=step)
 
     def detrend(self, order: Literal[0, 1] = 0) -> Record:
         """Take the mean, or the straight line, out of every output.
@@ -285,29 +308,34 @@ class Record:
         return self._derive(y=y)
 
     def resample(self, dt: float) -> Record:
-        """Keep every k-th sample.
+        """Keep every k-th sample, or interpolate a record that is not uniform onto a uniform grid.
 
         Parameters
         ----------
         dt : float
-            New sampling interval [s], a whole multiple of the present one.
+            New sampling interval [s]; on uniform time a whole multiple of the present one.
 
         Returns
         -------
         Record
-            Every k-th sample, beginning with the first. No filter is applied: a continuous-time
-            model needs none, since samples of the output stay samples of the output.
+            On uniform time every k-th sample, beginning with the first. No filter is applied: a
+            continuous-time model needs none, since samples of the output stay samples of the
+            output (`decimate` is the one that filters). Otherwise the outputs on straight lines
+            between their samples, ``nan`` where two of them lie more than three typical intervals
+            apart or one is missing, and the inputs as `intersample` has them.
 
         Raises
         ------
         ResampleError
-            The record is not uniform, or `dt` is not a whole multiple of its step.
+            `dt` is not a whole multiple of a uniform step, or no interval that fits the record.
 
         Warns
         -----
         DataWarning
             The input changes between the samples that are kept, so that `intersample` no longer
-            describes it and a model identified from the result will be biased.
+            describes it and a model identified from the result will be biased. Or the outputs were
+            interpolated, which smooths and colours their noise: `ThreeModel` and `OutputError` take
+            the record as it is.
 
         Examples
         --------
@@ -315,12 +343,7 @@ class Record:
         array([0., 2., 4.])
         """
         if self.dt is None:
-            raise ResampleError(
-                "found a time axis that is not uniform; expected a uniform one to keep every k-th "
-                "sample of; if its jitter is small, make the record with the mean step instead, "
-                f"dt={self.duration / (self.n_samples - 1):.6g}, else interpolate u and y to a "
-                "uniform step before they become a record"
-            )
+            return self._interpolated(dt)
         ratio = dt / self.dt if np.isfinite(dt) else np.nan
         factor = round(ratio) if ratio >= 0.5 and np.isfinite(ratio) else 0
         if factor < 1 or abs(ratio - factor) > 1e-6 * factor or self.n_samples <= factor:
@@ -330,11 +353,175 @@ class Record:
                 "y before they become a record"
             )
         warn_if_input_moves(self.u, factor, self.intersample)
-        return self._derive(
-            u=np.ascontiguousarray(self.u[::factor]),
-            y=np.ascontiguousarray(self.y[::factor]),
-            t=np.ascontiguousarray(self.t[::factor]),
-            dt=self.dt * factor,
+        return self._thinned(self.u, self.y, factor, self.intersample)
+
+    def _thinned(
+        self, u: FloatArray, y: FloatArray, factor: int, intersample: Intersample
+    ) -> Record:
+        assert self.dt is not None
+        return Record(
+            u[::factor],
+            y[::factor],
+            t=self.t[::factor],
+            intersample=intersample,
+            input_names=self.input_names,
+            output_names=self.output_names,
+            units=self.units,
+            name=self.name,
+        )
+
+    def _interpolated(self, dt: float) -> Record:
+        if not 0.0 < dt < self.duration:
+            raise ResampleError(
+                f"found dt={dt:.6g} s; expected a step between 0 and the duration of "
+                f"{self.duration:.6g} s; choose such a step"
+            )
+        if self.duration / dt > MOST_SAMPLES:
+            raise ResampleError(
+                f"found dt={dt:.6g} s for a record of {self.duration:.6g} s; expected at most "
+                f"{MOST_SAMPLES} samples; choose a longer step, or slice the record at its gaps"
+            )
+        grid = np.arange(int(self.duration / dt * (1.0 + 1e-9)) + 1) * dt + self.t[0]
+        warnings.warn(
+            "found outputs between whose samples the new ones lie; expected samples as they were "
+            "taken, since interpolation smooths and colours the noise; identify the record as it "
+            "is, with ThreeModel() or OutputError()",
+            DataWarning,
+            stacklevel=3,
+        )
+        u, y = interpolate(self.t, self.u, self.y, grid, self.intersample)
+        return Record(
+            u,
+            y,
+            t=grid,
+            intersample=self.intersample,
+            input_names=self.input_names,
+            output_names=self.output_names,
+            units=self.units,
+            name=self.name,
+        )
+
+    def decimate(self, factor: int) -> Record:
+        """Lower the sampling rate behind an anti-aliasing filter.
+
+        Inputs and outputs are filtered by one and the same filter without phase, as functions of
+        time (`intersample` says which function the input is). A linear system and a filter may be
+        exchanged, so the filtered output is the same system's response to the filtered input, and
+        the model is kept. What is left is the band below 0.7 of the new Nyquist rate, and some of
+        the noise: the standard errors tell what that costs.
+
+        Parameters
+        ----------
+        factor : int
+            How many samples become one, at least 2.
+
+        Returns
+        -------
+        Record
+            With ``intersample="band-limited"``. Outputs are ``nan`` where the filter reaches beyond
+            the record, at about ``9`` samples from either end, and where a sample is missing
+            within its reach.
+
+        Raises
+        ------
+        ResampleError
+            The record is not uniform, or too short for the filter.
+        OptionError
+            `factor` is no whole number of at least 2.
+
+        Examples
+        --------
+        >>> t = np.arange(2000) * 0.01
+        >>> thin = Record(np.sin(t), np.cos(t), dt=0.01, intersample="foh").decimate(10)
+        >>> thin
+        Record(200 samples, 19.9 s, dt=0.1 s, band-limited, inputs: u, outputs: y)
+        >>> bool(np.nanmax(np.abs(thin.y[:, 0] - np.cos(thin.t))) < 1e-4)
+        True
+        """
+        if not isinstance(factor, int) or isinstance(factor, bool) or factor < 2:
+            raise OptionError(
+                f"found factor={shown(factor)}; expected a whole number of at least 2; correct it"
+            )
+        if self.dt is None:
+            raise ResampleError(
+                "found a time axis that is not uniform; expected a uniform one to filter; identify "
+                "the record as it is, or resample it first"
+            )
+        reach = lowpass(factor, "band-limited").size
+        if self.n_samples < reach + FEWEST * factor:
+            raise ResampleError(
+                f"found {self.n_samples} samples; expected at least {reach + FEWEST * factor} for "
+                f"an anti-aliasing filter at factor {factor}; choose a smaller factor, or resample"
+            )
+        u = filtered(self.u, lowpass(factor, self.intersample), extend=True)
+        y = filtered(self.y, lowpass(factor, "band-limited"), extend=False)
+        return self._thinned(u, y, factor, "band-limited")
+
+    @classmethod
+    def from_rates(
+        cls,
+        u: ArrayLike,
+        y: ArrayLike,
+        *,
+        u_dt: float,
+        y_dt: float,
+        y_start: float = 0.0,
+        intersample: Intersample = "zoh",
+        input_names: Sequence[str] | None = None,
+        output_names: Sequence[str] | None = None,
+        units: Mapping[str, str] | None = None,
+        name: str | None = None,
+    ) -> Record:
+        """One record of inputs and outputs that were sampled at different rates.
+
+        Nothing is interpolated in the outputs: they are ``nan`` at instants at which only the
+        input was sampled. Inputs at instants of outputs alone are what `intersample` says.
+
+        Parameters
+        ----------
+        u, y : array_like, shape (n,) or (n, n_channels)
+            Each with its own number of samples.
+        u_dt, y_dt : float
+            Sampling intervals of inputs and outputs [s].
+        y_start : float
+            When the first output was taken, the first input being at zero [s].
+        intersample, input_names, output_names, units, name
+            As in `Record`.
+
+        Returns
+        -------
+        Record
+            On the finer grid where one interval is a whole multiple of the other, else on the
+            instants of both.
+
+        Raises
+        ------
+        SamplingError
+            An interval is not positive.
+        LengthMismatchError
+            Outputs lie before the first input or after the last one ends.
+        NonUniformTimeError
+            A band-limited input whose grid does not hold all instants of the outputs.
+
+        Examples
+        --------
+        >>> record = Record.from_rates([0, 1, 1, 0, 0], [0.0, 0.3, 0.2], u_dt=0.1, y_dt=0.2)
+        >>> record.y.ravel()
+        array([0. , nan, 0.3, nan, 0.2])
+        """
+        inputs, outputs = sample_array("u", u), sample_array("y", y)
+        own = time_axis(u_dt, None, len(inputs))[1]
+        other = time_axis(y_dt, None, len(outputs))[1] + y_start
+        t, u_all, y_all = merge_rates(own, inputs, other, outputs, intersample)
+        return cls(
+            u_all,
+            y_all,
+            t=t,
+            intersample=intersample,
+            input_names=input_names,
+            output_names=output_names,
+            units=units,
+            name=name,
         )
 
     def select(
@@ -373,6 +560,51 @@ class Record:
             output_names=names_out,
             units=MappingProxyType({k: v for k, v in self.units.items() if k in kept}),
         )
+
+    def mask(self, where: ArrayLike) -> Record:
+        """Mark output samples as missing, say those where the sensor was saturated.
+
+        A missing sample tells nothing about the model. That a saturated one lay beyond the limit
+        is lost with it; where noise decides which samples are beyond, the rest is a little biased.
+
+        Parameters
+        ----------
+        where : array_like of bool, shape (n_samples, n_outputs) or (n_samples,)
+            True for a sample that does not count; one column goes for all outputs.
+
+        Returns
+        -------
+        Record
+            The same with ``nan`` there.
+
+        Raises
+        ------
+        ShapeError
+            The flags do not fit the outputs.
+        SampleTypeError
+            They are not boolean.
+        EmptyChannelError
+            An output would have no sample left.
+
+        Examples
+        --------
+        >>> record = Record([0, 1, 1], [0.0, 1.0, 9.99], dt=0.1)
+        >>> record.mask(record.y >= 9.99).y.ravel()
+        array([ 0.,  1., nan])
+        """
+        flags = np.asarray(where)
+        if flags.dtype != np.bool_:
+            raise SampleTypeError(
+                f"found flags of type {flags.dtype}; expected True or False for each sample; "
+                "compare the outputs with a limit, as in record.y >= 9.99"
+            )
+        if flags.shape not in (self.y.shape, (self.n_samples,)):
+            raise ShapeError(
+                f"found flags of shape {flags.shape}; expected {self.y.shape}, or "
+                f"{(self.n_samples,)} for all outputs alike; keep the shape of record.y"
+            )
+        column = flags if flags.ndim == 2 else flags[:, np.newaxis]
+        return self._derive(y=np.where(column, np.nan, self.y))
 
     def with_outputs(self, y: ArrayLike) -> Record:
         """Put other samples in place of the outputs.

@@ -19,13 +19,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from tridentify.checks.orders import (
     Bounds,
+    Equality,
+    Gain,
     Matrix,
     channel_matrix,
     checked_bounds,
     checked_choice,
     checked_delays,
+    checked_equalities,
     checked_fixed,
+    checked_gain,
     checked_orders,
+    checked_priors,
 )
 from tridentify.errors import (
     BoundsError,
@@ -33,6 +38,7 @@ from tridentify.errors import (
     OptionError,
     OrderError,
     ParameterNameError,
+    StaticGainError,
     StructureError,
     shown,
 )
@@ -68,9 +74,18 @@ class Structure:
         the steady state under the first input value (a trimmed aircraft); the input counts from
         that value and the offset carries the trim. "free": any state. "auto" lets the data decide.
     fixed : mapping of str to float, optional
-        Coefficients that are known, by name.
+        Coefficients that are known, by name. ``{"a0": 0.0}`` (with ``"a1": 0.0``, ...) says that
+        the model has an integrator (two, ...): poles at the origin.
     bounds : mapping of str to (float or None, float or None), optional
         Lowest and highest value of coefficients, by name; None for no limit.
+    equalities : sequence of (mapping of str to float, float), optional
+        Linear equalities: weights by coefficient, and the value of the weighted sum.
+        ``({"b0": 1.0, "a0": -2.0}, 0.0)`` says ``b0 = 2 a0``.
+    priors : mapping of str to (float, float), optional
+        What is known before the record: mean and standard deviation of a Gaussian, by coefficient.
+    static_gain : float or nested sequence of (float or None), optional
+        Known static gain b0 / a0, nested ``static_gain[output][input]`` with None where it is
+        unknown; a number holds for all channels.
 
     Raises
     ------
@@ -80,8 +95,10 @@ class Structure:
         Nested entries are not ``[output][input]`` or do not fit each other.
     OptionError
         `delay`, `offset`, `drift` or `initial_state` has a value that is not offered.
-    ParameterNameError, BoundsError
-        `fixed` or `bounds` name no coefficient of this structure, or hold no sensible numbers.
+    ParameterNameError
+        `fixed`, `bounds`, `equalities` or `priors` name no coefficient of this structure.
+    BoundsError, EqualityError, PriorError, StaticGainError
+        What is known holds no sensible numbers.
 
     Notes
     -----
@@ -106,6 +123,9 @@ class Structure:
     initial_state: InitialState = "auto"
     fixed: Mapping[str, float] | None = field(default=None, hash=False)
     bounds: Mapping[str, Bounds] | None = field(default=None, hash=False)
+    equalities: Sequence[Equality] | None = field(default=None, hash=False)
+    priors: Mapping[str, tuple[float, float]] | None = field(default=None, hash=False)
+    static_gain: float | Sequence[Sequence[float | None]] | None = None
 
     def __post_init__(self) -> None:
         clean: dict[str, object] = {
@@ -116,6 +136,9 @@ class Structure:
             "drift": checked_choice("drift", self.drift),
             "fixed": MappingProxyType(checked_fixed(self.fixed)),
             "bounds": MappingProxyType(checked_bounds(self.bounds)),
+            "equalities": checked_equalities(self.equalities),
+            "priors": MappingProxyType(checked_priors(self.priors)),
+            "static_gain": checked_gain(self.static_gain),
         }
         for key, value in clean.items():
             object.__setattr__(self, key, value)
@@ -140,6 +163,8 @@ class Structure:
                 f"found {found} (outputs x inputs); expected the same numbers; nest them alike"
             )
         n_outputs, n_inputs = next(iter(shapes.values()), (1, 1))
+        if isinstance(self.static_gain, tuple) and shapes:
+            self.gain_matrix(n_outputs, n_inputs)
         poles = self.poles_matrix(n_outputs, n_inputs)
         zeros = self.zeros_matrix(n_outputs, n_inputs)
         for row_n, row_m in zip(poles, zeros, strict=True):
@@ -151,7 +176,7 @@ class Structure:
                     )
 
     def _check_constraints(self) -> None:
-        for name in (*self._fixed, *self._bounds):
+        for name in self.known:
             match = _PARAMETER.fullmatch(name)
             orders = self.poles if match and match[1] == "a" else self.zeros
             largest = orders if isinstance(orders, int) else max(max(row) for row in orders)
@@ -159,7 +184,7 @@ class Structure:
             missing = match is None or (match[1] is not None and int(match[2]) > highest)
             if missing or (name.startswith("delay") and self.delay != "free"):
                 raise ParameterNameError(
-                    f"found {shown(name)} in fixed or bounds; expected a coefficient such as "
+                    f"found {shown(name)} among what is known; expected a coefficient such as "
                     f"{', '.join(self.names())}; correct the name"
                 )
         for name in self._fixed.keys() & self._bounds.keys():
@@ -174,6 +199,17 @@ class Structure:
     @property
     def _bounds(self) -> Mapping[str, Bounds]:
         return self.bounds or {}
+
+    @property
+    def known(self) -> tuple[str, ...]:
+        """Names of the coefficients of which something is said, kind by kind; may repeat."""
+        named = [name for weights, _ in self.equalities or () for name in weights]
+        return (*self._fixed, *self._bounds, *named, *(self.priors or {}))
+
+    @property
+    def constrained(self) -> bool:
+        """Whether anything is known of the coefficients."""
+        return bool(self.known) or self.static_gain is not None
 
     @property
     def shared(self) -> bool:
@@ -254,6 +290,39 @@ class Structure:
         known = 0.0 if self.delay == "free" else cast("float | Matrix[float]", self.delay)
         return channel_matrix("delay", known, n_outputs, n_inputs)
 
+    def gain_matrix(self, n_outputs: int, n_inputs: int) -> tuple[tuple[float | None, ...], ...]:
+        """Give the known static gain of every channel.
+
+        Parameters
+        ----------
+        n_outputs, n_inputs : int
+            Numbers of channels of the record.
+
+        Returns
+        -------
+        tuple of tuple of (float or None), ``[output][input]``
+            None where it is unknown.
+
+        Raises
+        ------
+        StaticGainError
+            The nested gains are for other numbers of channels.
+
+        Examples
+        --------
+        >>> Structure(2, 0, static_gain=[[1.5, None]]).gain_matrix(1, 2)
+        ((1.5, None),)
+        """
+        gain = cast("Gain | None", self.static_gain)
+        if not isinstance(gain, tuple):
+            return ((gain,) * n_inputs,) * n_outputs
+        if (len(gain), len(gain[0])) != (n_outputs, n_inputs):
+            raise StaticGainError(
+                f"found static_gain for {len(gain)} outputs x {len(gain[0])} inputs; expected "
+                f"{n_outputs} x {n_inputs}; nest it as static_gain[output][input]"
+            )
+        return gain
+
     def names(
         self, input_names: Sequence[str] = ("u",), output_names: Sequence[str] = ("y",)
     ) -> tuple[str, ...]:
@@ -276,7 +345,7 @@ class Structure:
         ChannelCountError
             Nested orders are for other numbers of channels.
         ParameterNameError
-            A fixed or bounded coefficient does not exist.
+            A coefficient of which something is known does not exist.
 
         Examples
         --------
@@ -296,11 +365,11 @@ class Structure:
         if self.delay == "free":
             one = len(input_names) == 1
             names += ["delay"] if one else [f"delay[{source}]" for source in input_names]
-        for name in (*self._fixed, *self._bounds):
+        for name in self.known:
             # without channels at hand (the default names) a bracketed name cannot be judged
             if name not in names and not ("[" in name and (input_names, output_names) == _DEFAULT):
                 raise ParameterNameError(
-                    f"found {shown(name)} in fixed or bounds; expected one of {', '.join(names)}; "
+                    f"found {shown(name)} among what is known; expected one of {', '.join(names)}; "
                     "correct the name"
                 )
         return tuple(names)
@@ -410,6 +479,9 @@ class Structure:
             "initial_state": self.initial_state,
             "fixed": dict(self._fixed),
             "bounds": {name: list(pair) for name, pair in self._bounds.items()},
+            "equalities": [[dict(weights), value] for weights, value in self.equalities or ()],
+            "priors": {name: list(pair) for name, pair in (self.priors or {}).items()},
+            "static_gain": plain(self.static_gain),
         }
 
     @classmethod

@@ -462,3 +462,28 @@ def test_counting_reports_every_tenth_in_plain_text(capsys):
             activity.count(done, 100)
     lines = capsys.readouterr().err.splitlines()
     assert [line.split()[1] for line in lines] == [str(k) for k in range(10, 101, 10)]
+
+
+# ------------------------------------------------------------------------------- robust losses
+def test_outliers_may_be_met_with_a_robust_loss(run, write_table, clean, question):
+    rng = np.random.default_rng(2)
+    noise = 1e-3 * rng.standard_normal(clean["q"].size)
+    where = rng.choice(noise.size, 30, replace=False)
+    noise[where] += 0.1
+    path = write_table("spikes.csv", clean | {"q": clean["q"] + noise})
+    plain = json.loads(run("identify", path, *question, "--json").out)
+    assert any("--loss huber" in text for text in plain["warnings"])
+    for loss in ("huber", "student"):
+        outcome = run("identify", path, *question, "--loss", loss, "--json")
+        assert outcome.code == 0
+        document = json.loads(outcome.out)
+        assert values(document) == pytest.approx(TRUTH, rel=0.05)
+        assert any("30 of 600 samples lie beyond" in text for text in document["decisions"])
+        assert document["fit"][0]["noise_std"] == pytest.approx(1e-3, rel=0.2)
+
+
+def test_loss_is_refused_with_a_method_that_has_no_choice_of_it(run, noisy, question):
+    options = ["--method", "svf-least-squares", "--loss", "huber"]
+    outcome = run("identify", noisy, *question, *options)
+    assert outcome.code == 2
+    assert "found --loss huber with --method svf-least-squares" in outcome.err

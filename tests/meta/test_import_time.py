@@ -12,13 +12,18 @@ import sys
 import pytest
 
 HEAVY = (
+    "asammdf",
     "control",
+    "h5py",
     "jinja2",
     "jsbsim",
     "matplotlib",
+    "narwhals",
     "numba",
     "pandas",
     "polars",
+    "pyarrow",
+    "pyulog",
     "rich",
     "scipy.integrate",
     "scipy.optimize",

@@ -25,17 +25,6 @@ DEGREE = np.pi / 180.0
 PLAIN = ThreeModel(noise="white")
 
 
-@pytest.fixture(scope="module")
-def folder(shared_data):
-    def find(name):
-        path = shared_data / name
-        if not path.is_dir():
-            pytest.skip(f"no {name} among the shared records")
-        return path
-
-    return find
-
-
 def attas(folder, name, outputs):
     return read_record(
         folder("attas-short-period") / name,

@@ -14,7 +14,6 @@ from tridentify.operators import (
     Kautz,
     Laguerre,
     apply_operators,
-    bank_states,
 )
 
 S = np.array([0.3j, 2.0j, 1.0 + 5.0j, 9.0])
@@ -87,15 +86,6 @@ def test_operators_on_a_record_agree_with_scipy(operator, num, den, intersample)
         assert found[:, j, 1] == pytest.approx(expected, rel=1e-9, abs=1e-11)
 
 
-def test_bank_states_begin_where_told_and_leave_that_alone():
-    bank = cascade(np.array([-1.0 + 0j, -2.0]))
-    initial = np.array([[1.0, 2.0]])
-    found = bank_states(bank, np.zeros((4, 1)), DT, "zoh", initial)
-    assert found[:, 0].tolist() == [1.0, 2.0]
-    assert found[0] == pytest.approx(np.exp(-np.arange(4) * DT))
-    assert initial.tolist() == [[1.0, 2.0]]
-
-
 @pytest.mark.parametrize("kind", [AllPass, Laguerre])
 @pytest.mark.parametrize(
     ("gamma", "order"), [(0.0, 2), (-1.0, 2), (np.nan, 2), (np.inf, 2), (1.0, 0), (1.0, 1.5)]
@@ -119,7 +109,7 @@ def test_poles_that_are_no_pairs_are_refused(torn):
         GeneralizedBasis(torn)
 
 
-def test_a_record_without_a_uniform_step_is_refused():
+def test_a_record_without_a_uniform_step_is_filtered_exactly():
     record = Record(np.ones(3), np.ones(3), t=[0.0, 1.0, 3.0])
-    with pytest.raises(errors.NonUniformTimeError):
-        apply_operators(Laguerre(1.0, 1), record)
+    found = apply_operators(Laguerre(1.0, 1), record)[:, 0, 0]
+    assert found == pytest.approx(np.sqrt(2.0) * (1.0 - np.exp(-record.t)), rel=1e-13)

@@ -117,6 +117,14 @@ def test_columns_of_an_array_are_numbered(tmp_path: Path) -> None:
     np.testing.assert_array_equal(record.y[:, 0], [1, 3, 5, 7])
 
 
+@pytest.mark.parametrize("name", ["book.xlsx", "run.npz"])
+def test_another_zip_archive_is_refused(tmp_path: Path, name: str) -> None:
+    with zipfile.ZipFile(tmp_path / name, "w") as archive:
+        archive.writestr("xl/workbook.xml", "<workbook/>")
+    with pytest.raises(errors.UnreadableFileError, match="ZIP archive without arrays"):
+        read_record(tmp_path / name, dt=1.0, inputs=["u"], outputs=["y"])
+
+
 def test_arrays_of_different_length_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "run.npz"
     np.savez(path, u=np.arange(4.0), y=np.arange(5.0))
@@ -169,6 +177,23 @@ def test_an_archive_that_unpacks_to_more_than_memory_is_refused(
     monkeypatch.setattr(isolation, "memory_limit", lambda: 10_000_000)
     with pytest.raises(errors.FileTooLargeError, match=r"at most 0\.00931 GiB"):
         read_record(path, dt=1.0, inputs=["u"], outputs=["y"])
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "feather"])
+def test_columns_that_unpack_to_more_than_memory_are_refused(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / f"bomb.{suffix}"
+    repeated = pl.DataFrame({"u": np.zeros(1000)}).lazy()
+    frame = repeated.select(pl.col("u").repeat_by(20_000).explode()).collect()
+    frame = frame.with_columns(y=pl.col("u"))
+    write = frame.write_parquet if suffix == "parquet" else frame.write_ipc
+    write(path, compression="zstd")
+    assert path.stat().st_size < 1_000_000
+    with isolation.IsolatedFile(path, "tridentify.formats.arrow", suffix) as source:
+        monkeypatch.setattr(isolation, "memory_limit", lambda: 10_000_000)
+        with pytest.raises(errors.FileTooLargeError, match=r"0\.298 GiB of samples"):
+            source.read([0, 1])
 
 
 def test_a_header_that_lies_about_its_size_is_refused(tmp_path: Path) -> None:

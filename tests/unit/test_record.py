@@ -270,9 +270,10 @@ def test_other_steps_are_refused(dt: float) -> None:
         ramp().resample(dt)
 
 
-def test_a_record_that_is_not_uniform_is_not_resampled() -> None:
-    with pytest.raises(errors.ResampleError, match="not uniform"):
-        Record(U, Y, t=[0.0, 1.0, 3.0, 4.0]).resample(2.0)
+@pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, 4.0, 1e-9])
+def test_a_record_that_is_not_uniform_needs_a_step_that_fits(dt) -> None:
+    with pytest.raises(errors.ResampleError, match="expected"):
+        Record(U, Y, t=[0.0, 1.0, 3.0, 4.0]).resample(dt)
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,33 @@ def test_constraints_survive_json_and_cannot_be_changed() -> None:
         structure.fixed["a0"] = 4.0
 
 
+def test_all_that_is_known_survives_json_and_cannot_be_changed() -> None:
+    structure = Structure(
+        2,
+        1,
+        equalities=[({"b0": 1, "a0": -2, "a1": 0.0}, 0)],
+        priors={"a1": [1, 0.1]},
+        static_gain=np.float64(2.0),
+    )
+    twin = Structure.from_dict(json.loads(json.dumps(structure.to_dict())))
+    assert twin == structure == pickle.loads(pickle.dumps(structure))
+    ((weights, value),) = twin.equalities
+    assert (dict(weights), value) == ({"b0": 1.0, "a0": -2.0}, 0.0)
+    assert dict(twin.priors) == {"a1": (1.0, 0.1)}
+    assert twin.static_gain == 2.0
+    with pytest.raises(TypeError):
+        weights["b0"] = 4.0
+
+
+def test_a_structure_says_whether_anything_is_known() -> None:
+    assert not Structure(2, 1).constrained
+    assert Structure(2, 1, static_gain=0.0).constrained
+    assert Structure(2, 1, static_gain=[[None, 2.0]]).gain_matrix(1, 2) == ((None, 2.0),)
+    assert Structure(2, 1, priors={"a0": (1.0, 0.1)}, fixed={"b0": 1.0}).known == ("b0", "a0")
+    with pytest.raises(errors.StaticGainError, match="expected 2 x 1"):
+        Structure(2, 1, static_gain=[[1.0, 2.0]]).gain_matrix(2, 1)
+
+
 def test_replace_resolves_a_choice() -> None:
     resolved = dataclasses.replace(Structure(2, 1, delay=0.1), offset=True, initial_state="rest")
     assert (resolved.offset, resolved.initial_state, resolved.delay) == (True, "rest", 0.1)
@@ -153,6 +180,26 @@ BAD = [
     (errors.BoundsError, (2, 1), {"bounds": {"a0": 3}}, "low < high"),
     (errors.BoundsError, (2, 1), {"bounds": {"a0": (0, "x")}}, "low < high"),
     (errors.BoundsError, (2, 1), {"fixed": {"a0": 1}, "bounds": {"a0": (0, 2)}}, "both fixed"),
+    (errors.ParameterNameError, (2, 1), {"equalities": [({"a7": 1.0}, 0.0)]}, "'a7'"),
+    (errors.ParameterNameError, (2, 1), {"priors": {"b7": (1.0, 0.1)}}, "'b7'"),
+    (errors.EqualityError, (2, 1), {"equalities": {"a0": 1.0}}, "weights by coefficient"),
+    (errors.EqualityError, (2, 1), {"equalities": [({"a0": 1.0},)]}, "weights by coefficient"),
+    (errors.EqualityError, (2, 1), {"equalities": [("a0", 1.0)]}, "weights by coefficient"),
+    (errors.EqualityError, (2, 1), {"equalities": [({"a0": np.nan}, 1.0)]}, "nan"),
+    (errors.EqualityError, (2, 1), {"equalities": [({"a0": 1.0}, np.inf)]}, "inf"),
+    (errors.EqualityError, (2, 1), {"equalities": [({"a0": 0.0}, 1.0)]}, "not zero"),
+    (errors.EqualityError, (2, 1), {"equalities": [({}, 0.0)]}, "not zero"),
+    (errors.PriorError, (2, 1), {"priors": [("a0", 1.0)]}, "mapping"),
+    (errors.PriorError, (2, 1), {"priors": {"a0": 3.0}}, "standard deviation"),
+    (errors.PriorError, (2, 1), {"priors": {"a0": (3.0, 0.0)}}, "above zero"),
+    (errors.PriorError, (2, 1), {"priors": {"a0": (3.0, -0.1)}}, "above zero"),
+    (errors.PriorError, (2, 1), {"priors": {"a0": (np.nan, 0.1)}}, "finite"),
+    (errors.PriorError, (2, 1), {"priors": {"a0": (3.0, np.inf)}}, "finite"),
+    (errors.StaticGainError, (2, 1), {"static_gain": np.inf}, "static_gain=inf"),
+    (errors.StaticGainError, (2, 1), {"static_gain": "2"}, "static_gain='2'"),
+    (errors.StaticGainError, (2, 1), {"static_gain": [1.0]}, "nest it twice"),
+    (errors.StaticGainError, (2, 1), {"static_gain": [[1.0, np.nan]]}, "static_gain=nan"),
+    (errors.StaticGainError, ([[2]], 0), {"static_gain": [[1.0, 2.0]]}, "1 outputs x 2 inputs"),
 ]
 
 

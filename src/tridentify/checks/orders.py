@@ -4,14 +4,26 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
-from tridentify.errors import BoundsError, ChannelCountError, OptionError, OrderError, shown
+from tridentify.errors import (
+    BoundsError,
+    ChannelCountError,
+    EqualityError,
+    OptionError,
+    OrderError,
+    PriorError,
+    StaticGainError,
+    shown,
+)
 
 Bounds = tuple[float | None, float | None]
+Equality = tuple[Mapping[str, float], float]
+Gain = float | tuple[tuple[float | None, ...], ...]
 Number = TypeVar("Number", int, float)
 Matrix = tuple[tuple[Number, ...], ...]
 
@@ -133,3 +145,80 @@ def checked_bounds(bounds: Mapping[str, Bounds] | None) -> dict[str, Bounds]:
             )
         pairs[str(name)] = (None if low == -math.inf else low, None if high == math.inf else high)
     return pairs
+
+
+def checked_equalities(equalities: Sequence[Equality] | None) -> tuple[Equality, ...]:
+    """Give (weights by name, value) pairs of finite numbers; no weight is zero."""
+    given: object = equalities if equalities is not None else ()
+    if not isinstance(given, (list, tuple)):
+        raise _no_equality(given)
+    return tuple(_equality(item) for item in given)
+
+
+def _equality(item: object) -> Equality:
+    if not isinstance(item, (list, tuple)) or len(item) != 2 or not isinstance(item[0], Mapping):
+        raise _no_equality(item)
+    value = _number(item[1])
+    weights = {str(name): _number(weight) for name, weight in item[0].items()}
+    if not math.isfinite(value) or not all(math.isfinite(w) for w in weights.values()):
+        raise _no_equality(item)
+    weights = {name: weight for name, weight in weights.items() if weight}
+    if not weights:
+        raise _no_equality(item)
+    return MappingProxyType(weights), value
+
+
+def _no_equality(item: object) -> EqualityError:
+    return EqualityError(
+        f"found the equality {shown(item)}; expected a pair (weights by coefficient, value), "
+        'such as ({"b0": 1.0, "a0": -2.0}, 0.0), finite, with a weight that is not zero; correct it'
+    )
+
+
+def checked_priors(
+    priors: Mapping[str, tuple[float, float]] | None,
+) -> dict[str, tuple[float, float]]:
+    """Give (mean, standard deviation) by name."""
+    if priors is not None and not isinstance(priors, Mapping):
+        raise PriorError(
+            f"found priors={shown(priors)}; expected a mapping of coefficient to (mean, standard "
+            'deviation); write for example priors={"a0": (3.0, 0.1)}'
+        )
+    pairs: dict[str, tuple[float, float]] = {}
+    for name, pair in (priors or {}).items():
+        limits = tuple(pair) if isinstance(pair, (tuple, list, np.ndarray)) else ()
+        mean, spread = map(_number, limits) if len(limits) == 2 else (math.nan, math.nan)
+        if not (math.isfinite(mean) and 0.0 < spread < math.inf):
+            raise PriorError(
+                f"found the prior {shown(pair)} for {shown(name)}; expected (mean, standard "
+                "deviation), finite, the latter above zero; correct it, or fix the coefficient"
+            )
+        pairs[str(name)] = (mean, spread)
+    return pairs
+
+
+def checked_gain(gain: object) -> Gain | None:
+    """Give a finite number, nested ones ``[output][input]`` (None where unknown), or None."""
+    if gain is None:
+        return None
+    if isinstance(gain, np.ndarray):
+        gain = gain.tolist()
+    if not isinstance(gain, (list, tuple)):
+        return _gain(gain)
+    rows = [tuple(row) if isinstance(row, (list, tuple)) else () for row in gain]
+    if not rows or not rows[0] or any(len(row) != len(rows[0]) for row in rows):
+        raise StaticGainError(
+            f"found static_gain={shown(gain)}; expected a number or equally long rows "
+            "static_gain[output][input], None where it is unknown; nest it twice"
+        )
+    return tuple(tuple(None if item is None else _gain(item) for item in row) for row in rows)
+
+
+def _gain(item: object) -> float:
+    number = _number(item)
+    if not math.isfinite(number):
+        raise StaticGainError(
+            f"found static_gain={shown(item)}; expected a finite number; correct it, or fix a0 to "
+            "zero for an integrator"
+        )
+    return number

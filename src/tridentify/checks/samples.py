@@ -20,6 +20,7 @@ from tridentify.errors import (
     EmptyChannelError,
     EmptyRangeError,
     LengthMismatchError,
+    NonUniformTimeError,
     NotFiniteError,
     SampleTypeError,
     SamplingError,
@@ -29,9 +30,10 @@ from tridentify.errors import (
     UnitError,
     shown,
 )
+from tridentify.numerics.interpolation import FEWEST
 
 FloatArray = NDArray[np.float64]
-Intersample = Literal["zoh", "foh"]
+Intersample = Literal["zoh", "foh", "band-limited"]
 
 TIME_TOLERANCE = 1e-3
 """Largest departure from a uniform time axis, in steps, that counts as rounding."""
@@ -286,6 +288,20 @@ def check_lengths(u: FloatArray, y: FloatArray, t: FloatArray) -> None:
         )
 
 
+def check_band_limited(step: float | None, n_samples: int) -> None:
+    """Refuse what no band-limited signal can be drawn through."""
+    if step is None:
+        raise NonUniformTimeError(
+            "found time that is not uniform with intersample='band-limited'; expected a uniform "
+            "step; state 'zoh' or 'foh', or resample the record"
+        )
+    if n_samples < FEWEST:
+        raise TooFewSamplesError(
+            f"found {n_samples} samples with intersample='band-limited'; expected at least "
+            f"{FEWEST} to say what lies between them; record for longer, or state 'zoh' or 'foh'"
+        )
+
+
 def check_distinct(names: tuple[str, ...]) -> None:
     """Refuse repeated names."""
     for name in names:
@@ -327,6 +343,11 @@ def check_outputs(y: FloatArray, names: tuple[str, ...]) -> None:
 
 def checked_units(units: Mapping[str, str] | None, names: tuple[str, ...]) -> Mapping[str, str]:
     """Give a read-only mapping of channel names, or ``"t"``, to units."""
+    if units is not None and not isinstance(units, Mapping):
+        raise UnitError(
+            f"found units={shown(units)}; expected a mapping of channel names to units; write for "
+            "example units={'elevator': 'rad'}"
+        )
     given: Mapping[str, object] = units or {}
     for key, unit in given.items():
         if key != "t" and key not in names:
@@ -365,7 +386,9 @@ def warn_if_input_moves(u: FloatArray, factor: int, intersample: Intersample) ->
     if factor == 1:
         return
     whole = u[: (len(u) - 1) // factor * factor].reshape(-1, factor, u.shape[1])
-    if intersample == "zoh":
+    if intersample == "band-limited":
+        moves = bool(np.any(u != u[0]))
+    elif intersample == "zoh":
         moves = bool(np.any(whole != whole[:, :1]))
     else:
         bend = np.abs(np.diff(u, 2, axis=0))
@@ -374,7 +397,7 @@ def warn_if_input_moves(u: FloatArray, factor: int, intersample: Intersample) ->
     if moves:
         warnings.warn(
             f"found an input that changes between every {factor}th sample; expected it to be "
-            f"described by '{intersample}' at the new step; keep the finer step",
+            f"described by '{intersample}' at the new step; keep the finer step, or use decimate",
             DataWarning,
             stacklevel=3,
         )

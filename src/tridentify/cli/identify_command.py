@@ -18,6 +18,7 @@ import typer
 
 from tridentify.checks.samples import Intersample
 from tridentify.cli import tables
+from tridentify.cli.knowledge import known_from
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import (
@@ -31,10 +32,9 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.estimate import Estimate
-from tridentify.formats.assemble import JITTER
-from tridentify.formats.channels import SECONDS
-from tridentify.formats.read import read_record
-from tridentify.formats.text_table import TextTable, open_table, read_columns
+from tridentify.formats.assemble import JITTER, Wanted, find_channel, record_from
+from tridentify.formats.channels import SECONDS, Channel, OpenFile
+from tridentify.formats.read import opened
 from tridentify.record import Record
 from tridentify.structure import Structure
 
@@ -42,6 +42,7 @@ TIME_NAMES = ("t", "time")
 
 _record = partial(typer.Option, rich_help_panel="The record")
 _model = partial(typer.Option, rich_help_panel="The model")
+_known = partial(typer.Option, rich_help_panel="What is known; each may be repeated")
 _result = partial(typer.Option, rich_help_panel="The result")
 
 
@@ -105,7 +106,12 @@ class Source:
 
 
 def identify(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="CSV file with a header line.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            metavar="FILE", help="CSV, Parquet, Feather, NPZ, MATLAB, ULog or MDF4 file."
+        ),
+    ],
     inputs: Annotated[
         list[str], _record("--input", metavar="NAME", help="Column of an input; may be repeated.")
     ],
@@ -164,6 +170,33 @@ def identify(
             "input value, as in trim), free (any), or auto (by AICc).",
         ),
     ] = Beginning.AUTO,
+    fixed: Annotated[
+        list[str] | None,
+        _known("--fix", metavar="A=X", help="A coefficient that is known, such as a0=3."),
+    ] = None,
+    bounds: Annotated[
+        list[str] | None,
+        _known(
+            "--bound", metavar="A=LO:HI", help="Limits of a coefficient: b0=0:5, b0=0: or b0=:5."
+        ),
+    ] = None,
+    priors: Annotated[
+        list[str] | None,
+        _known(
+            "--prior",
+            metavar="A=X+-S",
+            help="What is known before: mean and standard deviation, such as a0=3+-0.1.",
+        ),
+    ] = None,
+    gains: Annotated[
+        list[str] | None,
+        _known(
+            "--gain",
+            metavar="G",
+            help="Known static gain b0 / a0: once for all channels, or once for each output with a "
+            "number for each input (--gain 1.5,?), ? where it is unknown.",
+        ),
+    ] = None,
     method: Annotated[
         str, _model(metavar="NAME", help="Estimation method; a wrong name lists them.")
     ] = "three-model",
@@ -194,7 +227,7 @@ def identify(
         bool, _result("--json", help="Print one JSON object instead of tables.")
     ] = False,
 ) -> None:
-    """Identify the coefficients of a model from a record in a CSV file.
+    """Identify the coefficients of a model from a record in a file.
 
     Example: tridentify identify flight.csv --input elevator --output q --poles 2 --zeros 1
     """
@@ -214,6 +247,7 @@ def identify(
         offset=offset.answer,
         drift=drift.answer,
         initial_state=initial_state.value,
+        **known_from(fixed or (), bounds or (), priors or (), gains or ()),
     )
     check_method(method, noise, loss)
     written: Sequence[Path] = ()
@@ -305,91 +339,110 @@ def load(source: Source, activity: Activity) -> Record:
         The file or the record in it cannot be used.
     """
     activity.stage(f"reading {source.file.name or source.file}")
-    time = source.time
-    if time is None and source.dt is None:
-        time = find_time(source.file)
-        activity.note(f"taking column {time!r} as time, by its name")
+    with opened(source.file) as table:
+        time = source.time
+        if time is None and source.dt is None:
+            time = find_time(table, [*source.inputs, *source.outputs])
+            if time is not None:
+                activity.note(f"taking column {time!r} as time, by its name")
+        record = _read(table, source, time)
+        if record.dt is None:
+            raise _not_uniform(record, time, cut=(source.start, source.stop) != (None, None))
+        if time is None and source.dt is not None:
+            _compare_unused_time(table, source.dt, activity)
+    return record
+
+
+def _read(table: OpenFile, source: Source, time: str | None) -> Record:
+    wanted = Wanted(
+        source.inputs,
+        source.outputs,
+        time,
+        source.dt,
+        source.intersample,
+        start=source.start,
+        stop=source.stop,
+    )
     try:
-        record = read_record(
-            source.file,
-            time=time,
-            dt=source.dt,
-            inputs=source.inputs,
-            outputs=source.outputs,
-            intersample=source.intersample,
-            start=source.start,
-            stop=source.stop,
-        )
+        return record_from(table, wanted, source.file.stem)
     except NonUniformTimeError as error:
         found = str(error).rpartition(";")[0]
         raise NonUniformTimeError(
             f"{found}; correct --dt, interpolate the file to a uniform step, or leave --time out "
             "if only the time stamps are inexact"
         ) from error
-    if record.dt is None:
-        raise _not_uniform(record, time, cut=(source.start, source.stop) != (None, None))
-    if time is None and source.dt is not None:
-        _compare_unused_time(source.file, source.dt, activity)
-    return record
 
 
 def _not_uniform(record: Record, time: str | None, *, cut: bool) -> NonUniformTimeError:
     """Say how the steps of recorded time differ, and which way on there is."""
     steps, mean = np.diff(record.t), record.duration / (record.n_samples - 1)
     small = bool(np.all(np.abs(steps - mean) < JITTER * mean))
+    named = f"--time {shlex.quote(time)} " if time else ""
     advice = (
-        f"the jitter is small: give --time {shlex.quote(str(time))} --dt {mean:.6g}"
+        f"the jitter is small: give {named}--dt {mean:.6g}"
         if small and not cut
         else f"interpolate the file to a uniform step, or give --dt {mean:.6g}, the mean, without "
         "--time if only the time stamps are inexact"
     )
     return NonUniformTimeError(
-        f"found steps between {steps.min():.6g} and {steps.max():.6g} s in column {shown(time)}; "
+        f"found steps between {steps.min():.6g} and {steps.max():.6g} s in "
+        f"{f'column {shown(time)}' if time else 'the time of the file'}; "
         f"expected a uniform step; {advice}"
     )
 
 
-def _compare_unused_time(file: Path, dt: float, activity: Activity) -> None:
+def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None:
     """Caution if a column of time that is not used tells of another step."""
-    table = open_table(file)
-    found = _time_columns(table)
+    found = time_channels(table)
     if len(found) != 1:
         return
-    unit = re.search(r"[\[(]\s*([^\])]*?)\s*[\])]", found[0])
-    scale = SECONDS.get(unit[1] if unit else "")
+    scale = SECONDS.get(found[0].unit)
     try:
-        values, _ = read_columns(table, [table.names.index(found[0])])
+        values = table.read([table.channels.index(found[0])])[0]
     except DataError:
         return
-    mean = math.nan if scale is None else scale * float(values[0][-1] - values[0][0])
-    mean /= max(len(values[0]) - 1, 1)
+    mean = math.nan if scale is None else scale * float(values[-1] - values[0])
+    mean /= max(len(values) - 1, 1)
     if abs(mean - dt) > JITTER * dt:
         activity.note(
-            f"caution: column {shown(found[0])} is not used; its mean step is {mean:.6g} s, not "
-            f"{dt:.6g} s"
+            f"caution: column {shown(found[0].header)} is not used; its mean step is {mean:.6g} s, "
+            f"not {dt:.6g} s"
         )
 
 
-def _time_columns(table: TextTable) -> list[str]:
-    names = [name for name in table.names if name]
-    return [n for n in names if re.sub(r"\s*[\[(].*", "", n).casefold() in TIME_NAMES]
+def time_channels(table: OpenFile) -> list[Channel]:
+    """Give the channels that are called t or time, in any case."""
+    return [channel for channel in table.channels if channel.name.casefold() in TIME_NAMES]
 
 
-def find_time(file: Path) -> str:
+def find_time(table: OpenFile, wanted: Sequence[str]) -> str | None:
     """Find the column that is called t or time, in any case, with or without a unit in brackets.
+
+    Parameters
+    ----------
+    table : OpenFile
+    wanted : sequence of str
+        Channels that it should be the time of.
+
+    Returns
+    -------
+    str or None
+        None if all of them have a time of their own in the file.
 
     Raises
     ------
     SamplingError
         There is none, or more than one.
     """
-    table = open_table(file)
-    names, found = [name for name in table.names if name], _time_columns(table)
+    if all(find_channel(table, name).clock for name in wanted):
+        return None
+    names = [channel.header for channel in table.channels if channel.header]
+    found = [channel.header for channel in time_channels(table) if not channel.clock]
     if len(found) != 1:
         what = f"the columns {' and '.join(found)}" if found else "no column called t or time"
         raise SamplingError(
-            f"found {what} in {shown(file.name)}, and neither --time nor --dt; expected to know "
-            f"the sampling; give --time NAME (of {shown(', '.join(names), 200)[1:-1]}) or "
+            f"found {what} in {shown(table.path.name)}, and neither --time nor --dt; expected to "
+            f"know the sampling; give --time NAME (of {shown(', '.join(names), 200)[1:-1]}) or "
             "--dt SECONDS"
         )
     return found[0]

@@ -16,7 +16,11 @@ from tridentify.report.html import warnings_about
 from tridentify.text import format_std, format_value
 from tridentify.uncertainty import DerivedQuantity, derived
 
-HELD = {"zoh": "held between samples (zoh)", "foh": "joined by lines between samples (foh)"}
+HELD = {
+    "zoh": "held between samples (zoh)",
+    "foh": "joined by lines between samples (foh)",
+    "band-limited": "band-limited",
+}
 
 
 def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]]) -> Table:
@@ -86,7 +90,10 @@ def fits(estimate: Estimate) -> list[dict[str, Any]]:
 def describe_record(record: Record) -> str:
     """Say what was identified from what."""
     step = "steps not uniform" if record.dt is None else f"step {record.dt:.6g} s"
-    outputs, inputs = ", ".join(record.output_names), ", ".join(record.input_names)
+    outputs, inputs = (
+        ", ".join(f"{n} [{record.units[n]}]" if record.units.get(n) else n for n in names)
+        for names in (record.output_names, record.input_names)
+    )
     return paragraph(
         f"{record.name}: {outputs} from {inputs}; {record.n_samples:,} samples, "
         f"{record.t[0]:.6g} to {record.t[-1]:.6g} s, {step}; input {HELD[record.intersample]}"

@@ -153,6 +153,11 @@ def find_channel(source: OpenFile, name: str) -> Channel:
     fits = exact or [channel for channel in source.channels if channel.name == wanted and wanted]
     if not fits:
         listed = ", ".join(channel.header for channel in source.channels if channel.header)
+        if not listed:
+            raise MissingColumnError(
+                f"found no channel in {shown(source.path.name)}; expected {shown(name)}; check "
+                "that the file was written completely"
+            )
         raise MissingColumnError(
             f"found no column {shown(name)} in {shown(source.path.name)}; expected one of "
             f"{shown(listed, 300)[1:-1]}; correct the name"
@@ -221,7 +226,7 @@ def _read(
             if clock is None or clock.clock != channel.clock:
                 recorded = source.instants(channel.clock)
             if recorded is None and (wanted.dt is None or several):
-                raise _no_time(source, channel, clock)
+                raise _no_time(source, channel, clock, several)
             step = None if several else wanted.dt
             axes[channel.clock] = _sampling_instants(recorded, step, len(samples))
         if len(axes[channel.clock]) != len(samples):
@@ -239,7 +244,15 @@ def _read(
     return values, [axes[channel.clock] for channel in channels]
 
 
-def _no_time(source: OpenFile, channel: Channel, clock: Channel | None) -> SamplingError:
+def _no_time(
+    source: OpenFile, channel: Channel, clock: Channel | None, several: bool
+) -> SamplingError:
+    if clock is None and several:
+        return SamplingError(
+            f"found channels of different clocks, and no time of {shown(channel.header)} in "
+            f"{shown(source.path.name)}; expected to know when each was sampled; name its column "
+            "of time"
+        )
     if clock is None:
         return SamplingError(
             "found neither a time column nor dt; expected at least one, since "

@@ -67,9 +67,10 @@ def _answer(stream: BinaryIO, header: dict[str, Any], arrays: Sequence[FloatArra
 
 
 def _described(error: BaseException) -> dict[str, str]:
-    known = isinstance(error, TridentifyError | MemoryError)
+    known = isinstance(error, TridentifyError | MemoryError | ImportError)
     text = " ".join(str(error).split()) or type(error).__name__
-    return {"error": type(error).__name__ if known else "", "message": text}
+    kind = "ImportError" if isinstance(error, ModuleNotFoundError) else type(error).__name__
+    return {"error": kind if known else "", "message": text}
 
 
 def _limit_memory(size: int) -> None:

@@ -17,6 +17,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Sequence
 from pathlib import Path
@@ -26,7 +27,13 @@ from typing import IO, Any
 import numpy as np
 
 from tridentify import errors
-from tridentify.errors import FileTooLargeError, TridentifyError, UnreadableFileError, shown
+from tridentify.errors import (
+    FileTooLargeError,
+    MissingDependencyError,
+    TridentifyError,
+    UnreadableFileError,
+    shown,
+)
 from tridentify.formats.channels import Channel, FloatArray
 
 __all__ = ["IsolatedFile"]
@@ -43,6 +50,9 @@ BOOT = (
 )
 
 LONGEST_LINE = 1 << 28
+
+ENVIRONMENT = {"HDF5_PLUGIN_PRELOAD": "::", "OPENBLAS_NUM_THREADS": "1"}
+"""No plugin of HDF5 is loaded on the word of a file; nothing is computed that wants threads."""
 
 
 def memory_limit() -> int:
@@ -84,15 +94,19 @@ class IsolatedFile:
         self.path = path
         self.kind = kind
         self._late = False
+        # a child that is killed cannot clear up the temporary files of its library
+        self._folder = tempfile.TemporaryDirectory(prefix="tridentify-", ignore_cleanup_errors=True)
+        temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), self._folder.name)
         try:
             self._process = subprocess.Popen(
                 [sys.executable, "-I", "-c", BOOT],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.DEVNULL,
-                env={**os.environ, "HDF5_PLUGIN_PRELOAD": "::", "OPENBLAS_NUM_THREADS": "1"},
+                env={**os.environ, **temporary, **ENVIRONMENT},
             )
         except OSError as error:
+            self._folder.cleanup()
             raise self._unreadable(f"no way to start a reader ({error.strerror})") from error
         try:
             self._send([entry for entry in sys.path if isinstance(entry, str)])
@@ -123,6 +137,7 @@ class IsolatedFile:
                 with contextlib.suppress(OSError):
                     stream.close()
         self._process.wait()
+        self._folder.cleanup()
 
     def read(self, indices: Sequence[int]) -> list[FloatArray]:
         """Give channels as numbers."""
@@ -193,6 +208,11 @@ class IsolatedFile:
             return kind(str(answer["message"]))
         if answer["error"] == "MemoryError":
             return too_large(self.path, "more")
+        if answer["error"] == "ImportError":
+            return MissingDependencyError(
+                f"found a reader of {self.kind} files that cannot be loaded "
+                f"({shown(answer['message'], 80)}); expected its packages; install them anew"
+            )
         return self._unreadable(f"damaged content ({shown(answer['message'], 80)})")
 
     def _unreadable(self, what: str) -> UnreadableFileError:

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tridentify.errors import ForeignObjectError, TextInColumnError, shown
+from tridentify.errors import ForeignObjectError, TextInColumnError, UnreadableFileError, shown
 from tridentify.formats.channels import Channel, FloatArray, header_channel
 from tridentify.formats.isolation import check_size
 
@@ -39,7 +39,13 @@ class NpzFile:
         self._sources: list[Source] = []
         self._kinds: dict[str, np.dtype[np.generic]] = {}
         with zipfile.ZipFile(path) as archive:
-            for entry in archive.infolist():
+            arrays = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
+            if not arrays:
+                raise UnreadableFileError(
+                    f"found a ZIP archive without arrays in {shown(path.name)}; expected an NPZ "
+                    "file of NumPy; save a workbook as CSV, unpack another archive"
+                )
+            for entry in arrays:
                 name = entry.filename.removesuffix(".npy")
                 shape, self._kinds[name] = _array_header(archive, entry)
                 if len(shape) == 1:

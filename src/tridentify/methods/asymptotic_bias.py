@@ -148,9 +148,19 @@ def _clean(model: TransferFunction, record: Record, nuisances: Nuisances) -> tup
             "found a model with several denominators; expected one that all channels share; take "
             "the channels one by one"
         )
+    if np.any(model.delay):
+        raise UnsupportedError(
+            f"found a model with a delay of {model.delay.max():g} s; expected none; shift the "
+            "input by whole samples instead"
+        )
     if record.dt is None:
         raise NonUniformTimeError(
             "found a record without a uniform step; expected one; resample it first"
+        )
+    if record.intersample == "band-limited":
+        raise UnsupportedError(
+            "found intersample='band-limited'; expected 'zoh' or 'foh'; state what the input does "
+            "between its samples"
         )
     if record.n_inputs != model.n_inputs:
         raise ChannelCountError(

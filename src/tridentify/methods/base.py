@@ -18,15 +18,18 @@ from tridentify.errors import (
     OptionError,
     ScaleError,
     TooFewSamplesError,
+    UnitMismatchError,
     UnsupportedOrderError,
     ZeroInputError,
     ZeroOutputError,
+    shown,
 )
 from tridentify.estimate import Estimate
 from tridentify.methods.capability import Capability, refuse_unsupported
 from tridentify.output_error.problem import states_of
 from tridentify.record import Record
 from tridentify.structure import Structure
+from tridentify.text import unit_factors, unit_product
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
@@ -57,7 +60,8 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
 
     Raises
     ------
-    DataError, NonUniformTimeError, ZeroInputError, ZeroOutputError, TooFewSamplesError
+    DataError, NonUniformTimeError, ZeroInputError, ZeroOutputError, TooFewSamplesError,
+    UnitMismatchError
         About the records.
     ChannelCountError, UnsupportedError
         About the structure.
@@ -71,6 +75,7 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
                 f"found records with channels {record.input_names} -> {record.output_names} and "
                 f"{first.input_names} -> {first.output_names}; expected the same; select them alike"
             )
+    _check_units(records)
     refuse_unsupported(records, structure, method, can)
     _check_order(structure)
     _check_scale(records)
@@ -145,6 +150,21 @@ def _check_outputs(records: Sequence[Record], structure: Structure) -> None:
                 f"found {samples} samples of output {name!r} for {own} "
                 f"unknowns; expected more samples than unknowns; record longer, lower the orders, "
                 "or leave the channel out"
+            )
+
+
+def _check_units(records: Sequence[Record]) -> None:
+    """Refuse records that state different units of a channel; one that states none agrees."""
+    first = records[0]
+    for name in (*first.input_names, *first.output_names):
+        texts = (record.units.get(name, "").strip() for record in records)
+        # s^-1 and 1/s are one unit
+        stated = {unit_product(unit_factors(text)): text for text in texts if text}
+        if len(stated) > 1:
+            found = " and ".join(shown(text) for text in stated.values())
+            raise UnitMismatchError(
+                f"found the units {found} of {shown(name)} in records identified together; "
+                "expected one unit; convert one of the records"
             )
 
 

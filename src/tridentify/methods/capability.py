@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tridentify.errors import NonUniformTimeError, UnsupportedError
+from tridentify.errors import NonUniformTimeError, UnsupportedError, shown
 from tridentify.record import Record
 from tridentify.structure import Structure
 
@@ -31,6 +31,7 @@ class Capability(enum.Flag):
     DELAY = enum.auto()
     FREE_DELAY = enum.auto()
     NON_UNIFORM_TIME = enum.auto()
+    BAND_LIMITED = enum.auto()
     CONSTRAINTS = enum.auto()
 
 
@@ -61,6 +62,11 @@ def refuse_unsupported(
                 f"found time steps between {steps.min():.6g} and {steps.max():.6g} s; {method} "
                 "expects a uniform step; interpolate the record onto a uniform grid first"
             )
+        if record.intersample == "band-limited" and Capability.BAND_LIMITED not in can:
+            raise UnsupportedError(
+                f"found intersample='band-limited'; {method} expects 'zoh' (held) or 'foh' "
+                "(straight lines); use ThreeModel() or OutputError(), or state one of these"
+            )
     if not structure.shared and Capability.SEPARATE_DENOMINATORS not in can:
         raise UnsupportedError(
             f"found separate denominators; {method} estimates one denominator shared by all "
@@ -78,9 +84,10 @@ def refuse_unsupported(
             f"found delay={structure.delay!r}; {method} estimates models without delay; shift the "
             "input by whole samples first"
         )
-    for what in ("fixed", "bounds"):
-        if getattr(structure, what) and Capability.CONSTRAINTS not in can:
+    for what in ("fixed", "bounds", "equalities", "priors", "static_gain"):
+        known = getattr(structure, what) or (what == "static_gain" and structure.static_gain == 0)
+        if known and Capability.CONSTRAINTS not in can:
             raise UnsupportedError(
-                f"found {what}={dict(getattr(structure, what))}; {method} estimates all "
+                f"found {what}={shown(structure.to_dict()[what])}; {method} estimates all "
                 f"coefficients freely; leave {what} out"
             )

@@ -19,13 +19,20 @@ what the search is worth is the difference between the two.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
-from tridentify.errors import DataError, IdentifiabilityError, OptionError
+from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
+from tridentify.errors import (
+    DataError,
+    IdentifiabilityError,
+    OptionError,
+    UnsupportedOrderError,
+)
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
@@ -33,7 +40,7 @@ from tridentify.methods.robust import check_loss, robust_estimate
 from tridentify.methods.svf_least_squares import least_squares
 from tridentify.numerics.realization import Complex, sort_poles
 from tridentify.numerics.robust import Loss
-from tridentify.output_error.decide import decide
+from tridentify.output_error.decide import Finished, decide
 from tridentify.output_error.finish import Recorder, coefficients, mean_square
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import evaluate_variant
@@ -111,9 +118,10 @@ class OutputError:
 
     @property
     def capabilities(self) -> Capability:
-        """Separate denominators, delays known or not, and any instants."""
-        plain = Capability.DELAY | Capability.FREE_DELAY | Capability.NON_UNIFORM_TIME
-        return plain | Capability.SEPARATE_DENOMINATORS
+        """All of them."""
+        sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
+        delays = sampling | Capability.FREE_DELAY
+        return delays | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -153,6 +161,8 @@ class OutputError:
                 return replace(plain, start=near.model).estimate(seen, wanted)
 
             return robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
+        if structure.constrained:
+            return self._constrained(records, structure, say)
         if structure.delay != "free":
             return self._located(records, structure, structure, None, None, say)
         say("where the delays lie")
@@ -175,31 +185,12 @@ class OutputError:
         say: Progress,
     ) -> Estimate:
         """With delays that are known, or known well enough to be refined with the poles."""
-        choices = candidates(records, known)
-        base, variants = build_base(records, known, choices)
-        say("a single start")
-        if place is None or place.poles.size == 0:
-            poles, note = self._start_poles(base, variants, records, known)
-        else:
-            poles, note = place.poles, "a Laguerre model at the delays found, reduced and refined"
-        if place is not None:
-            base = base.delayed(place.delays).freed(limits)
-        best, decisions, _ = decide(
-            records, known, choices, base, variants, [poles], self.max_passes, say
-        )
-        first = evaluate_variant(base, variants[choices.index(best.nuisances)], poles)
-        recorder = Recorder()
-        step = Step(
-            "series-parallel" if self.start is None else "output error",
-            base.lower_coefficients(first.poles),
-            mean_square(first),
-            max(fit.solution.condition for fit in first.fits),
-            note,
-        )
-        recorder.add(first, (step,), np.nan, note)
-        recorder.extend(best.recorder)
-        start = Start(note, coefficients(first), mean_square(first))
-        trace = Trace(tuple(recorder.passes), (start,), decisions, best.why)
+        best, trace = self._free(records, known, say, self.start, place, limits)
+        return self._estimate(best, records, structure, trace)
+
+    def _estimate(
+        self, best: Finished, records: Sequence[Record], structure: Structure, trace: Trace
+    ) -> Estimate:
         return estimate_from(
             best.point,
             records,
@@ -210,6 +201,60 @@ class OutputError:
             self.name,
             best.criterion,
         )
+
+    def _constrained(
+        self, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> Estimate:
+        """The single start without the constraints, then the maximum within them."""
+        known = resolve(records, structure)
+        looked_at = seen(records, structure, known)
+        seeds = Seeds((), (), Trace(()))
+        if looked_at is not None:
+            start = None if known.integrators else self.start
+            best, trace = self._free(*looked_at, say, start, None, None)
+            if known.only_bounds:
+                with suppress(UnsupportedOrderError):
+                    kept = unmoved(structure, self._estimate(best, *looked_at, trace))
+                    if kept is not None:
+                        return kept
+            seeds = Seeds((coefficients(best.point), trace.starts[0].theta), (), trace)
+        return constrain(records, structure, known, seeds, self.name, say, self.max_passes, "white")
+
+    def _free(
+        self,
+        records: Sequence[Record],
+        known: Structure,
+        say: Progress,
+        start: TransferFunction | None,
+        place: Place | None,
+        limits: Array | None,
+    ) -> tuple[Finished, Trace]:
+        """The minimum reached without constraints, and the way there."""
+        choices = candidates(records, known)
+        base, variants = build_base(records, known, choices)
+        say("a single start")
+        if place is None or place.poles.size == 0:
+            poles, note = _start_poles(base, variants, records, known, start)
+        else:
+            poles, note = place.poles, "a Laguerre model at the delays found, reduced and refined"
+        if place is not None:
+            base = base.delayed(place.delays).freed(limits)
+        best, decisions, _ = decide(
+            records, known, choices, base, variants, [poles], self.max_passes, say
+        )
+        first = evaluate_variant(base, variants[choices.index(best.nuisances)], poles)
+        recorder = Recorder()
+        step = Step(
+            "series-parallel" if start is None else "output error",
+            base.lower_coefficients(first.poles),
+            mean_square(first),
+            max(fit.solution.condition for fit in first.fits),
+            note,
+        )
+        recorder.add(first, (step,), np.nan, note)
+        recorder.extend(best.recorder)
+        begun = Start(note, coefficients(first), mean_square(first))
+        return best, Trace(tuple(recorder.passes), (begun,), decisions, best.why)
 
     def _check_start(self, record: Record, structure: Structure) -> None:
         """Refuse a start for other orders or channels."""
@@ -235,27 +280,28 @@ class OutputError:
                         "expected the same order; change one of the two"
                     )
 
-    def _start_poles(
-        self,
-        base: Problem,
-        variants: Sequence[Variant],
-        records: Sequence[Record],
-        structure: Structure,
-    ) -> tuple[Complex, str]:
-        """Admissible poles to begin with, and in words where they come from."""
-        if self.start is None and not structure.shared:
-            best = laguerre_starts(base, variants)[0]
-            points = [evaluate_variant(base, best.variant, one) for one in best.candidates()]
-            poles = min(points, key=lambda point: point.objective).poles
-            return poles, f"{best.name}, reduced channel by channel"
-        if self.start is None:
-            return _own_start(base, records, structure)
-        found = []
-        for group in base.groups:
-            i, j = group.channels[0]
-            found.append(sort_poles(np.roots(self.start.den[i][j]).astype(np.complex128)))
-        poles, note = base.admissible(np.concatenate(found))
-        return poles, f"the start given, {note}" if note else "the start given"
+
+def _start_poles(
+    base: Problem,
+    variants: Sequence[Variant],
+    records: Sequence[Record],
+    structure: Structure,
+    start: TransferFunction | None,
+) -> tuple[Complex, str]:
+    """Admissible poles to begin with, and in words where they come from."""
+    if start is None and not structure.shared:
+        best = laguerre_starts(base, variants)[0]
+        points = [evaluate_variant(base, best.variant, one) for one in best.candidates()]
+        poles = min(points, key=lambda point: point.objective).poles
+        return poles, f"{best.name}, reduced channel by channel"
+    if start is None:
+        return _own_start(base, records, structure)
+    found = []
+    for group in base.groups:
+        i, j = group.channels[0]
+        found.append(sort_poles(np.roots(start.den[i][j]).astype(np.complex128)))
+    poles, note = base.admissible(np.concatenate(found))
+    return poles, f"the start given, {note}" if note else "the start given"
 
 
 def _own_start(
@@ -303,7 +349,8 @@ def _even(record: Record, structure: Structure) -> list[Record]:
     delays its mean counts.
     """
     delays = np.mean(structure.delay_matrix(record.n_outputs, record.n_inputs), axis=0)
-    if record.dt is not None and not delays.any():
+    held = record.intersample != "band-limited"
+    if record.dt is not None and not delays.any() and held:
         return [_joined(record)]
     steps = np.diff(record.t)
     edges = np.flatnonzero(steps > GAP * np.median(steps)) + 1
@@ -334,7 +381,7 @@ def _even(record: Record, structure: Structure) -> list[Record]:
                 u,
                 y,
                 dt=duration / count,
-                intersample=record.intersample,
+                intersample="zoh" if record.intersample == "zoh" else "foh",
                 input_names=record.input_names,
                 output_names=record.output_names,
             )

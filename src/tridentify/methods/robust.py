@@ -41,8 +41,9 @@ Refit = Callable[[Sequence[Record], Structure, Estimate], Estimate]
 
 MOST_ROUNDS = 40
 OPEN_ROUNDS = 3
-STILL = 1e-4
+STILL = 2e-4
 SLOW = 0.7
+DITHER = 1e-2
 LEAST_DAMPING = 0.125
 FAR = 4.0
 NEAR = 2.5
@@ -162,17 +163,16 @@ def _settle(
         if use != loss:
             use, before = (loss, np.inf) if moved < 1.0 or count > OPEN_ROUNDS else (use, moved)
             continue
-        still = same and moved <= STILL * damping
-        if still and damping == 1.0:
-            break
+        still = same and moved <= STILL
         if still:
-            damping, before = 1.0, np.inf
-            judged = _judge(records, estimate, use, damping)
-            estimate = refit(_pseudo_records(records, estimate, judged), now, estimate)
             break
-        if count > OPEN_ROUNDS and moved > SLOW * before:
+        if count > OPEN_ROUNDS and moved > max(SLOW * before, DITHER):
             damping = max(0.5 * damping, LEAST_DAMPING)
         before = moved
+    if damping < 1.0:
+        # the standard errors are those of undamped pseudo-samples
+        judged = _judge(records, estimate, loss, 1.0)
+        estimate = refit(_pseudo_records(records, estimate, judged), estimate.structure, estimate)
     trace = Trace(tuple(passes), starts, decisions, estimate.trace.stopped)
     judged = _judge(records, estimate, loss, 1.0)
     spread = np.array([one.spread for one in judged])

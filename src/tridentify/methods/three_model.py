@@ -20,17 +20,22 @@ Where the record is short and noisy, the end is the mean over the posterior (`po
 
 Where the residual is not white, the noise gets an autoregressive model and all steps are repeated
 on whitened samples (`output_error.colour`).
+
+Where something is known of the coefficients, all this is the search; the end is the maximum of the
+likelihood (and of the priors) within the constraints (`constraints`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.errors import OptionError
+from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
+from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
@@ -41,7 +46,7 @@ from tridentify.numerics.realization import Complex
 from tridentify.numerics.robust import Loss
 from tridentify.output_error.colour import NoiseChoice, check_noise, settle
 from tridentify.output_error.decide import Finished, decide
-from tridentify.output_error.finish import Recorder
+from tridentify.output_error.finish import Recorder, coefficients
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import Point
 from tridentify.output_error.problem import Problem
@@ -171,9 +176,10 @@ class ThreeModel:
 
     @property
     def capabilities(self) -> Capability:
-        """Separate denominators, delays known or not, and any instants."""
-        plain = Capability.DELAY | Capability.FREE_DELAY | Capability.NON_UNIFORM_TIME
-        return plain | Capability.SEPARATE_DENOMINATORS
+        """All of them."""
+        sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
+        delays = sampling | Capability.FREE_DELAY
+        return delays | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -203,6 +209,8 @@ class ThreeModel:
         check(records, structure, self.name, self.capabilities)
         if self.loss != "squared":
             return self._robust(records, structure, say)
+        if structure.constrained:
+            return self._constrained(records, structure, say)
         if structure.delay != "free":
             return self._located(records, structure, structure, None, None, say)
         say("where the delays lie")
@@ -224,6 +232,45 @@ class ThreeModel:
         say: Progress,
     ) -> Estimate:
         """With delays that are known, or known well enough to be refined with the poles."""
+        best, search, trace = self._maximum(records, known, place, limits, say)
+        return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
+
+    def _constrained(
+        self, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> Estimate:
+        """The search without the constraints, then the maximum within them."""
+        if self.finish == "posterior":
+            raise UnsupportedError(
+                "found finish='posterior' together with knowledge of the coefficients; expected "
+                "finish='auto' or 'likelihood', as the posterior mean keeps no constraints; choose "
+                "one of them"
+            )
+        known = resolve(records, structure)
+        looked_at = seen(records, structure, known)
+        seeds = Seeds((), (), Trace(()))
+        if looked_at is not None:
+            best, search, trace = self._maximum(*looked_at, None, None, say)
+            if known.only_bounds:
+                with suppress(UnsupportedOrderError):
+                    free = weigh(self.finish, best, *looked_at, trace, self.name, say, search.scan)
+                    kept = unmoved(structure, free)
+                    if kept is not None:
+                        return kept
+            tried = [s.theta for s in sorted(search.starts, key=lambda start: start.cost)]
+            seeds = Seeds((coefficients(best.point), *tried), best.point.problem.noise, trace)
+        return constrain(
+            records, structure, known, seeds, self.name, say, self.max_passes, self.noise
+        )
+
+    def _maximum(
+        self,
+        records: Sequence[Record],
+        known: Structure,
+        place: Place | None,
+        limits: Array | None,
+        say: Progress,
+    ) -> tuple[Finished, Search, Trace]:
+        """The likelihood's maximum without constraints, and the way there."""
         choices = candidates(records, known)
         base, variants = build_base(records, known, choices)
         if place is not None:
@@ -268,7 +315,7 @@ class ThreeModel:
         recorder.extend(best.recorder)
         self._certify(best.point, recorder)
         trace = Trace(tuple(recorder.passes), tuple(search.starts), decisions, best.why)
-        return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
+        return best, search, trace
 
     def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
         """The same with another loss."""

@@ -295,9 +295,9 @@ def _compiled() -> Callable[..., None]:
         read(1, whole), whole[::1], numba.float64[:, ::1], whole, whole, numba.float64[:, :],
     )  # fmt: skip
     try:
-        compiled: Any = numba.njit(signature, cache=True)(_cross)
+        compiled: Any = numba.njit(signature, cache=True, error_model="numpy")(_cross)
     except RuntimeError:  # no folder on this machine can hold the cache
-        compiled = numba.njit(signature)(_cross)
+        compiled = numba.njit(signature, error_model="numpy")(_cross)
     return compiled  # type: ignore[no-any-return]
 
 

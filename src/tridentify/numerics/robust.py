@@ -176,7 +176,7 @@ def student_scale(r: Array, least: float) -> tuple[float, float]:
     --------
     >>> r = np.random.default_rng(0).standard_t(3.0, 20_000)
     >>> [round(v, 1) for v in student_scale(2.0 * r, 0.0)]
-    [2.0, 3.1]
+    [2.0, 2.9]
     """
     start = max(median_scale(r), least)
     if start == 0:

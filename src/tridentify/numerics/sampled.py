@@ -17,9 +17,8 @@ rounded to samples.
 
 *Any other instants.* Interval by interval (`numerics.intervals`).
 
-*Band-limited.* Between the samples the input is ``sum_m u_m phi((t - t_m) / h)`` with a windowed
-sinc ``phi`` (`numerics.interpolation`), so the drive of an interval is a weighted sum of the
-samples around it, with weights that are integrals of ``e^{A s} B phi``.
+*Band-limited.* Between the samples the input is a sum of windowed sincs, in every interval a
+polynomial (`numerics.interpolation`); a delay moves the polynomials.
 
 In all cases the input is zero before its first sample arrives, and the state is zero there: what
 the past left behind is for the initial state to say.
@@ -35,6 +34,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics import interpolation
 from tridentify.numerics.discretize import Discrete, discretize
 from tridentify.numerics.intervals import Crossing, Plan, free_plan, plan, snapped
 from tridentify.numerics.propagate import propagate
@@ -101,6 +101,34 @@ class Sampled:
         return tuple(found)
 
     @cached_property
+    def pieces(self) -> tuple[tuple[int, float, Array, Array], ...]:
+        """Of a band-limited input, for each channel, its polynomials.
+
+        The first sample that the input reaches, how long before it began to arrive (in samples),
+        the coefficients of that first piece, and those of the intervals from that sample on.
+        """
+        found = []
+        delays = self.delays or (0.0,) * self.u.shape[1]
+        for j, delay in enumerate(delays):
+            whole, part = split_delay(delay, self.dt)
+            first, begun = (whole + 1, 1.0 - part) if part else (whole, 0.0)
+            places = interpolation.nodes()
+            u = self.u[:, j]
+            head = interpolation.between(u[: 2 * interpolation.HALF + 4], begun * places)[:1]
+            body = interpolation.between(u, begun + places - (begun > 0))
+            # the interval from sample k lies `begun` behind input sample k - first
+            rows = body[1:] if begun else body
+            found.append(
+                (
+                    first,
+                    begun,
+                    interpolation.coefficients(head)[0],
+                    interpolation.coefficients(rows).T,
+                )
+            )
+        return tuple(found)
+
+    @cached_property
     def plans(self) -> tuple[Plan, ...]:
         """For each group the events between the samples."""
         assert self.t is not None
@@ -151,6 +179,11 @@ class Sampled:
         whole, part = split_delay(delay, self.dt)
         late = np.zeros((self.n_samples, u.shape[1]))
         n = self.n_samples
+        if self.intersample == "band-limited" and part:
+            for j in range(u.shape[1]):
+                moved = interpolation.between(u[:, j], np.array([1.0 - part]))[:, 0]
+                late[whole + 1 :, j] = moved[: max(n - whole - 1, 0)]
+            return late
         if self.intersample == "zoh":
             first = whole + (part > 0)
             late[first:] = u[: max(n - first, 0)]
@@ -234,6 +267,13 @@ class States:
         self._signal, self._a, self._b = signal, a, b
         self._upper, self._branches = upper, branches
         q = b.size
+        if signal.intersample == "band-limited":
+            transition, weights = interpolation.moments(a, b, signal.dt)
+            self._whole = Discrete(transition, weights, weights)
+            for j in range(signal.u.shape[1]):
+                one = _BandLimited(signal, j, transition, weights, a, b, upper)
+                self._groups.append((slice(j * q, (j + 1) * q), one))
+            return
         if signal.t is None:
             self._whole = discretize(a, b[:, None], signal.dt, signal.intersample)
         for g, (delay, channels) in enumerate(signal.groups):
@@ -271,6 +311,38 @@ class States:
             )  # fmt: skip
         chart = signal.free_plan(begin)
         return Crossing(chart, self._a, self._b, self._b[None, :], self._upper)
+
+
+class _BandLimited:
+    """One channel of a band-limited input."""
+
+    def __init__(
+        self,
+        signal: Sampled,
+        channel: int,
+        transition: Array,
+        weights: Array,
+        a: Array,
+        b: Array,
+        upper: int,
+    ) -> None:
+        self._first, begun, head, self._body = signal.pieces[channel]
+        self._transition, self._weights, self._upper = transition, weights, upper
+        self.state = np.zeros((1, b.size))
+        if begun:
+            self.state[0] = interpolation.moments(a, b, begun * signal.dt)[1] @ head
+
+    def advance(self, start: int, stop: int, out: Array) -> None:
+        begin = min(max(start, self._first), stop)
+        out[: self.state.size, : begin - start] = 0.0
+        if begin < stop:
+            inputs = np.zeros((self.state.size, stop - begin))
+            pieces = self._body[:, begin - self._first : stop - self._first]
+            inputs[:, : pieces.shape[1]] = self._weights @ pieces
+            interpolation.drive(
+                self._transition, self._upper, inputs, self.state[0],
+                out[: self.state.size, begin - start : stop - start],
+            )  # fmt: skip
 
 
 class _Uniform:

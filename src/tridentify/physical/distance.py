@@ -13,7 +13,8 @@ true (Malinvaud 1970; Rothenberg 1973; Chamberlain 1984).
 The search is a trust region in the coordinates of `model` (logarithms of what is positive), first
 on relative deviations, then on weighted ones. It begins at the approximate inverse, at the guesses
 and at scattered places, because a map can have several solutions: two stages of a circuit
-exchanged, for instance. Those that the record cannot tell apart are reported.
+exchanged, for instance. Of those that are equally good the nearest to the guesses is taken, and the
+others are reported.
 
 References: E. Malinvaud, *Statistical Methods of Econometrics*, 2nd ed. (1970), ch. 9;
 T. J. Rothenberg, *Efficient Estimation with A Priori Information* (1973);
@@ -37,9 +38,11 @@ Known = Mapping[str, tuple[float, float]]
 
 RELATIVE_FLOOR = 1e-12
 SINGULAR = 1e-13
-SCATTERED = 12
+SCATTERED = 18
+WIDTHS = (1.0, 2.5, 5.0)
 SAME = 1e-4
 INDISTINGUISHABLE = 3.84
+TIE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +170,11 @@ def nearest(restriction: Restriction, *, unique: bool) -> Nearest:
             f"found no parameters of {restriction.model.name} near the estimated coefficients; "
             "expected the map to reach them; check the map and the guesses"
         )
-    found.sort(key=lambda pair: pair[0])
-    lowest, best = found[0]
+    lowest = min(distance for distance, _ in found)
+    # of equally good ones the nearest to the guesses
+    base = restriction.base
+    found.sort(key=lambda pair: (pair[0] > lowest + TIE, float(np.linalg.norm(pair[1] - base))))
+    best = found[0][1]
     others: list[Array] = []
     for distance, z in found[1:] if unique else []:
         apart = all(_apart(restriction, z, other) for other in (best, *others))
@@ -199,10 +205,11 @@ def _starts(restriction: Restriction) -> Sequence[Array]:
                 values[i] = rough[name]
         firsts.append(model.coordinates(values))
     firsts.append(base)
-    rng = np.random.default_rng(11)
+    rng, n = np.random.default_rng(11), len(firsts)
     for k in range(SCATTERED):
-        move = rng.normal(size=base.size) * np.where(model.positive, 2.0, 1.0)
-        centre = firsts[k % len(firsts)]
+        wide = WIDTHS[k % len(WIDTHS)]
+        move = rng.normal(size=base.size) * np.where(model.positive, wide, 1.0)
+        centre = firsts[k % n]
         size = np.where(model.positive, 1.0, np.maximum(np.abs(centre), 1.0))
         firsts.append(np.where(free, centre + size * move, base))
     return firsts

@@ -35,8 +35,9 @@ Array = NDArray[np.float64]
 Powers = tuple[tuple[str, Fraction], ...]
 
 POINTS = 8
-SPREAD = 0.4
-INDEPENDENT = 1e-7
+BEST = 5
+SPREAD = 1.5
+INDEPENDENT = 1e-9
 LARGEST_DENOMINATOR = 12
 EXACT = 1e-6
 
@@ -140,24 +141,24 @@ def identifiability(
     centre = model.guess if values is None else np.array([values[n] for n in model.names])
     free = np.array([name not in known for name in model.names])
     unknown = tuple(name for name in model.names if name not in known)
-    points = _points(model, centre, free)
-    nulls, tables = [], []
-    for z in points:
+    found = []
+    for z in _points(model, centre, free):
         table = log_sensitivity(model, z)[:, free]
         if np.all(np.isfinite(table)):
-            tables.append(table)
-            nulls.append(null_space(table))
-    if len(tables) < POINTS // 2:
+            found.append((z, table, *_null_space(table)))
+    if len(found) < BEST:
         raise CoefficientMapError(
             f"found no finite coefficients of {model.name} near its values; expected a map that is "
             "defined there; correct the map or the guesses"
         )
-    # the rank of a generic point; points of lower rank are accidents
-    width = min(null.shape[1] for null in nulls)
-    kept = [k for k, null in enumerate(nulls) if null.shape[1] == width]
-    moving = np.hstack([nulls[k] for k in kept]) if width else np.zeros((len(unknown), 0))
-    steady = null_space(moving.T) if moving.size else np.eye(len(unknown))
-    still = null_space(np.vstack([tables[k] for k in kept]))
+    # the rank of a generic point; of the points that have it, those that show it most clearly
+    width = min(null.shape[1] for _, _, null, _ in found)
+    generic = [one for one in found if one[2].shape[1] == width]
+    generic = sorted(generic, key=lambda one: -one[3])[:BEST]
+    points, nulls = [one[0] for one in generic], [one[2] for one in generic]
+    moving = np.hstack(nulls)
+    steady = _null_space(moving.T)[0] if width else np.eye(len(unknown))
+    still = _null_space(np.vstack([one[1] for one in generic]))[0]
     determined = tuple(name for i, name in enumerate(unknown) if np.all(np.abs(moving[i]) < EXACT))
     products = _in_words(steady, unknown, leave=determined)
     return Identifiability(
@@ -166,17 +167,18 @@ def identifiability(
         determined=determined,
         products=products,
         scalings=_in_words(still, unknown),
-        combinations=_declared(model, [points[k] for k in kept], [nulls[k] for k in kept], free),
+        combinations=_declared(model, points, nulls, free),
     )
 
 
 def _points(model: PhysicalModel, centre: Array, free: NDArray[np.bool_]) -> list[Array]:
-    """The centre and places around it, the same in every run."""
+    """The centre, the guesses and places around both, the same in every run."""
     rng = np.random.default_rng(20)
     factors = np.exp(SPREAD * rng.uniform(-1.0, 1.0, (POINTS, centre.size)))
-    values = np.where(free, centre * factors, centre)
-    start = np.where(np.abs(centre) > 0, centre, model.guess)
-    return [model.coordinates(row) for row in np.vstack([start, np.where(values, values, start)])]
+    start = np.where(centre == 0, model.guess, centre)
+    guess = np.where(free, model.guess, start)
+    around = [one * np.where(free, row, 1.0) for row in factors for one in (start, guess)]
+    return [model.coordinates(one) for one in (start, guess, *around)]
 
 
 def log_sensitivity(model: PhysicalModel, z: Array) -> Array:
@@ -187,17 +189,14 @@ def log_sensitivity(model: PhysicalModel, z: Array) -> Array:
     length = np.linalg.norm(table, axis=1, keepdims=True)
     # a coefficient that does not depend on the parameters leaves a row of rounding
     size = np.abs(model.theta_at(z))[:, None]
-    return np.where(length > INDEPENDENT * size, table / np.where(length > 0, length, 1.0), 0.0)
+    return np.where(length <= INDEPENDENT * size, 0.0, table / np.where(length == 0, 1.0, length))
 
 
-def null_space(table: Array) -> Array:
-    """Orthonormal columns that the rows do not see (rows of length about one)."""
-    n = table.shape[1]
-    if table.shape[0] == 0:
-        return np.eye(n)
+def _null_space(table: Array) -> tuple[Array, float]:
+    """Orthonormal columns that the rows do not see, and the least of what they do see."""
     _, s, vt = np.linalg.svd(table, full_matrices=True)
     rank = int(np.sum(s > INDEPENDENT * max(s[0], INDEPENDENT))) if s.size else 0
-    return np.asarray(vt[rank:].T)
+    return np.asarray(vt[rank:].T), float(s[rank - 1] / s[0]) if rank else 1.0
 
 
 def _in_words(
@@ -287,7 +286,7 @@ def scaling_text(powers: Powers) -> str:
         for name, p in powers:
             if sign * p > 0:
                 groups.setdefault(sign * p, []).append(name)
-        return " and ".join(
+        return " with ".join(
             f"{', '.join(names)} {verb} {'k' if p == 1 else f'k^{p}'}"
             for p, names in sorted(groups.items())
         )

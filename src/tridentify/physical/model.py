@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -157,27 +158,27 @@ class PhysicalModel:
         if self.derivatives is not None:
             self._check_derivatives()
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(p.name for p in self.parameters)
 
-    @property
+    @cached_property
     def units(self) -> dict[str, str]:
         """Parameter name -> unit."""
         return {p.name: p.unit for p in self.parameters}
 
-    @property
+    @cached_property
     def guess(self) -> Array:
         """(n_parameters,) guesses."""
         return np.array([p.guess for p in self.parameters], dtype=np.float64)
 
-    @property
+    @cached_property
     def positive(self) -> NDArray[np.bool_]:
         """(n_parameters,) which parameters are positive."""
         return np.array([p.positive for p in self.parameters])
 
-    @property
+    @cached_property
     def coefficient_names(self) -> tuple[str, ...]:
         """Names of the coefficients, in the order of ``theta``."""
         return self.structure.names(self.input_names, self.output_names)

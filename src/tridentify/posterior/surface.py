@@ -218,7 +218,8 @@ def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, unit: float)
         columns[:, at] = e.ramp
     found: dict[int, Array] = {}
     for signal in dict.fromkeys(e.sampled):
-        if signal.t is None and not any(signal.delays):
+        held = e.intersample != "band-limited"
+        if signal.t is None and not any(signal.delays) and held:
             _fill(columns, e, bank_a, bank_b, n, nuisance, e.dt / unit)
         else:
             _fill_any(columns, e, signal.in_units(unit), bank_a, bank_b, n, nuisance)

@@ -25,7 +25,11 @@ Row = Sequence[str]
 ROUNDING = 1e-9
 """Of the root mean square of an output: a residual below this is not noise."""
 _ESTIMATED = {True: "estimated", False: "none", "auto": "chosen by AICc"}
-_BETWEEN = {"zoh": "held between samples (zoh)", "foh": "linear between samples (foh)"}
+_BETWEEN = {
+    "zoh": "held between samples (zoh)",
+    "foh": "linear between samples (foh)",
+    "band-limited": "band-limited",
+}
 
 
 @dataclass(frozen=True)
@@ -194,6 +198,7 @@ def settings_table(estimate: Estimate, records: Sequence[Record]) -> list[tuple[
     from tridentify import __version__
 
     structure = estimate.structure
+    priors = structure.priors or {}
     step = "not uniform" if estimate.dt is None else f"{estimate.dt:.6g} s"
     stretches = [f"{r.t[0]:.6g} s to {r.t[-1]:.6g} s ({r.n_samples:,} samples)" for r in records]
     states = [terms.initial_state for terms in estimate.nuisance]
@@ -208,6 +213,9 @@ def settings_table(estimate: Estimate, records: Sequence[Record]) -> list[tuple[
         ("initial state", ", ".join(states) or f"{structure.initial_state}"),
         ("fixed", ", ".join(f"{k} = {v:g}" for k, v in (structure.fixed or {}).items())),
         ("bounds", ", ".join(f"{k} in {v}" for k, v in (structure.bounds or {}).items())),
+        ("equalities", "; ".join(f"{dict(w)} = {v:g}" for w, v in structure.equalities or ())),
+        ("priors", ", ".join(f"{k} = {m:g} +/- {s:g}" for k, (m, s) in priors.items())),
+        ("static gain", "" if structure.static_gain is None else f"{structure.static_gain}"),
         ("sampling", f"{step}, input {_BETWEEN[estimate.intersample]}"),
         ("records", "; ".join(stretches)),
         ("units", ", ".join(units)),

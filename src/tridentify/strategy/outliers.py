@@ -48,6 +48,7 @@ BIWEIGHT = 4.685
 ABSOLUTE_ROUNDS = 12
 BIWEIGHT_ROUNDS = 8
 NEAR_ZERO = 0.05
+RIDGE = 1e-12
 MOST_SET_ASIDE = 0.4
 
 
@@ -69,6 +70,8 @@ def gross_outliers(records: Sequence[Record], structure: Structure) -> tuple[Fla
     for record in records:
         flags = np.zeros(record.y.shape, dtype=np.bool_)
         for first, last in _windows(record.n_samples):
+            if np.isnan(record.y[first:last]).all(axis=0).any():
+                continue
             piece = record.slice(float(record.t[first]), float(record.t[last - 1]))
             problem = build([piece], structure, Nuisances("free", True, False))
             if poles is None:
@@ -92,30 +95,37 @@ def _best_poles(problem: Problem) -> Complex:
     count = max(count, min(problem.n_poles + 1, samples // 4), 1)
     tried = [spread_poles(problem, damping, count) for damping in SPREAD_DAMPING]
     tried += [np.full(count, -g, dtype=np.complex128) for g in np.geomspace(low, high, RATES)]
-    return min(tried, key=lambda poles: _residuals(problem, poles)[1])
+    return min(tried, key=lambda poles: _residuals(problem, poles, 0)[1])
 
 
-def _residuals(problem: Problem, poles: Complex) -> tuple[Array, float]:
+def _residuals(
+    problem: Problem, poles: Complex, rounds: int = BIWEIGHT_ROUNDS
+) -> tuple[Array, float]:
     """Residuals (n_samples, n_outputs), and the sum of the outputs' log absolute residuals."""
     experiment = problem.experiments[0]
     bank = cascade(poles)
-    basis = _basis(problem, bank)
     residuals = np.full(experiment.y.shape, np.nan)
     total = 0.0
+    known: dict[int, Array] = {}
     for i, y in enumerate(experiment.y.T):
         seen = np.isfinite(y)
-        if seen.any():
-            own = basis if seen.all() else np.linalg.qr(basis[seen])[0]
-            residuals[seen, i], absolute = _robust_fit(own, y[seen])
-            total += float(np.log(absolute + 1e-12 * float(np.abs(y[seen]).mean()) + 1e-300))
+        if not seen.any():
+            continue
+        signal = experiment.sampled.index(experiment.sampled[i])
+        if signal not in known:
+            known[signal] = _basis(problem, bank, i)
+        own = known[signal] if seen.all() else np.linalg.qr(known[signal][seen])[0]
+        residuals[seen, i], absolute = _robust_fit(own, y[seen], rounds)
+        total += float(np.log(absolute + 1e-12 * float(np.abs(y[seen]).mean()) + 1e-300))
     return residuals, total
 
 
-def _basis(problem: Problem, bank: Cascade) -> Array:
-    """Orthonormal basis of all columns of the parallel model."""
+def _basis(problem: Problem, bank: Cascade, output: int) -> Array:
+    """Orthonormal basis of all columns of one output's parallel model."""
     experiment = problem.experiments[0]
     layout = Layout(bank.order, problem.n_inputs, True, experiment.offset, experiment.drift)
-    columns = response_of(experiment, bank, np.eye(layout.n_signals))
+    n = layout.n_signals
+    columns = response_of(experiment, bank, np.eye(n), outputs=(output,) * n)
     if not problem.biproper:
         columns = np.delete(columns, np.s_[layout.states : layout.states + problem.n_inputs], 1)
     norms = np.sqrt(np.einsum("ij,ij->j", columns, columns))
@@ -123,7 +133,7 @@ def _basis(problem: Problem, bank: Cascade) -> Array:
     return np.asarray(u[:, s > 1e-10 * s[0]])
 
 
-def _robust_fit(basis: Array, y: Array) -> tuple[Array, float]:
+def _robust_fit(basis: Array, y: Array, rounds: int) -> tuple[Array, float]:
     """Residuals by least absolute values, then the biweight; mean absolute one of the former."""
     residual = y - np.median(y)
     for _ in range(ABSOLUTE_ROUNDS):
@@ -131,7 +141,7 @@ def _robust_fit(basis: Array, y: Array) -> tuple[Array, float]:
         floor = NEAR_ZERO * float(np.median(size)) + 1e-300
         residual = y - basis @ _weighted(basis, y, 1.0 / np.maximum(size, floor))
     absolute = float(np.abs(residual).mean())
-    for _ in range(BIWEIGHT_ROUNDS):
+    for _ in range(rounds):
         scale = median_scale(residual, basis.shape[1])
         if scale == 0:
             break
@@ -141,8 +151,11 @@ def _robust_fit(basis: Array, y: Array) -> tuple[Array, float]:
 
 
 def _weighted(basis: Array, y: Array, weights: Array) -> Array:
-    root = np.sqrt(weights / weights.max())
-    return np.asarray(np.linalg.lstsq(basis * root[:, None], y * root, rcond=1e-10)[0])
+    # of an orthonormal basis, the normal equations have at most the condition of the weights
+    scaled = basis.T * (weights / weights.max())
+    gram = scaled @ basis
+    gram[np.diag_indices_from(gram)] += RIDGE * np.trace(gram)
+    return np.asarray(np.linalg.solve(gram, scaled @ y))
 
 
 def _far(residuals: Array, unknowns: int) -> Flags:

@@ -96,6 +96,13 @@ def stable_draws(estimate: Estimate, normal: Real) -> Real:
     UnsupportedError
         The estimate is not stable, or it holds coefficients that were not estimated, or a delay.
     """
+    structure = estimate.structure
+    if structure.equalities or structure.static_gain is not None or not np.all(estimate.std):
+        raise UnsupportedError(
+            "found an estimate with fixed coefficients or equalities; expected all coefficients "
+            "estimated freely for scale='stable', whose draws keep no constraints; use "
+            "scale='coefficients'"
+        )
     table, size = _table(estimate)
     centre = _coordinates(estimate, table)
     if not np.all(np.isfinite(centre)):

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
+from tridentify.cautions.outliers import outlier_cautions
+from tridentify.cautions.sensors import sensor_cautions
 from tridentify.estimate import Estimate
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
@@ -50,7 +52,8 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     True
     """
     found = [*_nothing_explained(estimate, records), *_constant_input(estimate, records)]
-    vague = [p.name for p in estimate.parameters.values() if not p.relative_std < VAGUE]
+    # what is fixed has no standard error, whatever its value
+    vague = [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
     if vague and np.isnan(estimate.std).all():
         found.append(f"{estimate.method} gives no standard errors; ThreeModel() does.")
     elif vague:
@@ -58,13 +61,18 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
             f"Standard error above half of the value: {', '.join(vague)}. Do not rely on these "
             "coefficients one by one; excite the system more, or use fewer poles or zeros."
         )
-    if not estimate.model.is_stable:
+    found += outlier_cautions(estimate, records)
+    found += _at_bounds(estimate)
+    fixed = estimate.structure.fixed or {}
+    integrates = any(name.startswith("a0") and not value for name, value in fixed.items())
+    if not (estimate.model.is_stable or integrates):
         found.append("The model is not stable. Check whether the system is, or use fewer poles.")
     for number, record in enumerate(records):
         where = f" in experiment {number + 1}" if len(records) > 1 else ""
         missing = int(np.isnan(record.y).sum())
         if missing:
             found.append(f"{missing} output samples are missing{where}; they do not count.")
+        found += sensor_cautions(estimate, record, number, where)
         whitened = dict(zip(estimate.output_names, estimate.noise_model, strict=True))
         for name, outside, n_lags in coloured_outputs(estimate, record, number):
             which = "whitened residual" if whitened[name].size else "residual"
@@ -176,6 +184,21 @@ def _nothing_explained(estimate: Estimate, records: Sequence[Record]) -> list[st
     return [
         "The output is explained no better than by a constant (AIC): the record shows no response "
         "to this input. Check the channels, excite the system more, or reduce the noise."
+    ]
+
+
+def _at_bounds(estimate: Estimate) -> list[str]:
+    """Name the coefficients that a bound holds."""
+    held = []
+    for name, (low, high) in (estimate.structure.bounds or {}).items():
+        parameter = estimate.parameters[name]
+        if parameter.value in (low, high) and not parameter.std:
+            held.append(f"{name} = {parameter.value:.6g}")
+    if not held:
+        return []
+    return [
+        f"Held by a bound: {', '.join(held)}. The record pulls beyond it; the standard errors are "
+        "those of a model where it is fixed there. Check whether the bound is right."
     ]
 
 

@@ -1,0 +1,85 @@
+"""Samples too far off for Gaussian noise, where squares were minimised.
+
+The scale of the residual is taken from its middle, so that what is looked for does not hide itself:
+the larger of the median absolute value and the 80 % quantile, both consistent for Gaussian noise.
+The limit is that of the largest of ``N`` Gaussian samples (Bonferroni), widened for the error of
+the scale in short records. A response that the model misses has large residuals too, but in bursts;
+outliers stand alone, so most of those found must be more than twice as far off as their neighbours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from tridentify.estimate import Estimate
+from tridentify.numerics.robust import median_scale
+from tridentify.record import Record
+
+Array = NDArray[np.float64]
+
+FALSE_ALARMS = 1e-3
+LEAST = 5.0
+SHORT = 6.0
+SHARE = 0.5
+QUANTILE = 0.8
+ROUNDING = 1e-9
+FEWEST = 12
+
+
+def outlier_cautions(estimate: Estimate, records: Sequence[Record]) -> list[str]:
+    """Advice to fit with a robust loss, where the residual has gross outliers.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+
+    Notes
+    -----
+    Gaussian noise is taken for outliers in fewer than one of 1,000 records.
+    """
+    if estimate.loss != "squared":
+        return []
+    residuals = [estimate.residual(record, experiment=e) for e, record in enumerate(records)]
+    found = []
+    for i, name in enumerate(estimate.output_names):
+        count, farthest = _outliers([one[:, i] for one in residuals])
+        size = math.sqrt(float(np.nanmean(np.concatenate([r.y[:, i] for r in records]) ** 2)))
+        if count and math.sqrt(float(estimate.noise_variance[i])) > ROUNDING * size:
+            many = f"{count} samples of {name} lie" if count > 1 else f"A sample of {name} lies"
+            found.append(
+                f"{many} farther from the model than Gaussian noise explains (up to {farthest:.0f} "
+                "standard deviations of the others). Least squares follows such outliers; fit with "
+                "a robust loss (--loss huber or student, in Python ThreeModel(loss='huber')), or "
+                "mark them as missing (nan)."
+            )
+    return found
+
+
+def _outliers(series: Sequence[Array]) -> tuple[int, float]:
+    """How many, and the distance of the farthest in standard deviations."""
+    joined = np.concatenate(series)
+    seen = joined[np.isfinite(joined)]
+    if seen.size < FEWEST:
+        return 0, 0.0
+    size = np.abs(seen - np.median(seen))
+    scale = max(median_scale(size), float(np.quantile(size, QUANTILE)) / ndtri(0.5 + QUANTILE / 2))
+    if scale == 0:
+        return 0, 0.0
+    limit = max(LEAST, -float(ndtri(FALSE_ALARMS / seen.size / 2))) * (1.0 + SHORT / seen.size)
+    count = alone = 0
+    for one in series:
+        far = np.nan_to_num(np.abs(one - np.median(seen)) / scale)
+        padded = np.concatenate([[0.0], far, [0.0]])
+        beside = np.maximum(padded[:-2], padded[2:])
+        count += int(np.sum(far > limit))
+        alone += int(np.sum((far > limit) & (beside < SHARE * far)))
+    if 2 * alone < max(count, 1):
+        return 0, 0.0
+    return count, float(size.max()) / scale

@@ -1,0 +1,105 @@
+"""``tridentify channels``: what a file holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+from tridentify.cli.identify_command import time_channels
+from tridentify.cli.tables import make_table
+from tridentify.cli.terminal import Activity, show, show_json
+from tridentify.errors import DataError, shown
+from tridentify.formats.channels import SECONDS, FloatArray, OpenFile
+from tridentify.formats.read import opened
+
+
+def channels(
+    file: Annotated[
+        Path,
+        typer.Argument(metavar="FILE", help="CSV, Parquet, Feather, NPZ, MATLAB, ULog or MDF4."),
+    ],
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
+) -> None:
+    """List the channels of a file: names, units, samples, and rates where the file knows them.
+
+    Example: tridentify channels flight.ulg
+    """
+    with Activity() as activity:
+        activity.stage(f"reading {file.name or file}")
+        with opened(file) as source:
+            found = described(source)
+    if as_json:
+        show_json({"file": str(file), "channels": found})
+        return
+    groups: dict[str, list[tuple[str, ...]]] = {}
+    for item in found:
+        name, unit = (_plain(str(item[key])) for key in ("name", "unit"))
+        row = (name, *map(_text, (item["samples"], item["rate"])), unit)
+        groups.setdefault(item["clock"], []).append(row)
+    show(make_table(("channel", "samples", "rate [1/s]", "unit"), groups.values()))
+
+
+def described(source: OpenFile) -> list[dict[str, Any]]:
+    """Describe every channel of an open file; what is not known is None.
+
+    Parameters
+    ----------
+    source : OpenFile
+
+    Returns
+    -------
+    list of dict
+        ``name``, ``unit``, ``clock``, ``samples`` and mean ``rate`` [1/s].
+    """
+    times: dict[str, FloatArray | None] = {}
+    for channel in source.channels:
+        if channel.clock not in times:
+            times[channel.clock] = _instants(source, channel.clock)
+    entries = []
+    for channel in source.channels:
+        time, samples = times[channel.clock], channel.samples
+        if samples is None and time is not None and len(time):
+            samples = len(time)
+        same = time is not None and len(time) == samples
+        entries.append(
+            {
+                "name": channel.header,
+                "unit": channel.unit,
+                "clock": channel.clock,
+                "samples": samples,
+                "rate": _rate(time) if same else None,
+            }
+        )
+    return entries
+
+
+def _instants(source: OpenFile, clock: str) -> FloatArray | None:
+    """Give the time of a clock, or the one column of its channels that is called t or time [s]."""
+    try:
+        if clock:
+            return source.instants(clock)
+        named = [channel for channel in time_channels(source) if not channel.clock]
+        if len(named) != 1 or named[0].unit not in SECONDS:
+            return None
+        return source.read([source.channels.index(named[0])])[0] * SECONDS[named[0].unit]
+    except DataError:
+        return None
+
+
+def _plain(text: str) -> str:
+    """Keep what a file calls its channels from steering the terminal."""
+    return text if text.isprintable() else shown(text)
+
+
+def _rate(time: FloatArray | None) -> float | None:
+    span = 0.0 if time is None or len(time) < 2 else float(time[-1] - time[0])
+    return (len(time) - 1) / span if time is not None and np.isfinite(span) and span > 0 else None
+
+
+def _text(number: float | None) -> str:
+    return (
+        "" if number is None else f"{number:,.6g}" if isinstance(number, float) else f"{number:,}"
+    )

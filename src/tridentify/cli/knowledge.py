@@ -1,0 +1,103 @@
+"""What is known of the coefficients, as it is written on the command line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from typing import Any
+
+from tridentify.errors import ChannelCountError, OptionError, shown
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_NAME = r"\s*([^\s=]+)\s*=\s*"
+
+
+def known_from(
+    fixed: Sequence[str], bounds: Sequence[str], priors: Sequence[str], gains: Sequence[str]
+) -> dict[str, Any]:
+    """Read ``--fix``, ``--bound``, ``--prior`` and ``--gain`` into options of `Structure`.
+
+    Parameters
+    ----------
+    fixed : sequence of str
+        ``a0=3``.
+    bounds : sequence of str
+        ``b0=0:5``, a side left empty for no limit.
+    priors : sequence of str
+        ``a0=3+-0.1``: mean and standard deviation.
+    gains : sequence of str
+        One number for all channels, or one text for each output with a number for each input and
+        commas between, ``?`` where it is unknown.
+
+    Returns
+    -------
+    dict
+        ``fixed``, ``bounds``, ``priors`` and ``static_gain``.
+
+    Raises
+    ------
+    OptionError
+        A text is none of these, or a coefficient is named twice by one option.
+    ChannelCountError
+        The gains of several outputs are for different numbers of inputs.
+
+    Examples
+    --------
+    >>> known_from(["a0=3"], ["b0=0:"], ["a1=1+-0.1"], ["2"])
+    {'fixed': {'a0': 3.0}, 'bounds': {'b0': (0.0, None)}, 'priors': {'a1': (1.0, 0.1)}, \
+'static_gain': 2.0}
+    """
+    pairs = _by_name("--bound", bounds, rf"({_NUMBER})?\s*:\s*({_NUMBER})?", "b0=0: or b0=0:5")
+    spreads = _by_name("--prior", priors, rf"({_NUMBER})\s*\+-\s*({_NUMBER})", "a0=3+-0.1")
+    return {
+        "fixed": {
+            name: float(value)
+            for name, (value,) in _by_name("--fix", fixed, rf"({_NUMBER})", "a0=3").items()
+        },
+        "bounds": {
+            name: (float(low) if low else None, float(high) if high else None)
+            for name, (low, high) in pairs.items()
+        },
+        "priors": {name: (float(mean), float(std)) for name, (mean, std) in spreads.items()},
+        "static_gain": _gain(gains),
+    }
+
+
+def _by_name(
+    option: str, given: Sequence[str], value: str, example: str
+) -> dict[str, tuple[str, ...]]:
+    found: dict[str, tuple[str, ...]] = {}
+    for text in given:
+        match = re.fullmatch(_NAME + value + r"\s*", text)
+        if match is None:
+            raise OptionError(
+                f"found {option} {shown(text)}; expected a coefficient and its value such as "
+                f"{example}; correct it"
+            )
+        name, *parts = match.groups()
+        if name in found:
+            raise OptionError(
+                f"found {option} twice for {shown(name)}; expected it once; drop one of the two"
+            )
+        found[name] = tuple(parts)
+    return found
+
+
+def _gain(given: Sequence[str]) -> float | list[list[float | None]] | None:
+    rows: list[list[float | None]] = []
+    for text in given:
+        cells = [cell.strip() for cell in text.split(",")]
+        if not all(cell == "?" or re.fullmatch(_NUMBER, cell) for cell in cells):
+            raise OptionError(
+                f"found --gain {shown(text)}; expected a number, or one for each input such as "
+                "1.5,? where the second is unknown; correct it"
+            )
+        rows.append([None if cell == "?" else float(cell) for cell in cells])
+    if not rows:
+        return None
+    if len({len(row) for row in rows}) > 1:
+        raise ChannelCountError(
+            f"found --gain {' --gain '.join(given)}; expected the same number of inputs for each "
+            "output; write ? where a gain is unknown"
+        )
+    return rows[0][0] if len(rows) == 1 and len(rows[0]) == 1 else rows

@@ -1,0 +1,1 @@
+"""Estimation with knowledge: what is said of the coefficients beforehand is kept."""

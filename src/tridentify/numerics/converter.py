@@ -1,0 +1,114 @@
+"""Marks that an analogue-to-digital converter leaves in samples: steps, limits, repeats.
+
+*Quantum.* Values that come from a converter are ``y_0 + q k`` with whole ``k``. The distinct values
+are sorted and counted up from one to the next in steps of a trial ``q``, which is the smallest
+difference or a whole part of it; a straight line through value against count then gives ``q`` to
+far better than a step over the whole range, and the largest departure from it tells whether the
+values lie on a grid. Rounding of the values (by a unit conversion, or in a text file) is smaller
+than the tolerance of a twentieth of a step. For values that lie on no grid the departure is near
+a half, and the chance that all of them pass falls by ten with each further value.
+
+*Runs.* Continuous noise never gives the same value twice in a row. A run of one value is therefore
+a plateau without noise, a coarse converter, a limit of the sensor, or a sensor that hangs. Which of
+these is decided in `tridentify.cautions`, with the model at hand.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
+
+OFF_GRID = 0.05
+SAME = 1e-12
+PARTS = (1, 2, 3, 4)
+FEWEST_VALUES = 6
+MOST_STEPS = 1e7
+
+
+class Runs(NamedTuple):
+    """Stretches of one value: first samples, lengths and values, each (n_runs,)."""
+
+    first: Ints
+    length: Ints
+    value: Array
+
+
+def quantum(values: Array) -> float:
+    """Step of the grid that all values lie on.
+
+    Parameters
+    ----------
+    values : (N,) array
+        ``nan`` marks a missing sample.
+
+    Returns
+    -------
+    float
+        0 where they lie on no grid, or are too few different ones to tell: six, or two where
+        each is met ten times.
+
+    Examples
+    --------
+    >>> signal = 3.0 + np.sin(np.arange(100.0))
+    >>> round(quantum(0.05 * np.round(signal / 0.05)), 6), quantum(signal)
+    (0.05, 0.0)
+    """
+    seen = values[np.isfinite(values)]
+    if seen.size < 2:
+        return 0.0
+    levels = np.unique(seen)
+    span = float(levels[-1] - levels[0])
+    size = float(np.abs(levels).max())
+    if span <= SAME * size:
+        return 0.0
+    levels = levels[np.concatenate([[True], np.diff(levels) > SAME * max(size, span)])]
+    if levels.size < FEWEST_VALUES and seen.size < 10 * levels.size:
+        return 0.0
+    steps = np.diff(levels)
+    smallest = float(steps.min())
+    if span > MOST_STEPS * smallest:
+        return 0.0
+    for part in PARTS:
+        found = _grid(levels, steps, smallest / part)
+        if found:
+            return found
+    return 0.0
+
+
+def _grid(levels: Array, steps: Array, trial: float) -> float:
+    """The step near a trial that puts all levels on a grid, or 0."""
+    # small steps first: they fix the quantum well enough to count the larger ones
+    for most in (4.0, 30.0, np.inf):
+        near = steps <= most * trial
+        counts = np.round(steps[near] / trial)
+        trial = float(steps[near] @ counts / (counts @ counts))
+    counts = np.concatenate([[0.0], np.cumsum(np.round(steps / trial))])
+    about, centre = counts - counts.mean(), levels - levels.mean()
+    q = float(about @ centre / (about @ about))
+    off = float(np.abs(centre - q * about).max())
+    return q if off < OFF_GRID * q else 0.0
+
+
+def runs(values: Array) -> Runs:
+    """Stretches of two and more equal samples, one after the other.
+
+    Parameters
+    ----------
+    values : (N,) array
+        ``nan`` marks a missing sample, which ends a stretch.
+
+    Examples
+    --------
+    >>> found = runs(np.array([1.0, 2.0, 2.0, 2.0, 3.0, 1.0, 1.0]))
+    >>> found.first.tolist(), found.length.tolist(), found.value.tolist()
+    ([1, 5], [3, 2], [2.0, 1.0])
+    """
+    same = np.concatenate([[False], values[1:] == values[:-1], [False]])
+    edges = np.flatnonzero(same[1:] != same[:-1])
+    first, last = edges[::2], edges[1::2]
+    return Runs(first, last - first + 1, values[first])

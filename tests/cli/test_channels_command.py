@@ -1,0 +1,105 @@
+"""``tridentify channels``, and ``tridentify identify`` on other files than text."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import polars as pl
+import pytest
+
+N = 200
+
+
+@pytest.fixture(scope="module")
+def columns() -> dict[str, np.ndarray]:
+    """A held square wave, and the exact response of 2/(s + 1) to it."""
+    u = np.where(np.arange(N) // 25 % 2, -1.0, 1.0)
+    y, state, decay = np.empty(N), 0.0, np.exp(-0.05)
+    for k in range(N):
+        y[k] = state
+        state = decay * state + 2.0 * (1.0 - decay) * u[k]
+    return {"time [ms]": 50.0 * np.arange(N), "u [deg]": u, "y [deg/s]": y}
+
+
+@pytest.fixture(scope="module", params=["csv", "parquet", "npz"])
+def file(request: pytest.FixtureRequest, columns, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("channels") / f"run.{request.param}"
+    if request.param == "csv":
+        pl.DataFrame(columns).write_csv(path)
+    elif request.param == "parquet":
+        pl.DataFrame(columns).write_parquet(path)
+    else:
+        np.savez(path, **columns)
+    return path
+
+
+def test_channels_are_listed(run, file: Path) -> None:
+    outcome = run("channels", file)
+    assert outcome.code == 0
+    rows = [line.split() for line in outcome.out.splitlines()]
+    assert ["u", "[deg]", "200", "20", "deg"] in rows
+
+
+def test_channels_as_json(run, file: Path) -> None:
+    listed = json.loads(run("channels", file, "--json").out)["channels"]
+    assert [entry["name"] for entry in listed] == ["time [ms]", "u [deg]", "y [deg/s]"]
+    assert listed[2] == {
+        "name": "y [deg/s]",
+        "unit": "deg/s",
+        "clock": "",
+        "samples": N,
+        "rate": pytest.approx(20.0),
+    }
+
+
+def test_identify_takes_the_file_and_its_units(run, file: Path) -> None:
+    outcome = run(
+        *("identify", file, "--input", "u", "--output", "y", "--poles", "1", "--zeros", "0"),
+        "--json",
+    )
+    assert outcome.code == 0
+    assert "taking column 'time [ms]' as time" in outcome.err
+    found = {item["name"]: item for item in json.loads(outcome.out)["parameters"]}
+    assert found["a0"]["value"] == pytest.approx(1.0, rel=1e-4)
+    assert (found["a0"]["unit"], found["b0"]["unit"]) == ("1/s", "1/s^2")
+
+
+def test_a_format_with_a_time_of_its_own_needs_no_time(run, columns, tmp_path: Path) -> None:
+    from scipy import io
+
+    u, y = columns["u [deg]"], columns["y [deg/s]"]
+    io.savemat(tmp_path / "run.mat", {"z": {"u": u[:, None], "y": y[:, None], "Ts": 0.05}})
+    outcome = run(
+        *("identify", tmp_path / "run.mat", "--input", "z.u", "--output", "z.y"),
+        *("--poles", "1", "--zeros", "0", "--json"),
+    )
+    assert outcome.code == 0
+    assert json.loads(outcome.out)["record"]["dt"] == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "words"),
+    [
+        ("absent.parquet", None, "no such file"),
+        ("run.parquet", b"", "found nothing"),
+        ("run.parquet", b"PAR1" + bytes(200), "expected a sound Parquet file"),
+        ("run.mf4", b"t,u\n0,1\n", "no mark of MDF4"),
+    ],
+)
+def test_a_bad_file_is_one_line(run, tmp_path: Path, name: str, content, words: str) -> None:
+    if content is not None:
+        (tmp_path / name).write_bytes(content)
+    outcome = run("channels", tmp_path / name)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert len(outcome.error_lines) == 1
+    assert words in " ".join(outcome.err.split())
+
+
+def test_a_name_cannot_steer_the_terminal(run, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("t,\x1b[31mred\n0,1\n1,2\n")
+    outcome = run("channels", tmp_path / "run.csv")
+    assert outcome.code == 0
+    assert "\x1b[31m" not in outcome.out
+    assert "x1b[31mred" in outcome.out

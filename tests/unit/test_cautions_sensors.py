@@ -1,0 +1,273 @@
+"""Coarse converters, limits, hanging sensors, repeats and outliers: said when true, not otherwise.
+
+The records come from a simulation of their own, pole by pole.
+"""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from tridentify import Record, Structure, ThreeModel, identify
+from tridentify import errors as err
+from tridentify.numerics.converter import quantum, runs
+
+DT = 0.05
+DEN, NUM = np.array([1.0, 1.0, 3.0]), np.array([0.2, 0.5])
+METHOD = ThreeModel(noise="white", finish="likelihood")
+WORDS = ("quantised", "saturated", "hung", "repeat the one before", "Gaussian noise explains")
+PLAIN = Structure(2, 1)
+
+
+def respond(u, dt=DT):
+    y = np.zeros(u.size)
+    for pole in np.roots(DEN):
+        residue = np.polyval(NUM, pole) / np.polyval(np.polyder(DEN), pole)
+        gain = residue * np.expm1(pole * dt) / pole
+        y = y + lfilter([0.0, gain], [1.0, -np.exp(pole * dt)], u.astype(complex)).real
+    return y
+
+
+def noisy(seed=0, n_samples=800, level=0.05, u=None):
+    """(record, noise standard deviation)."""
+    rng = np.random.default_rng(seed)
+    if u is None:
+        u = np.repeat(rng.choice([-1.0, 1.0], n_samples // 10 + 1), 10)[:n_samples]
+    clean = respond(u)
+    sigma = level * clean.std()
+    return Record(u, clean + sigma * rng.standard_normal(u.size), dt=DT), sigma
+
+
+def said(record, structure=PLAIN):
+    """The words of `WORDS` that the cautions contain, and the cautions."""
+    lines = identify(record, structure, METHOD, throw=False).cautions
+    return {word for word in WORDS for line in lines if word in line}, lines
+
+
+# -------------------------------------------------------------------------------------- quantum
+@pytest.mark.parametrize("q", [1.0, 0.01, 3.7e-6, 20.0 / 4096])
+@pytest.mark.parametrize("about", [0.0, 1000.0])
+def test_quantum_is_found_through_rounding(q, about):
+    signal = 40 * q * np.sin(0.37 * np.arange(300)) + 11 * q
+    values = about * q + q * np.round(signal / q)
+    assert quantum(values) == pytest.approx(q, rel=1e-6)
+    assert quantum(values * 57.29577951308232) == pytest.approx(q * 57.29577951308232, rel=1e-6)
+    printed = np.array([float(f"{v:.9g}") for v in values])
+    assert quantum(printed) == pytest.approx(q, rel=1e-4)
+
+
+def test_quantum_without_two_neighbouring_levels():
+    levels = np.array([0.0, 6, 10, 16, 19, 25, 40, 46.0])
+    assert quantum(np.tile(levels, 3)) == pytest.approx(1.0)
+
+
+def test_continuous_values_have_no_quantum():
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        values = rng.uniform(-1e3, 1e3) + rng.standard_normal(rng.integers(2, 200))
+        assert quantum(values) == 0.0
+
+
+@pytest.mark.parametrize("values", [[], [1.0], [2.0, 2.0], [np.nan, 1.0, np.nan], [0.0, 1.0]])
+def test_too_few_values_have_no_quantum(values):
+    assert quantum(np.array(values)) == 0.0
+
+
+def test_missing_samples_end_a_run():
+    found = runs(np.array([1.0, 1.0, np.nan, 1.0, 2.0, 2.0]))
+    assert found.first.tolist() == [0, 4]
+    assert found.length.tolist() == [2, 2]
+
+
+# ------------------------------------------------------------------------------- said when true
+@pytest.mark.parametrize(("steps", "told"), [(0.2, False), (1.0, False), (3.0, True), (10.0, True)])
+def test_converter_is_judged_against_the_noise(steps, told):
+    record, sigma = noisy()
+    q = steps * sigma
+    words, lines = said(record.with_outputs(q * np.round(record.y / q)))
+    assert words == ({"quantised"} if told else set())
+    if told:
+        line = next(line for line in lines if "quantised" in line)
+        assert f"steps of {q:.4g} " in line
+
+
+def test_quantised_input_is_nothing_to_mention():
+    rng = np.random.default_rng(5)
+    u = 0.25 * np.round(4.0 * np.cumsum(rng.standard_normal(600)) / 10)
+    record, _ = noisy(u=u)
+    assert said(record)[0] == set()
+
+
+@pytest.mark.parametrize("side", ["top", "bottom", "both"])
+@pytest.mark.parametrize("step", [0.0, 0.3])
+def test_saturation_is_named_with_its_limit(side, step):
+    record, sigma = noisy(1)
+    low, high = np.quantile(record.y, [0.06, 0.94])
+    low, high = (low if side != "top" else -9.0), (high if side != "bottom" else 9.0)
+    y = np.clip(record.y, low, high)
+    if step:
+        y = step * sigma * np.round(y / (step * sigma))
+    words, lines = said(record.with_outputs(y))
+    assert words == {"saturated"}
+    where = [line for line in lines if "saturated" in line]
+    assert len(where) == (2 if side == "both" else 1)
+    for line in where:
+        value = y.max() if "largest" in line else y.min()
+        assert f"{int(np.sum(y == value))} samples" in line
+        assert f"{value:.6g}" in line
+
+
+def test_marking_saturated_samples_as_missing_takes_most_of_the_bias_away():
+    """The rest stays: noise decides which samples near the limit are beyond it."""
+    truth = np.concatenate([DEN[1:], NUM])
+    clipped, marked = [], []
+    for seed in range(6):
+        record, _ = noisy(seed, level=0.1)
+        high = np.quantile(record.y, 0.85)
+        full = record.with_outputs(np.minimum(record.y, high))
+        structure = Structure(2, 1, offset=False, initial_state="rest")
+        clipped.append(identify(full, structure, METHOD).theta)
+        marked.append(identify(full.mask(full.y >= high), structure, METHOD).theta)
+    before, after = (np.abs(np.mean(x, axis=0) / truth - 1.0) for x in (clipped, marked))
+    assert np.max(before) > 0.1
+    assert np.max(after) < 0.35 * np.max(before)
+
+
+def test_hanging_sensor_is_named_with_its_place():
+    record, _ = noisy(2)
+    y = np.array(record.y)
+    y[300:340] = y[300]
+    words, lines = said(record.with_outputs(y))
+    assert words == {"hung"}
+    assert any("40 samples" in line and "from sample 300 on" in line for line in lines)
+
+
+def test_repeated_rows_are_counted():
+    record, _ = noisy(3)
+    y = np.array(record.y)
+    where = np.array([50, 123, 200, 301, 402, 555, 700])
+    y[where] = y[where - 1]
+    words, lines = said(record.with_outputs(y))
+    assert words == {"repeat the one before"}
+    assert any(line.startswith("7 samples of y") for line in lines)
+
+
+def test_saturated_measured_input():
+    rng = np.random.default_rng(6)
+    true = np.repeat(rng.uniform(-1.0, 1.0, 80), 10)
+    measured = np.clip(true + 0.05 * rng.standard_normal(true.size), -0.7, 0.7)
+    y = respond(true)
+    y = y + 0.05 * y.std() * rng.standard_normal(y.size)
+    lines = identify(Record(measured, y, dt=DT), PLAIN, METHOD, throw=False).cautions
+    assert any("of input u stay at its ends, -0.7 and 0.7" in line for line in lines)
+
+
+@pytest.mark.parametrize("count", [1, 10])
+def test_gross_outliers_recommend_a_robust_loss(count):
+    record, sigma = noisy(4)
+    y = np.array(record.y)
+    where = np.random.default_rng(1).choice(800, count, replace=False)
+    y[where] += 25 * sigma
+    bad = record.with_outputs(y)
+    words, lines = said(bad)
+    assert words == {"Gaussian noise explains"}
+    line = next(line for line in lines if "Gaussian noise explains" in line)
+    assert line.startswith(f"{count} samples" if count > 1 else "A sample")
+    assert "loss='huber'" in line
+    robust = identify(bad, PLAIN, ThreeModel(loss="huber"))
+    assert not any("Gaussian noise explains" in line for line in robust.cautions)
+
+
+# ------------------------------------------------------------------------------ silent otherwise
+def inputs():
+    rng = np.random.default_rng(7)
+    t = np.arange(400)
+    return {
+        "step": np.ones(400),
+        "late step": (t > 80).astype(float),
+        "binary": np.repeat(rng.choice([-1.0, 1.0], 25), 16),
+        "fast binary": rng.choice([-1.0, 1.0], 400),
+        "doublet": np.where(t < 100, 0.0, np.where(t < 150, 1.0, np.where(t < 200, -1.0, 0.0))),
+        "levels": np.repeat(rng.integers(-3, 4, 40).astype(float), 10),
+        "sine": np.sin(0.05 * t),
+        "ramp to a hold": np.clip((t - 50) / 100, 0.0, 1.0),
+        "noise": rng.standard_normal(400),
+    }
+
+
+@pytest.mark.parametrize("kind", inputs())
+@pytest.mark.parametrize("level", [0.0, 0.01, 0.3])
+def test_sound_records_raise_no_alarm(kind, level):
+    u = np.repeat(inputs()[kind], 3)
+    record, _ = noisy(8, level=level, u=u)
+    assert said(record)[0] == set()
+
+
+@pytest.mark.parametrize("n_samples", [15, 30, 60])
+def test_short_sound_records_raise_no_alarm(n_samples):
+    for seed in range(6):
+        u = np.where(np.arange(n_samples) < n_samples // 2, 1.0, -1.0)
+        record, _ = noisy(seed, level=0.1, u=u)
+        assert said(record, Structure(1, 0, offset=False, initial_state="rest"))[0] == set()
+
+
+def test_counts_with_noise_of_their_own_raise_no_alarm():
+    record, sigma = noisy(9, level=0.1)
+    assert said(record.with_outputs(np.round(1.5 * record.y / sigma)))[0] == set()
+
+
+def test_response_that_the_model_misses_is_not_taken_for_outliers():
+    record, _ = noisy(10, level=0.0)
+    lines = identify(
+        record, Structure(1, 0, offset=False, initial_state="rest"), METHOD, throw=False
+    ).cautions
+    assert not any("Gaussian noise explains" in line for line in lines)
+
+
+# ------------------------------------------------------------------------------------------ mask
+@functools.cache
+def two_outputs():
+    return Record([0.0, 1.0, 1.0, 1.0], np.arange(8.0).reshape(4, 2), dt=0.1)
+
+
+def test_mask_marks_one_output_or_all():
+    record = two_outputs()
+    one = record.mask(record.y >= 7.0)
+    assert np.argwhere(np.isnan(one.y)).tolist() == [[3, 1]]
+    both = record.mask(record.y[:, 0] >= 6.0)
+    assert np.argwhere(np.isnan(both.y)).tolist() == [[3, 0], [3, 1]]
+    assert np.isfinite(record.y).all()
+    assert both.dt == record.dt
+
+
+@pytest.mark.parametrize(
+    ("where", "error"),
+    [
+        ([True], err.ShapeError),
+        ([[True] * 3] * 4, err.ShapeError),
+        ([1, 0, 0, 0], err.SampleTypeError),
+        ([3], err.SampleTypeError),
+        ([True] * 4, err.EmptyChannelError),
+    ],
+)
+def test_mask_refuses_what_does_not_fit(where, error):
+    with pytest.raises(error, match="found"):
+        two_outputs().mask(where)
+
+
+@pytest.mark.parametrize(
+    ("y", "error"),
+    [
+        (np.zeros(4), err.ShapeError),
+        (np.zeros((3, 2)), err.ShapeError),
+        (np.full((4, 2), np.inf), err.NotFiniteError),
+        (np.full((4, 2), np.nan), err.EmptyChannelError),
+        ([["a", "b"]] * 4, err.SampleTypeError),
+    ],
+)
+def test_with_outputs_refuses_what_does_not_fit(y, error):
+    with pytest.raises(error, match="found"):
+        two_outputs().with_outputs(y)

@@ -1,0 +1,63 @@
+"""Units from a file to the coefficients, and records that do not agree about them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tridentify import METHODS, Record, Structure, errors, identify, read_record
+from tridentify.numerics.propagate import warm_up
+
+N = 200
+
+
+@pytest.fixture(scope="module")
+def arrays() -> tuple[np.ndarray, np.ndarray]:
+    """A held square wave, and the exact step responses of 2/(s + 1) to it."""
+    warm_up()
+    u = np.where(np.arange(N) // 25 % 2, -1.0, 1.0)
+    y, state = np.empty(N), 0.0
+    decay = np.exp(-0.05)
+    for k in range(N):
+        y[k] = state
+        state = decay * state + 2.0 * (1.0 - decay) * u[k]
+    return u, y
+
+
+def record(arrays, **units: str) -> Record:
+    return Record(*arrays, dt=0.05, input_names=["elevator"], output_names=["q"], units=units)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_records_in_different_units_are_refused_by_every_method(arrays, method: str) -> None:
+    pair = [record(arrays, elevator="deg"), record(arrays, elevator="rad")]
+    with pytest.raises(
+        errors.UnitMismatchError, match=r"units 'deg' and 'rad' of 'elevator'.*convert one"
+    ) as caught:
+        identify(pair, Structure(1, 0), METHODS[method]())
+    assert isinstance(caught.value, errors.DataError)
+
+
+@pytest.mark.parametrize(
+    "pair", [({"q": "1/s"}, {"q": "s^-1"}), ({"q": "rad/s"}, {}), ({"t": "s"}, {"t": "ms"})]
+)
+def test_records_that_do_not_contradict_each_other_are_accepted(arrays, pair) -> None:
+    first, second = pair
+    identify([record(arrays, **first), record(arrays, **second)], Structure(1, 0))
+
+
+def test_units_of_a_file_reach_the_coefficients(arrays, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    rows = np.column_stack([50.0 * np.arange(N), *arrays]).tolist()
+    text = "\n".join(",".join(map(repr, row)) for row in rows)
+    path.write_text("t [ms],elevator [deg],q [deg/s]\n" + text)
+    made = read_record(path, time="t", inputs=["elevator"], outputs=["q"])
+    estimate = identify(made, Structure(1, 0, offset=False, initial_state="rest"))
+    assert {name: item.unit for name, item in estimate.parameters.items()} == {
+        "a0": "1/s",
+        "b0": "1/s^2",
+    }
+    assert estimate.parameters["a0"].value == pytest.approx(1.0, rel=1e-6)
+    assert "1/s^2" in estimate.summary()
