@@ -53,13 +53,20 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     """
     found = [*_nothing_explained(estimate, records), *_constant_input(estimate, records)]
     # what is fixed has no standard error, whatever its value
-    vague = [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
+    unsure = [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
+    vague = [name for name in unsure if not name.startswith("delay")]
+    late = [name for name in unsure if name.startswith("delay")]
     if vague and np.isnan(estimate.std).all():
         found.append(f"{estimate.method} gives no standard errors; ThreeModel() does.")
     elif vague:
         found.append(
             f"Standard error above half of the value: {', '.join(vague)}. Do not rely on these "
             "coefficients one by one; excite the system more, or use fewer poles or zeros."
+        )
+    if late and not np.isnan(estimate.std).all():
+        found.append(
+            f"Not distinguishable from zero: {', '.join(late)}. Leave it out, or excite the system "
+            "faster if the delay matters."
         )
     found += outlier_cautions(estimate, records)
     found += _at_bounds(estimate)
