@@ -462,3 +462,15 @@ def test_knowledge_goes_with_delays_and_jitter(key, case, integrates):
 def test_what_cannot_be_constrained_yet_is_refused(key, structure):
     with pytest.raises(err.UnsupportedError, match="found"):
         identify(record_of([0.2, 0.5], [1.0, 1.0, 3.0]), structure, METHODS[key]())
+
+
+@pytest.mark.parametrize("integrates", [False, True], ids=["a gain", "an integrator"])
+def test_the_free_response_after_a_delay_is_that_of_the_fit(integrates):
+    num, den = ([2.0], [1.0, 2.0, 0.0]) if integrates else ([0.2, 0.5], [1.0, 1.0, 3.0])
+    known = {"fixed": {"a0": 0.0}} if integrates else {"static_gain": 0.5 / 3.0}
+    u, rng = binary(), np.random.default_rng(0)
+    y = simulate(TransferFunction(num, den, delay=0.13), Record(u, u, dt=DT))[:, 0]
+    record = Record(u, y + 0.02 * rng.standard_normal(u.size), dt=DT)
+    structure = Structure(2, len(num) - 1, delay=0.13, initial_state="free", offset=False, **known)
+    found = identify(record, structure, METHODS["output-error"]())
+    assert found.cost == pytest.approx(np.nanmean(found.residual(record) ** 2), rel=1e-6)
