@@ -13,8 +13,8 @@ looked at as a whole before anything is refined.
    delays are refined together (`output_error.finish`).
 3. *Away from there.* With the poles held the reduced cost is taken along each delay, and other
    minima that come near it are followed. Nearer by, where a delay can be traded for poles and zeros
-   and the cost of a held input has a kink at every step, the search is repeated one step away, two,
-   four, and so on up to the step of the grid. Both are repeated as long as that helps.
+   and the cost of a held input has a kink at every step, the search is repeated half a step away, one,
+   two, four, and so on up to the step of the grid. Both are repeated as long as that helps.
 
 All this runs on a stand-in where the record is long, and with a start of every kind that the
 structure allows. A free initial state stands for the inputs before the record, so output samples
@@ -333,11 +333,11 @@ def _elsewhere(point: Point) -> list[Array]:
 
 
 def _ladder(point: Point) -> list[Array]:
-    """Delays, one of them a few steps away: one step, twice that, up to the step of the grid."""
+    """Delays, one of them half a step away, one step, two, up to the step of the grid."""
     problem, found = point.problem, []
     assert problem.limits is not None
     for j, limit in enumerate(problem.limits):
-        away = min(e.dt for e in problem.experiments)
+        away = 0.5 * min(e.dt for e in problem.experiments)
         rungs = max(int(np.ceil(np.log2(float(limit) / PLACES / away))), 0) + 1
         for rung in range(min(rungs, MOST_RUNGS)):
             for sign in (-1.0, 1.0):
