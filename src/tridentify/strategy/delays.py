@@ -12,9 +12,10 @@ looked at as a whole before anything is refined.
 2. *Low order.* At the lowest places the poles are searched (`strategy.search`), and poles and
    delays are refined together (`output_error.finish`).
 3. *Away from there.* With the poles held the reduced cost is taken along each delay, and other
-   minima that come near it are followed. Nearer by, where a delay can be traded for poles and zeros
-   and the cost of a held input has a kink at every step, the search is repeated half a step away, one,
-   two, four, and so on up to the step of the grid. Both are repeated as long as that helps.
+   minima that come near it are followed. Nearer by, where a delay can be traded for poles and
+   zeros and the cost of a held input has a kink at every step, poles and delays are refined anew
+   from half a step away, one, two, four, and so on up to the step of the grid, the delay held at
+   first. Both are repeated as long as that helps.
 
 All this runs on a stand-in where the record is long, and with a start of every kind that the
 structure allows. A free initial state stands for the inputs before the record, so output samples
@@ -56,6 +57,7 @@ MOST_PLACES = 4
 MOST_RUNGS = 6
 STARTS = 2
 MOST_STEPS = 12
+HELD_STEPS = 6
 MOST_ROUNDS = 4
 SWEEPS = 2
 NEAR = 20.0
@@ -254,7 +256,7 @@ def _best(problem: Problem) -> tuple[Point, list[Point]]:
     for _ in range(MOST_ROUNDS):
         before = best
         for delays in [*_elsewhere(before), *_ladder(before)]:
-            ends += [_from(problem, delays, best.poles), _refined(problem, delays)]
+            ends += [_from(problem, delays, best.poles), _held(problem, delays, best.poles)]
             best = min((best, *ends[-2:]), key=lambda point: point.objective)
         if best.objective > before.objective - HELPED:
             break
@@ -313,6 +315,13 @@ def _from(problem: Problem, delays: Array, poles: Complex) -> Point:
     late = problem.delayed(delays)
     at = partial(evaluate, late)
     return finish(at, at(poles), Recorder(), MOST_STEPS)[0]
+
+
+def _held(problem: Problem, delays: Array, poles: Complex) -> Point:
+    """The poles first, with the delays held, so that these do not slide back at once."""
+    late = problem.delayed(delays).freed(None)
+    at = partial(evaluate, late)
+    return _from(problem, delays, finish(at, at(poles), Recorder(), HELD_STEPS)[0].poles)
 
 
 def _elsewhere(point: Point) -> list[Array]:
