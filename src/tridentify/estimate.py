@@ -217,6 +217,15 @@ class Estimate:
         kinds = [f"{n}: {f'AR({a.size})' if a.size else 'white'}" for n, a in models]
         return f"noise model {', '.join(kinds)}; noise std is that of the noise before whitening"
 
+    def held_note(self, name: str) -> str:
+        """Why a coefficient has no standard error ("fixed", "at bound"); empty where it has one."""
+        parameter = self.parameters[name]
+        if name in (self.structure.fixed or {}):
+            return "fixed"
+        if parameter.std or parameter.value not in (self.structure.bounds or {}).get(name, ()):
+            return ""
+        return "at bound"
+
     def nuisance_rows(self) -> tuple[Row, ...]:
         """(name, value, std, unit) of the offsets and drifts that were estimated along."""
         rows = []
@@ -325,7 +334,8 @@ class Estimate:
             "=" * _WIDTH,
         ]
         lines = [*head, self.model_text()]
-        lines += ["", *format_table(_TITLES, [_row(p) for p in self.parameters.values()])]
+        rows = [_row(p, self.held_note(p.name)) for p in self.parameters.values()]
+        lines += ["", *format_table(_TITLES, rows)]
         along, derived = self.nuisance_rows(), self.derived_rows()
         for title, found in (("derived", derived), ("estimated along", along)):
             if found:
@@ -422,7 +432,7 @@ class Estimate:
         return estimate
 
 
-def _row(parameter: Parameter) -> tuple[str, ...]:
+def _row(parameter: Parameter, held: str = "") -> tuple[str, ...]:
     value, std = parameter.value, parameter.std
     ends = [format_value(end, std) for end in parameter.interval()] if std > 0 else ["", ""]
-    return parameter.name, format_value(value, std), format_std(std), *ends, parameter.unit
+    return parameter.name, format_value(value, std), format_std(std) or held, *ends, parameter.unit

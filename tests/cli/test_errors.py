@@ -105,7 +105,39 @@ CASES = {
         "expected 0.02 s within 5 percent",
         ("--time", "t", "--dt", "0.02"),
     ),
-    "jittered time": Case(rows(t=jittered), errors.NonUniformTimeError, "expected a uniform step"),
+    "jittered time of a band-limited input": Case(
+        rows(t=jittered),
+        errors.NonUniformTimeError,
+        "expected a uniform step",
+        ("--intersample", "band-limited"),
+    ),
+    "jittered time and a method that needs a uniform step": Case(
+        rows(t=jittered),
+        errors.NonUniformTimeError,
+        "SvfLeastSquares expects a uniform step",
+        ("--method", "svf-least-squares"),
+    ),
+    "negative delay": Case(rows(), errors.OptionError, "found delay=-0.1", ("--delay", "-0.1")),
+    "delay in words": Case(rows(), errors.OptionError, "--delay 'late'", ("--delay", "late")),
+    "delay longer than the record": Case(rows(), errors.DelayError, "delay", ("--delay", "1e6")),
+    "delays for other channels": Case(
+        rows(), errors.ChannelCountError, "--delay 0.1,0.2", ("--delay", "0.1,0.2")
+    ),
+    "poles for other channels": Case(
+        rows(), errors.ChannelCountError, "--poles 2,1", ("--poles", "2,1")
+    ),
+    "no number of poles": Case(rows(), errors.OrderError, "--poles 'two'", ("--poles", "two")),
+    "no rule of what is missing": Case(
+        rows(), errors.OptionError, "--missing 'q is large'", ("--missing", "q is large")
+    ),
+    "a rule about an input": Case(
+        rows(), errors.ChannelNameError, "'elevator'", ("--missing", "elevator>1")
+    ),
+    "a rule that leaves nothing": Case(
+        rows(), errors.EmptyChannelError, "'q'", ("--missing", "q<=10")
+    ),
+    "no unit": Case(rows(), errors.OptionError, "--unit 'rad'", ("--unit", "rad")),
+    "a unit of nothing": Case(rows(), errors.UnitError, "'p'", ("--unit", "p=rad")),
     "a range without samples": Case(
         rows(), errors.EmptyRangeError, "100", ("--from", "100", "--to", "101")
     ),
@@ -259,7 +291,6 @@ def test_a_folder_in_the_place_of_a_file_undoes_what_was_moved(
     [
         (["identify"], "FILE"),
         (["identify", "x.csv", "--input", "u", "--output", "y", "--zeros", "1"], "--poles"),
-        (["identify", "x.csv", "--poles", "two"], "--poles"),
         (["identify", "x.csv", "--offset", "perhaps"], "--offset"),
         (["identify", "x.csv", "--colour", "red"], "--colour"),
         (["--colour"], "--colour"),

@@ -17,7 +17,7 @@ import pytest
 from scipy import signal
 
 import tridentify
-from tridentify import Estimate
+from tridentify import Estimate, Record, TransferFunction, simulate
 from tridentify.cli import identify_command, main, terminal
 from tridentify.numerics import propagate
 
@@ -143,22 +143,32 @@ def jittered(clean: dict[str, np.ndarray], size: float) -> dict[str, np.ndarray]
 
 
 @pytest.mark.parametrize("size", [0.02, 0.5])
-def test_what_is_advised_about_uneven_time_can_be_done(run, write_table, clean, question, size):
-    path = write_table("jitter.csv", jittered(clean, size))
-    refused = run("identify", path, *question)
+def test_uneven_time_is_taken_as_it_is_recorded(run, write_table, clean, question, size):
+    uneven = jittered(clean, size)["t"]
+    record = Record(clean["elevator"], clean["q"], t=uneven)
+    q = simulate(TransferFunction([2.0, 3.0], DEN), record)[:, 0]
+    path = write_table("jitter.csv", clean | {"t": uneven, "q": q})
+    outcome = run("identify", path, *question, "--json")
+    assert outcome.code == 0
+    assert values(answers(outcome.out)) == pytest.approx(TRUTH, rel=1e-7)
+    assert answers(outcome.out)["record"]["dt"] is None
+    assert "time is taken as it is recorded" in outcome.err
+    assert "steps 0.0" in run("identify", path, *question).out
+
+
+def test_the_mean_step_may_still_be_stated_for_inexact_time_stamps(
+    run, write_table, clean, question
+):
+    path = write_table("jitter.csv", jittered(clean, 0.5))
+    refused = run("identify", path, *question, "--time", "t", "--dt", DT)
     assert refused.code == 2
-    (line,) = refused.error_lines
-    assert ("--time t --dt 0.02" in line) == (size < 0.05)
-    advised = re.search(r"give ((?:--time t )?--dt [\d.]+)", line)
+    assert "leave --time out if only the time stamps are inexact" in refused.error_lines[0]
+    note = run("identify", path, *question).err
+    advised = re.search(r"--dt [\d.]+", note)
     assert advised
-    assert run("identify", path, *advised[1].split(), *question).code == 0
-
-
-def test_a_cut_of_uneven_time_gets_advice_that_can_be_followed(run, write_table, clean, question):
-    path = write_table("jitter.csv", jittered(clean, 0.02))
-    refused = run("identify", path, *question, "--from", 0.5)
-    assert re.search(r"--dt 0\.0[12]\d*, the mean, without --time", refused.error_lines[0])
-    assert run("identify", path, *question, "--dt", 0.02, "--from", 0.5).code == 0
+    document = answers(run("identify", path, *question, *advised[0].split(), "--json").out)
+    assert document["record"]["dt"] == DT
+    assert values(document) == pytest.approx(TRUTH, rel=1e-7)
 
 
 def test_a_folder_in_place_of_a_file_is_named(run, question, tmp_path, monkeypatch):

@@ -13,7 +13,14 @@ from typing import Annotated, Any
 import typer
 from typer.main import get_command
 
-from tridentify.cli import channels_command, demo_command, identify_command, study_command, terminal
+from tridentify.cli import (
+    channels_command,
+    demo_command,
+    identify_command,
+    physical_command,
+    study_command,
+    terminal,
+)
 from tridentify.errors import (
     ConvergenceError,
     IdentifiabilityError,
@@ -41,6 +48,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("identify")(identify_command.identify)
+app.command("physical")(physical_command.physical)
 app.command("channels")(channels_command.channels)
 app.command("demo")(demo_command.demo)
 app.command("study")(study_command.study)

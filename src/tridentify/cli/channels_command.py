@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
-from tridentify.cli.identify_command import time_channels
+from tridentify.cli.load import time_channels
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import Activity, show, show_json
 from tridentify.errors import DataError, shown

@@ -17,13 +17,13 @@ import typer
 from rich.table import Table
 
 from tridentify.cli import tables
-from tridentify.cli.identify_command import (
+from tridentify.cli.results import ResultFolder
+from tridentify.cli.run import (
     describe_files,
     estimate_model,
     load_sample_loop,
     write_results,
 )
-from tridentify.cli.results import ResultFolder
 from tridentify.cli.terminal import (
     Activity,
     listed,
@@ -279,7 +279,7 @@ def _document(
             }
             for row in fitted.rows
         ]
-        return {"comparison": rows, **tables.estimate_document(fitted.estimate, fitted.record)}
+        return {"comparison": rows, **tables.estimate_document(fitted.estimate, [fitted.record])}
 
     return {
         "alpha": entry(alpha),

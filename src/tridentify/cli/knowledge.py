@@ -8,7 +8,7 @@ from typing import Any
 
 from tridentify.errors import ChannelCountError, OptionError, shown
 
-_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _NAME = r"\s*([^\s=]+)\s*=\s*"
 
 
@@ -47,12 +47,12 @@ def known_from(
     {'fixed': {'a0': 3.0}, 'bounds': {'b0': (0.0, None)}, 'priors': {'a1': (1.0, 0.1)}, \
 'static_gain': 2.0}
     """
-    pairs = _by_name("--bound", bounds, rf"({_NUMBER})?\s*:\s*({_NUMBER})?", "b0=0: or b0=0:5")
-    spreads = _by_name("--prior", priors, rf"({_NUMBER})\s*\+-\s*({_NUMBER})", "a0=3+-0.1")
+    pairs = _by_name("--bound", bounds, rf"({NUMBER})?\s*:\s*({NUMBER})?", "b0=0: or b0=0:5")
+    spreads = _by_name("--prior", priors, rf"({NUMBER})\s*\+-\s*({NUMBER})", "a0=3+-0.1")
     return {
         "fixed": {
             name: float(value)
-            for name, (value,) in _by_name("--fix", fixed, rf"({_NUMBER})", "a0=3").items()
+            for name, (value,) in _by_name("--fix", fixed, rf"({NUMBER})", "a0=3").items()
         },
         "bounds": {
             name: (float(low) if low else None, float(high) if high else None)
@@ -87,7 +87,7 @@ def _gain(given: Sequence[str]) -> float | list[list[float | None]] | None:
     rows: list[list[float | None]] = []
     for text in given:
         cells = [cell.strip() for cell in text.split(",")]
-        if not all(cell == "?" or re.fullmatch(_NUMBER, cell) for cell in cells):
+        if not all(cell == "?" or re.fullmatch(NUMBER, cell) for cell in cells):
             raise OptionError(
                 f"found --gain {shown(text)}; expected a number, or one for each input such as "
                 "1.5,? where the second is unknown; correct it"

@@ -10,8 +10,8 @@ from typing import Annotated
 
 import typer
 
-from tridentify.cli.identify_command import describe_files
 from tridentify.cli.results import ResultFolder
+from tridentify.cli.run import describe_files
 from tridentify.cli.terminal import Activity, plain, show, show_json
 from tridentify.errors import OptionError, shown
 from tridentify.files import write_atomically

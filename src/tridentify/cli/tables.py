@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
 from rich import box
 from rich.table import Table
 
@@ -21,6 +22,14 @@ HELD = {
     "foh": "joined by lines between samples (foh)",
     "band-limited": "band-limited",
 }
+
+
+def sampling_text(record: Record) -> str:
+    """Say how far apart the samples are."""
+    if record.dt is not None:
+        return f"step {record.dt:.6g} s"
+    steps = np.diff(record.t)
+    return f"steps {steps.min():.4g} to {steps.max():.4g} s"
 
 
 def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]]) -> Table:
@@ -44,7 +53,7 @@ def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]])
         header_style="bold",
     )
     for number, title in enumerate(titles):
-        text = number == 0 or title == "unit"
+        text = number == 0 or title in ("unit", "description")
         table.add_column(title, justify="left" if text else "right", no_wrap=True)
     for group in groups:
         table.add_section()
@@ -56,8 +65,9 @@ def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]])
 def coefficient_table(estimate: Estimate) -> Table:
     """Coefficients, then what follows from them, then what was estimated along."""
     titles = ("coefficient", "value", "std error", "95 % from", "to", "unit")
-    groups = (estimate.parameters.values(), derived(estimate), along(estimate))
-    return make_table(titles, [[_row(item) for item in group] for group in groups if group])
+    named = [_row(item, estimate.held_note(item.name)) for item in estimate.parameters.values()]
+    groups = [[_row(item) for item in group] for group in (derived(estimate), along(estimate))]
+    return make_table(titles, [group for group in (named, *groups) if group])
 
 
 def fit_table(estimate: Estimate) -> Table:
@@ -87,25 +97,37 @@ def fits(estimate: Estimate) -> list[dict[str, Any]]:
     ]
 
 
-def describe_record(record: Record) -> str:
-    """Say what was identified from what."""
-    step = "steps not uniform" if record.dt is None else f"step {record.dt:.6g} s"
+def describe_records(records: Sequence[Record]) -> str:
+    """Say what was identified from what, a paragraph for each experiment."""
+    if len(records) == 1:
+        return paragraph(_described(records[0]))
+    lines = [
+        paragraph(_described(record), f"experiment {number}, ", "  ")
+        for number, record in enumerate(records, 1)
+    ]
+    return "\n".join(lines)
+
+
+def _described(record: Record) -> str:
+    missing = int(np.isnan(record.y).sum())
     outputs, inputs = (
         ", ".join(f"{n} [{record.units[n]}]" if record.units.get(n) else n for n in names)
         for names in (record.output_names, record.input_names)
     )
-    return paragraph(
-        f"{record.name}: {outputs} from {inputs}; {record.n_samples:,} samples, "
-        f"{record.t[0]:.6g} to {record.t[-1]:.6g} s, {step}; input {HELD[record.intersample]}"
+    lost = f" ({missing:,} outputs missing)" if missing else ""
+    return (
+        f"{record.name}: {outputs} from {inputs}; {record.n_samples:,} samples{lost}, "
+        f"{record.t[0]:.6g} to {record.t[-1]:.6g} s, {sampling_text(record)}; "
+        f"input {HELD[record.intersample]}"
     )
 
 
-def describe_status(estimate: Estimate, record: Record) -> str:
+def describe_status(estimate: Estimate, records: Sequence[Record]) -> str:
     """Say how the estimation ended, and what to beware of."""
     lines = [paragraph(f"{estimate.method}: {estimate.status.message}")]
     if estimate.status.remedy:
         lines.append(paragraph(estimate.status.remedy, "  what to do: ", "    "))
-    lines += [paragraph(text, "  caution: ", "    ") for text in warnings_about(estimate, [record])]
+    lines += [paragraph(text, "  caution: ", "    ") for text in warnings_about(estimate, records)]
     return "\n".join(lines)
 
 
@@ -117,60 +139,101 @@ def describe_notes(estimate: Estimate) -> list[str]:
 
 def notes(estimate: Estimate) -> list[str]:
     """What was decided on the way, and why it stopped."""
-    said = (estimate.offset_note(), *estimate.trace.decisions, estimate.trace.stopped)
-    return [note for note in said if note]
+    said = (
+        estimate.noise_note(),
+        estimate.offset_note(),
+        *estimate.trace.decisions,
+        estimate.trace.stopped,
+    )
+    return list(dict.fromkeys(note for note in said if note))
 
 
-def estimate_document(estimate: Estimate, record: Record) -> dict[str, Any]:
+def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str, Any]:
     """Everything that the tables show, by name.
 
     Parameters
     ----------
     estimate : Estimate
-    record : Record
+    records : sequence of Record
         What was identified.
 
     Returns
     -------
     dict
-        Plain values and arrays; not yet free of nan.
+        Plain values and arrays; not yet free of nan. ``record`` is the first of ``experiments``.
     """
     status = estimate.status
+    experiments = [_record_entry(record) for record in records]
     return {
-        "record": {
-            "name": record.name,
-            "inputs": record.input_names,
-            "outputs": record.output_names,
-            "n_samples": record.n_samples,
-            "start": float(record.t[0]),
-            "stop": float(record.t[-1]),
-            "dt": record.dt,
-            "intersample": record.intersample,
-        },
+        "record": experiments[0],
+        "experiments": experiments,
+        "units": dict(estimate.units),
         "method": estimate.method,
+        "structure": estimate.structure.to_dict(),
         "status": {
             "name": status.name,
             "message": status.message,
             "remedy": status.remedy,
             "ok": status.ok,
         },
-        "warnings": warnings_about(estimate, [record]),
-        "parameters": [_entry(item) for item in estimate.parameters.values()],
-        "derived": [_entry(item) for item in derived(estimate)],
-        "estimated_along": [_entry(item) for item in along(estimate)],
+        "warnings": warnings_about(estimate, records),
+        "parameters": [
+            entry(item) | {"known": estimate.held_note(item.name)}
+            for item in estimate.parameters.values()
+        ],
+        "delays": _delays(estimate),
+        "derived": [entry(item) for item in derived(estimate)],
+        "estimated_along": [entry(item) for item in along(estimate)],
         "fit": fits(estimate),
+        "loss": estimate.loss,
+        "outliers": _outliers(estimate),
+        "noise_model": dict(zip(estimate.output_names, estimate.noise_model, strict=True)),
         "model": estimate.model.to_dict(),
         "decisions": notes(estimate),
     }
 
 
-def _row(item: Parameter) -> tuple[str, ...]:
-    ends = [format_value(end, item.std) for end in item.interval()] if item.std else ["", ""]
-    value, std = format_value(item.value, item.std), format_std(item.std)
+def _record_entry(record: Record) -> dict[str, Any]:
+    return {
+        "name": record.name,
+        "inputs": record.input_names,
+        "outputs": record.output_names,
+        "n_samples": record.n_samples,
+        "n_missing": int(np.isnan(record.y).sum()),
+        "start": float(record.t[0]),
+        "stop": float(record.t[-1]),
+        "dt": record.dt,
+        "intersample": record.intersample,
+    }
+
+
+def _delays(estimate: Estimate) -> list[dict[str, Any]]:
+    """Dead time of every channel; the standard error is None where it is known."""
+    found = []
+    for i, output in enumerate(estimate.output_names):
+        for j, source in enumerate(estimate.input_names):
+            names = ("delay", f"delay[{source}]")
+            own = next((estimate.parameters[n] for n in names if n in estimate.names), None)
+            entry = {"output": output, "input": source, "value": estimate.model.delay[i, j]}
+            found.append(entry | {"std": own.std if own else None, "unit": "s"})
+    return found
+
+
+def _outliers(estimate: Estimate) -> dict[str, Any]:
+    """How many samples lie far out under a robust loss, in all and for each output."""
+    columns = estimate.outliers[:, 1]
+    counts = {n: int(np.sum(columns == i)) for i, n in enumerate(estimate.output_names)}
+    return {"count": len(estimate.outliers), "by_output": counts}
+
+
+def _row(item: Parameter, held: str = "") -> tuple[str, ...]:
+    ends = [format_value(end, item.std) for end in item.interval()] if item.std > 0 else ["", ""]
+    value, std = format_value(item.value, item.std), format_std(item.std) or held
     return item.name, value, std, *ends, item.unit
 
 
-def _entry(item: Parameter) -> Mapping[str, Any]:
+def entry(item: Parameter) -> dict[str, Any]:
+    """Value, standard error, 95 % interval and unit of a parameter."""
     return {
         "name": item.name,
         "value": item.value,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.resources import files
@@ -141,7 +141,7 @@ def result_tables(estimate: Estimate) -> list[Table]:
         ("Estimated along", along, _along_note(estimate)),
     )
     tables = [
-        Table(heading, titles, [_quantity_row(item) for item in items], note=note)
+        Table(heading, titles, [_quantity_row(estimate, item) for item in items], note=note)
         for heading, items, note in groups
         if items
     ]
@@ -153,10 +153,11 @@ def result_tables(estimate: Estimate) -> list[Table]:
     return tables
 
 
-def _quantity_row(item: Parameter) -> Row:
+def _quantity_row(estimate: Estimate, item: Parameter) -> Row:
     value, std = item.value, item.std
-    if std == 0:
-        return (item.name, format_value(value), "", "", "", "", item.unit)
+    if not std > 0:
+        held = estimate.held_note(item.name) if item.name in estimate.names else ""
+        return (item.name, format_value(value), held, "", "", "", item.unit)
     ends = [format_value(end, std) for end in item.interval()]
     relative = f"{100 * item.relative_std:.2g} %"
     return (item.name, format_value(value, std), format_std(std), relative, *ends, item.unit)
@@ -199,25 +200,26 @@ def settings_table(estimate: Estimate, records: Sequence[Record]) -> list[tuple[
 
     structure = estimate.structure
     priors = structure.priors or {}
-    step = "not uniform" if estimate.dt is None else f"{estimate.dt:.6g} s"
-    stretches = [f"{r.t[0]:.6g} s to {r.t[-1]:.6g} s ({r.n_samples:,} samples)" for r in records]
     states = [terms.initial_state for terms in estimate.nuisance]
     channels = (*estimate.output_names, *estimate.input_names)
     units = [f"{name} [{estimate.units[name]}]" for name in channels if name in estimate.units]
     rows = [
         ("method", estimate.method),
-        ("poles, zeros", f"{structure.poles}, {structure.zeros}"),
-        ("delay [s]", f"{structure.delay}"),
+        ("poles", _per_channel(estimate, structure.poles)),
+        ("zeros", _per_channel(estimate, structure.zeros)),
+        ("delay", _delay_text(estimate)),
         ("offset", _ESTIMATED.get(structure.offset, "")),
         ("drift", _ESTIMATED.get(structure.drift, "")),
         ("initial state", ", ".join(states) or f"{structure.initial_state}"),
         ("fixed", ", ".join(f"{k} = {v:g}" for k, v in (structure.fixed or {}).items())),
-        ("bounds", ", ".join(f"{k} in {v}" for k, v in (structure.bounds or {}).items())),
-        ("equalities", "; ".join(f"{dict(w)} = {v:g}" for w, v in structure.equalities or ())),
+        ("bounds", ", ".join(_bound_text(k, *v) for k, v in (structure.bounds or {}).items())),
+        ("equalities", "; ".join(_equality_text(*item) for item in structure.equalities or ())),
         ("priors", ", ".join(f"{k} = {m:g} +/- {s:g}" for k, (m, s) in priors.items())),
-        ("static gain", "" if structure.static_gain is None else f"{structure.static_gain}"),
-        ("sampling", f"{step}, input {_BETWEEN[estimate.intersample]}"),
-        ("records", "; ".join(stretches)),
+        ("static gain", _per_channel(estimate, structure.static_gain)),
+        ("loss", _loss_text(estimate)),
+        ("noise", _noise_text(estimate)),
+        ("input between samples", _BETWEEN[estimate.intersample]),
+        *_record_rows(records),
         ("units", ", ".join(units)),
         ("degrees of freedom", f"{estimate.degrees_of_freedom}"),
         ("cost, AICc", f"{estimate.cost:.6g}, {estimate.aicc:.6g}"),
@@ -226,3 +228,69 @@ def settings_table(estimate: Estimate, records: Sequence[Record]) -> list[tuple[
         ("written", f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC by tridentify {__version__}"),
     ]
     return [(label, value) for label, value in rows if value]
+
+
+def _per_channel(estimate: Estimate, given: object) -> str:
+    """Orders, delays or gains: one for all channels, or each with the name of its channel."""
+    if given is None:
+        return ""
+    if not isinstance(given, tuple):
+        return f"{given}"
+    parts = []
+    for output, row in zip(estimate.output_names, given, strict=True):
+        for source, item in zip(estimate.input_names, row, strict=True):
+            parts.append(f"{output} / {source}: {'unknown' if item is None else item}")
+    return ", ".join(parts)
+
+
+def _delay_text(estimate: Estimate) -> str:
+    given = estimate.structure.delay
+    if given != "free":
+        text = _per_channel(estimate, given)
+        return f"{text} s" if not isinstance(given, tuple) else f"{text} [s]"
+    found = [p for name, p in estimate.parameters.items() if name.startswith("delay")]
+    each = [f"{p.name} = {format_value(p.value, p.std)} +/- {format_std(p.std)} s" for p in found]
+    return f"estimated: {', '.join(each)}"
+
+
+def _bound_text(name: str, low: float | None, high: float | None) -> str:
+    left = "" if low is None else f"{low:g} <= "
+    return f"{left}{name}{'' if high is None else f' <= {high:g}'}"
+
+
+def _equality_text(weights: Mapping[str, float], value: float) -> str:
+    terms = " + ".join(f"{weight:g} {name}" for name, weight in weights.items())
+    return f"{terms} = {value:g}".replace("+ -", "- ")
+
+
+def _loss_text(estimate: Estimate) -> str:
+    if estimate.loss == "squared":
+        return "squared"
+    columns = estimate.outliers[:, 1]
+    counts = [f"{n}: {int(np.sum(columns == i))}" for i, n in enumerate(estimate.output_names)]
+    return f"{estimate.loss}; outliers beyond four standard deviations: {', '.join(counts)}"
+
+
+def _noise_text(estimate: Estimate) -> str:
+    models = zip(estimate.output_names, estimate.noise_model, strict=True)
+    return ", ".join(f"{n}: {f'AR({a.size})' if a.size else 'white'}" for n, a in models)
+
+
+def _record_rows(records: Sequence[Record]) -> list[tuple[str, str]]:
+    """What every experiment is: name, stretch of time, samples, steps, gaps."""
+    rows = []
+    for number, record in enumerate(records, 1):
+        steps = np.diff(record.t)
+        step = (
+            f"step {record.dt:.6g} s"
+            if record.dt is not None
+            else f"steps {steps.min():.4g} to {steps.max():.4g} s, not uniform"
+        )
+        missing = int(np.isnan(record.y).sum())
+        lost = f", {missing:,} output samples missing" if missing else ""
+        name = f"{record.name}: " if record.name else ""
+        stretch = f"{record.t[0]:.6g} s to {record.t[-1]:.6g} s"
+        label = "record" if len(records) == 1 else f"experiment {number}"
+        text = f"{name}{stretch} ({record.n_samples:,} samples), {step}{lost}"
+        rows.append((label, text))
+    return rows

@@ -1,0 +1,180 @@
+"""What is asked of the records: options as text, turned into a structure and a method."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Literal, TypeVar
+
+from tridentify.cli.knowledge import NUMBER
+from tridentify.cli.options import Loss, Noise
+from tridentify.errors import ChannelCountError, OptionError, OrderError, shown
+from tridentify.methods.base import Method
+
+Number = TypeVar("Number", int, float)
+
+
+def nested_zeros(given: Sequence[str], n_outputs: int, n_inputs: int) -> int | list[list[int]]:
+    """Read the numbers of zeros.
+
+    Parameters
+    ----------
+    given : sequence of str
+        One number; or for each output a number, or a number for each input with commas between.
+    n_outputs, n_inputs : int
+
+    Returns
+    -------
+    int or list of list of int, ``[output][input]``
+
+    Raises
+    ------
+    OrderError, ChannelCountError
+        Something else is given, or for other numbers of channels.
+
+    Examples
+    --------
+    >>> nested_zeros(["1"], 2, 1), nested_zeros(["1", "0"], 2, 1), nested_zeros(["1,0"], 1, 2)
+    (1, [[1], [0]], [[1, 0]])
+    """
+    return _nested("--zeros", _orders("--zeros", given), given, n_outputs, n_inputs)
+
+
+def nested_poles(given: Sequence[str], n_outputs: int, n_inputs: int) -> int | list[list[int]]:
+    """Read the numbers of poles: one of a shared denominator, or those of separate ones.
+
+    Parameters
+    ----------
+    given : sequence of str
+        As for `nested_zeros`; a single number means one denominator for all channels.
+    n_outputs, n_inputs : int
+
+    Returns
+    -------
+    int or list of list of int, ``[output][input]``
+
+    Raises
+    ------
+    OrderError, ChannelCountError
+        Something else is given, or for other numbers of channels.
+
+    Examples
+    --------
+    >>> nested_poles(["2"], 1, 2), nested_poles(["2,1"], 1, 2), nested_poles(["2", "1"], 2, 1)
+    (2, [[2, 1]], [[2], [1]])
+    """
+    return _nested("--poles", _orders("--poles", given), given, n_outputs, n_inputs)
+
+
+def nested_delays(
+    given: Sequence[str], n_outputs: int, n_inputs: int
+) -> float | list[list[float]] | Literal["free"]:
+    """Read the dead times.
+
+    Parameters
+    ----------
+    given : sequence of str
+        Nothing, ``free``, or seconds as for `nested_zeros`.
+    n_outputs, n_inputs : int
+
+    Returns
+    -------
+    float, list of list of float ``[output][input]``, or "free"
+
+    Raises
+    ------
+    OptionError, ChannelCountError
+        Something else is given, or for other numbers of channels.
+
+    Examples
+    --------
+    >>> nested_delays([], 1, 1), nested_delays(["free"], 1, 1), nested_delays(["0.1,0"], 1, 2)
+    (0.0, 'free', [[0.1, 0.0]])
+    """
+    if not given:
+        return 0.0
+    if [text.strip() for text in given] == ["free"]:
+        return "free"
+    rows = []
+    for text in given:
+        cells = [cell.strip() for cell in text.split(",")]
+        if not all(re.fullmatch(NUMBER, cell) for cell in cells):
+            raise OptionError(
+                f"found --delay {shown(text)}; expected seconds such as 0.1, or for each input "
+                "such as 0.1,0, or free alone; correct it"
+            )
+        rows.append([float(cell) for cell in cells])
+    return _nested("--delay", rows, given, n_outputs, n_inputs)
+
+
+def _orders(option: str, given: Sequence[str]) -> list[list[int]]:
+    rows = []
+    for text in given:
+        if not re.fullmatch(r"\s*\d{1,4}\s*(,\s*\d{1,4}\s*)*", text):
+            raise OrderError(
+                f"found {option} {shown(text)}; expected a whole number such as 1, or one for each "
+                "input such as 1,0; correct it"
+            )
+        rows.append([int(number) for number in text.split(",")])
+    return rows
+
+
+def _nested(
+    option: str, rows: list[list[Number]], given: Sequence[str], n_outputs: int, n_inputs: int
+) -> Number | list[list[Number]]:
+    """Spread numbers over outputs and inputs; a single one stays what it is."""
+    if len(rows) == 1 and len(rows[0]) == 1:
+        return rows[0][0]
+    if len(rows) == 1:
+        rows = rows * n_outputs
+    if len(rows) != n_outputs or any(len(row) not in (1, n_inputs) for row in rows):
+        raise ChannelCountError(
+            f"found {' '.join(f'{option} {text}' for text in given)} for {n_outputs} outputs and "
+            f"{n_inputs} inputs; expected it once, or once for each output, with one number or one "
+            "for each input; correct it"
+        )
+    return [row * n_inputs if len(row) == 1 else row for row in rows]
+
+
+def chosen_method(name: str, noise: Noise = Noise.AUTO, loss: Loss = Loss.SQUARED) -> Method:
+    """Make the method with its options.
+
+    Parameters
+    ----------
+    name : str
+        A key of `tridentify.identify.METHODS`.
+    noise : Noise
+    loss : Loss
+
+    Returns
+    -------
+    Method
+
+    Raises
+    ------
+    OptionError
+        The method does not exist, or has no choice of the noise or the loss.
+    """
+    from tridentify.identify import METHODS
+
+    if name not in METHODS:
+        raise OptionError(
+            f"found --method {shown(name)}; expected one of {', '.join(METHODS)}; choose one"
+        )
+    asked = {"noise": noise.value} if noise is not Noise.AUTO else {}
+    asked |= {"loss": loss.value} if loss is not Loss.SQUARED else {}
+    for option, value in asked.items():
+        if not _offers(METHODS[name], option):
+            able = ", ".join(key for key, make in METHODS.items() if _offers(make, option))
+            raise OptionError(
+                f"found --{option} {value} with --method {name}; expected one of {able}; leave "
+                f"--{option} out or choose another method"
+            )
+    plain: Any = METHODS[name]()
+    method: Method = replace(plain, **asked)
+    return method
+
+
+def _offers(make: Callable[[], Method], option: str) -> bool:
+    return hasattr(make(), option)

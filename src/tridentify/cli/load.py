@@ -1,0 +1,298 @@
+"""From files to records: which columns, which time, what does not count."""
+
+from __future__ import annotations
+
+import math
+import operator
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tridentify.checks.samples import Intersample
+from tridentify.cli.knowledge import NUMBER
+from tridentify.cli.terminal import Activity
+from tridentify.errors import (
+    ChannelNameError,
+    DataError,
+    NonUniformTimeError,
+    OptionError,
+    SamplingError,
+    shown,
+)
+from tridentify.formats.assemble import JITTER, Instants, Wanted, find_channel, record_from
+from tridentify.formats.channels import SECONDS, Channel, OpenFile
+from tridentify.formats.read import opened
+from tridentify.record import Record
+
+TIME_NAMES = ("t", "time")
+COMPARE: Mapping[str, Callable[[Any, float], Any]] = {
+    ">=": operator.ge,
+    "<=": operator.le,
+    "==": operator.eq,
+    ">": operator.gt,
+    "<": operator.lt,
+}
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Output samples that do not count: those that compare so with a limit."""
+
+    channel: str
+    sign: str
+    limit: float
+
+
+@dataclass(frozen=True)
+class Source:
+    """Which part of which files are the records."""
+
+    files: Sequence[Path]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+    time: str | None = None
+    dt: float | None = None
+    intersample: Intersample = "zoh"
+    start: float | None = None
+    stop: float | None = None
+    instants: Instants = "auto"
+    units: Mapping[str, str] = field(default_factory=dict)
+    missing: tuple[Rule, ...] = ()
+
+
+def rules_from(given: Sequence[str]) -> tuple[Rule, ...]:
+    """Read what ``--missing`` says.
+
+    Parameters
+    ----------
+    given : sequence of str
+        An output, one of ``>= <= == > <``, and a number.
+
+    Returns
+    -------
+    tuple of Rule
+
+    Raises
+    ------
+    OptionError
+        A text is nothing of that kind.
+
+    Examples
+    --------
+    >>> rules_from(["q >= 9.99"])
+    (Rule(channel='q', sign='>=', limit=9.99),)
+    """
+    found = []
+    for text in given:
+        match = re.fullmatch(rf"\s*(.+?)\s*(>=|<=|==|>|<)\s*({NUMBER})\s*", text)
+        if match is None:
+            raise OptionError(
+                f"found --missing {shown(text)}; expected an output, a comparison and a number "
+                'such as "q>=9.99"; correct it, in quotation marks'
+            )
+        found.append(Rule(match[1], match[2], float(match[3])))
+    return tuple(found)
+
+
+def units_from(given: Sequence[str]) -> dict[str, str]:
+    """Read what ``--unit`` says.
+
+    Parameters
+    ----------
+    given : sequence of str
+        ``q=rad/s``; the last equals sign counts.
+
+    Returns
+    -------
+    dict of str to str
+
+    Raises
+    ------
+    OptionError
+        A text has no name or no unit, or a name occurs twice.
+
+    Examples
+    --------
+    >>> units_from(["q=rad/s"])
+    {'q': 'rad/s'}
+    """
+    found: dict[str, str] = {}
+    for text in given:
+        name, sign, unit = (part.strip() for part in text.rpartition("="))
+        if not (name and sign and unit) or name in found:
+            raise OptionError(
+                f"found --unit {shown(text)}; expected a column and its unit such as q=rad/s, once "
+                "for each column; correct it"
+            )
+        found[name] = unit
+    return found
+
+
+def load(source: Source, activity: Activity) -> list[Record]:
+    """Read the records, one for each file.
+
+    Raises
+    ------
+    DataError
+        A file or the record in it cannot be used.
+    OptionError
+        A file is named twice.
+    """
+    for number, file in enumerate(source.files):
+        if any(_same(file, other) for other in source.files[:number]):
+            raise OptionError(
+                f"found the file {shown(str(file))} twice; expected different experiments; drop "
+                "one of the two"
+            )
+    return [_load_one(source, file, activity) for file in source.files]
+
+
+def _same(file: Path, other: Path) -> bool:
+    return file == other or (file.exists() and other.exists() and file.samefile(other))
+
+
+def _load_one(source: Source, file: Path, activity: Activity) -> Record:
+    """Read one record; without a stated sampling, look for a column of time by its name."""
+    activity.stage(f"reading {file.name or file}")
+    with opened(file) as table:
+        time = source.time
+        if time is None and source.dt is None:
+            time = find_time(table, [*source.inputs, *source.outputs])
+            if time is not None:
+                activity.note(f"taking column {time!r} as time, by its name")
+        record = _read(table, source, time, file)
+        if record.dt is None:
+            activity.note(_uneven(record, time))
+        if time is None and source.dt is not None:
+            _compare_unused_time(table, source.dt, activity)
+    return without(record, source.missing, activity)
+
+
+def without(record: Record, rules: Sequence[Rule], activity: Activity) -> Record:
+    """Mark the samples that do not count as missing, and say how many there are.
+
+    Raises
+    ------
+    ChannelNameError
+        A rule is not about an output.
+    EmptyChannelError
+        No sample of an output is left.
+    """
+    for rule in rules:
+        if rule.channel not in record.output_names:
+            raise ChannelNameError(
+                f"found --missing for {shown(rule.channel)}; expected an output, one of "
+                f"{', '.join(record.output_names)}; correct the name"
+            )
+        column = record.output_names.index(rule.channel)
+        where = np.zeros(record.y.shape, dtype=np.bool_)
+        where[:, column] = COMPARE[rule.sign](record.y[:, column], rule.limit)
+        record = record.mask(where)
+        activity.note(
+            f"{int(where.sum())} of {record.n_samples} samples of {rule.channel} in {record.name} "
+            f"do not count, by {rule.channel} {rule.sign} {rule.limit:g}"
+        )
+    return record
+
+
+def _read(table: OpenFile, source: Source, time: str | None, file: Path) -> Record:
+    wanted = Wanted(
+        source.inputs,
+        source.outputs,
+        time,
+        source.dt,
+        source.intersample,
+        source.units,
+        source.start,
+        source.stop,
+        source.instants,
+    )
+    clocks = {find_channel(table, name).clock for name in (*source.inputs, *source.outputs)}
+    if len(clocks) > 1 and source.intersample == "band-limited":
+        raise OptionError(
+            f"found --intersample band-limited and channels of {len(clocks)} clocks in "
+            f"{shown(file.name)}; expected one clock, since only held inputs and lines are "
+            "evaluated between their samples; choose zoh or foh"
+        )
+    try:
+        return record_from(table, wanted, file.stem)
+    except NonUniformTimeError as error:
+        if source.dt is None:
+            raise
+        found = str(error).rpartition(";")[0]
+        raise NonUniformTimeError(
+            f"{found}; leave --dt out to take the time as it is recorded, correct it, or leave "
+            "--time out if only the time stamps are inexact"
+        ) from error
+
+
+def _uneven(record: Record, time: str | None) -> str:
+    """Say how the steps of recorded time differ, and what else could be done."""
+    steps, mean = np.diff(record.t), record.duration / (record.n_samples - 1)
+    where = f"column {shown(time)}" if time else "the time of the file"
+    return (
+        f"steps between {steps.min():.6g} and {steps.max():.6g} s in {where} of {record.name}; "
+        f"time is taken as it is recorded (if only the time stamps are inexact, --dt {mean:.6g} "
+        "without --time states the mean step)"
+    )
+
+
+def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None:
+    """Caution if a column of time that is not used tells of another step."""
+    found = time_channels(table)
+    if len(found) != 1:
+        return
+    scale = SECONDS.get(found[0].unit)
+    try:
+        values = table.read([table.channels.index(found[0])])[0]
+    except DataError:
+        return
+    mean = math.nan if scale is None else scale * float(values[-1] - values[0])
+    mean /= max(len(values) - 1, 1)
+    if abs(mean - dt) > JITTER * dt:
+        activity.note(
+            f"caution: column {shown(found[0].header)} is not used; its mean step is {mean:.6g} s, "
+            f"not {dt:.6g} s"
+        )
+
+
+def time_channels(table: OpenFile) -> list[Channel]:
+    """Give the channels that are called t or time, in any case."""
+    return [channel for channel in table.channels if channel.name.casefold() in TIME_NAMES]
+
+
+def find_time(table: OpenFile, wanted: Sequence[str]) -> str | None:
+    """Find the column that is called t or time, in any case, with or without a unit in brackets.
+
+    Parameters
+    ----------
+    table : OpenFile
+    wanted : sequence of str
+        Channels that it should be the time of.
+
+    Returns
+    -------
+    str or None
+        None if all of them have a time of their own in the file.
+
+    Raises
+    ------
+    SamplingError
+        There is none, or more than one.
+    """
+    if all(find_channel(table, name).clock for name in wanted):
+        return None
+    names = [channel.header for channel in table.channels if channel.header]
+    found = [channel.header for channel in time_channels(table) if not channel.clock]
+    if len(found) != 1:
+        what = f"the columns {' and '.join(found)}" if found else "no column called t or time"
+        raise SamplingError(
+            f"found {what} in {shown(table.path.name)}, and neither --time nor --dt; expected to "
+            f"know the sampling; give --time NAME (of {shown(', '.join(names), 200)[1:-1]}) or "
+            "--dt SECONDS"
+        )
+    return found[0]

@@ -1,0 +1,241 @@
+"""The options that several commands share: what they are called, and what they say in the help."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+record_option = partial(typer.Option, rich_help_panel="The record")
+model_option = partial(typer.Option, rich_help_panel="The model")
+known_option = partial(typer.Option, rich_help_panel="What is known; each may be repeated")
+result_option = partial(typer.Option, rich_help_panel="The result")
+
+
+class Between(StrEnum):
+    """What the input does between samples."""
+
+    ZOH = "zoh"
+    FOH = "foh"
+    BAND_LIMITED = "band-limited"
+
+
+class Merging(StrEnum):
+    """At which instants a record of several clocks has samples."""
+
+    AUTO = "auto"
+    OUTPUTS = "outputs"
+    ALL = "all"
+
+
+class Choice(StrEnum):
+    """Whether a nuisance term is estimated along."""
+
+    AUTO = "auto"
+    YES = "yes"
+    NO = "no"
+
+    @property
+    def answer(self) -> bool | Literal["auto"]:
+        """As `Structure` wants it."""
+        return "auto" if self is Choice.AUTO else self is Choice.YES
+
+
+class Beginning(StrEnum):
+    """How the record begins."""
+
+    AUTO = "auto"
+    REST = "rest"
+    EQUILIBRIUM = "equilibrium"
+    FREE = "free"
+
+
+class Noise(StrEnum):
+    """What the measurement noise is taken for."""
+
+    AUTO = "auto"
+    WHITE = "white"
+    AR = "ar"
+
+
+class Loss(StrEnum):
+    """What is minimised."""
+
+    SQUARED = "squared"
+    HUBER = "huber"
+    STUDENT = "student"
+
+
+# ------------------------------------------------------------------------------------- the record
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="FILE...",
+        help="CSV, Parquet, Feather, NPZ, MATLAB, ULog or MDF4; several are several experiments "
+        "of one model.",
+    ),
+]
+Inputs = Annotated[
+    list[str],
+    record_option("--input", metavar="NAME", help="Column of an input; may be repeated."),
+]
+Outputs = Annotated[
+    list[str],
+    record_option("--output", metavar="NAME", help="Column of an output; may be repeated."),
+]
+Time = Annotated[
+    str | None,
+    record_option(metavar="NAME", help="Column of time; by default the one called t or time."),
+]
+Step = Annotated[
+    float | None,
+    record_option(
+        metavar="SECONDS",
+        help="Uniform sampling interval; with --time, which must agree to 5 percent, or alone. "
+        "Without it time is taken as it is recorded, uneven steps too.",
+    ),
+]
+Intersample = Annotated[
+    Between,
+    record_option(
+        metavar="HOW",
+        help="What the input does between samples: zoh (held), foh (joined by lines) or "
+        "band-limited (nothing above half the sampling rate; uniform time).",
+    ),
+]
+Instants = Annotated[
+    Merging,
+    record_option(
+        metavar="HOW",
+        help="Where channels of several clocks meet: at the instants of the outputs, at all "
+        "instants, or auto (all if they lie on one raster).",
+    ),
+]
+Missing = Annotated[
+    list[str] | None,
+    record_option(
+        metavar="RULE",
+        help='Output samples that do not count, such as "q>=9.99" of a saturated sensor; may be '
+        "repeated.",
+    ),
+]
+Units = Annotated[
+    list[str] | None,
+    record_option(
+        "--unit",
+        metavar="NAME=U",
+        help="Unit of a column, before that of the file; may be repeated.",
+    ),
+]
+Start = Annotated[
+    float | None, record_option("--from", metavar="SECONDS", help="Leave out what is before.")
+]
+Stop = Annotated[
+    float | None, record_option("--to", metavar="SECONDS", help="Leave out what is after.")
+]
+
+# -------------------------------------------------------------------------------------- the model
+Poles = Annotated[
+    list[str],
+    model_option(
+        metavar="N",
+        help="Degree of the denominator that all channels share; or denominators of their own: "
+        "once for each output with a number for each input (--poles 2,1).",
+    ),
+]
+Zeros = Annotated[
+    list[str],
+    model_option(
+        metavar="M",
+        help="Degree of the numerators: once for all channels, or once for each output in "
+        "their order (--zeros 1 --zeros 0); with several inputs also a number for each of "
+        "them (--zeros 1,0).",
+    ),
+]
+Delay = Annotated[
+    list[str] | None,
+    model_option(
+        metavar="SECONDS",
+        help="Known dead time: once, or a number for each input (--delay 0.1,0), or once for each "
+        "output; free to estimate one for each input.",
+    ),
+]
+Offset = Annotated[
+    Choice,
+    model_option(metavar="HOW", help="A constant on every output: yes, no, or auto (by AICc)."),
+]
+Drift = Annotated[
+    Choice,
+    model_option(
+        metavar="HOW", help="A slope in time on every output: yes, no, or auto (by AICc)."
+    ),
+]
+InitialState = Annotated[
+    Beginning,
+    model_option(
+        metavar="HOW",
+        help="State at the first sample: rest (all zero), equilibrium (steady under the first "
+        "input value, as in trim), free (any), or auto (by AICc).",
+    ),
+]
+Method = Annotated[
+    str, model_option(metavar="NAME", help="Estimation method; a wrong name lists them.")
+]
+NoiseModel = Annotated[
+    Noise,
+    model_option(
+        metavar="HOW",
+        help="Measurement noise: white, ar (autoregressive; the samples are whitened), or auto "
+        "(ar where the residual is not white).",
+    ),
+]
+Losses = Annotated[
+    Loss,
+    model_option(
+        metavar="HOW",
+        help="What is minimised: squared, or huber or student (robust, for outliers and noise "
+        "with heavy tails).",
+    ),
+]
+
+# ---------------------------------------------------------------------------------- what is known
+Fixed = Annotated[
+    list[str] | None,
+    known_option("--fix", metavar="A=X", help="A coefficient that is known, such as a0=3."),
+]
+Limits = Annotated[
+    list[str] | None,
+    known_option(
+        "--bound", metavar="A=LO:HI", help="Limits of a coefficient: b0=0:5, b0=0: or b0=:5."
+    ),
+]
+Priors = Annotated[
+    list[str] | None,
+    known_option(
+        "--prior",
+        metavar="A=X+-S",
+        help="What is known before: mean and standard deviation, such as a0=3+-0.1.",
+    ),
+]
+Gains = Annotated[
+    list[str] | None,
+    known_option(
+        "--gain",
+        metavar="G",
+        help="Known static gain b0 / a0: once for all channels, or once for each output with a "
+        "number for each input (--gain 1.5,?), ? where it is unknown.",
+    ),
+]
+
+# ------------------------------------------------------------------------------------- the result
+Out = Annotated[
+    Path | None,
+    result_option(
+        metavar="DIR", help="Write model.json, report.html and the figures into this folder."
+    ),
+]
+Title = Annotated[str | None, result_option(metavar="TEXT", help="Heading of the report.")]
+AsJson = Annotated[bool, result_option("--json", help="Print one JSON object instead of tables.")]

@@ -1,0 +1,416 @@
+"""``tridentify physical``: files and a ready-made model in, physical parameters out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+from rich.table import Table
+
+from tridentify.cli import options, tables
+from tridentify.cli.ask import nested_delays
+from tridentify.cli.knowledge import NUMBER
+from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.results import ResultFolder
+from tridentify.cli.run import describe_files, load_sample_loop, write_results
+from tridentify.cli.terminal import Activity, listed, paragraph, show, show_json
+from tridentify.errors import (
+    ChannelCountError,
+    MissingColumnError,
+    OptionError,
+    UndeterminedError,
+    shown,
+)
+from tridentify.parameter import Parameter
+from tridentify.physical import (
+    PhysicalEstimate,
+    PhysicalModel,
+    dc_motor,
+    estimate_physical,
+    mass_spring_damper,
+    rc_circuit,
+    rcrc_circuit,
+    short_period,
+)
+from tridentify.record import Record
+from tridentify.text import format_std, format_value
+
+MODELS: Mapping[str, Callable[[], PhysicalModel]] = {
+    "short-period": short_period,
+    "short-period-free-z-q": partial(short_period, pitch_rate_effect=None),
+    "mass-spring-damper": mass_spring_damper,
+    "rc-circuit": rc_circuit,
+    "rcrc-circuit": rcrc_circuit,
+    "rcrc-circuit-buffered": partial(rcrc_circuit, buffered=True),
+    "dc-motor": dc_motor,
+    "dc-motor-current": partial(dc_motor, "current"),
+    "dc-motor-speed-current": partial(dc_motor, "both"),
+}
+"""Name -> ready-made model, as ``--model`` takes it and ``--list`` shows it."""
+
+TITLES = ("parameter", "value", "std error", "95 % from", "to", "unit")
+Known = dict[str, float | tuple[float, float]]
+
+
+def physical(
+    files: Annotated[
+        list[Path] | None,
+        typer.Argument(metavar="FILE...", help="As for identify; several are several experiments."),
+    ] = None,
+    model: Annotated[
+        str | None,
+        options.model_option(metavar="NAME", help="Ready-made model; --list shows them."),
+    ] = None,
+    inputs: Annotated[
+        list[str] | None,
+        options.record_option(
+            "--input", metavar="NAME", help="Column of each input, by name or in their order."
+        ),
+    ] = None,
+    outputs: Annotated[
+        list[str] | None,
+        options.record_option(
+            "--output", metavar="NAME", help="Column of each output, by name or in their order."
+        ),
+    ] = None,
+    time: options.Time = None,
+    dt: options.Step = None,
+    intersample: options.Intersample = options.Between.ZOH,
+    instants: options.Instants = options.Merging.AUTO,
+    missing: options.Missing = None,
+    units: options.Units = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    known: Annotated[
+        list[str] | None,
+        options.known_option(
+            metavar="P=X",
+            help="A parameter that is known: R1=1e4, or with its standard deviation R1=1e4+-100.",
+        ),
+    ] = None,
+    delay: Annotated[
+        str | None, options.model_option(metavar="SECONDS", help="Known dead time of the input.")
+    ] = None,
+    offset: options.Offset = options.Choice.AUTO,
+    drift: options.Drift = options.Choice.NO,
+    initial_state: options.InitialState = options.Beginning.AUTO,
+    out: options.Out = None,
+    title: options.Title = None,
+    as_json: options.AsJson = False,
+    list_models: Annotated[
+        bool, typer.Option("--list", help="Show the ready-made models and their parameters.")
+    ] = False,
+) -> None:
+    """Estimate the physical parameters of a ready-made model from records in files.
+
+    Example: tridentify physical run.csv --model mass-spring-damper --input force --output position
+    """
+    if list_models:
+        _show_models(as_json)
+        return
+    chosen = chosen_model(model, files)
+    names = (inputs or [], outputs or [])
+    mapping = channels_of(chosen, *names)
+    wished = replace(
+        chosen.structure,
+        delay=_known_delay(delay),
+        offset=offset.answer,
+        drift=drift.answer,
+        initial_state=initial_state.value,
+    )
+    source = Source(
+        files or (),
+        tuple(names[0]),
+        tuple(names[1]),
+        time,
+        dt,
+        intersample.value,
+        start,
+        stop,
+        instants.value,
+        units_from(units or ()),
+        rules_from(missing or ()),
+    )
+    asked = replace(chosen, structure=wished), mapping, known_parameters(known or ())
+    _answer(source, *asked, out, title, as_json)
+
+
+def chosen_model(name: str | None, files: Sequence[Path] | None) -> PhysicalModel:
+    """Make the model of that name.
+
+    Raises
+    ------
+    OptionError
+        There is none of that name, or no file is given.
+    """
+    if name is None or name not in MODELS:
+        found = "no --model" if name is None else f"--model {shown(name)}"
+        raise OptionError(
+            f"found {found}; expected one of {', '.join(MODELS)}; choose one, --list shows their "
+            "parameters"
+        )
+    if not files:
+        raise OptionError("found no file; expected the record of an experiment; give its path")
+    return MODELS[name]()
+
+
+def channels_of(
+    model: PhysicalModel, inputs: Sequence[str], outputs: Sequence[str]
+) -> dict[str, str]:
+    """Say which column is which channel of the model.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+    inputs, outputs : sequence of str
+        Columns: those that are called as the model calls its channels are these, the others follow
+        in the order of the model.
+
+    Returns
+    -------
+    dict
+        Channel of the model -> column.
+
+    Raises
+    ------
+    ChannelCountError
+        Not as many columns as the model has channels.
+
+    Examples
+    --------
+    >>> channels_of(short_period(), ["de"], ["q", "AoA"])
+    {'elevator': 'de', 'alpha': 'AoA', 'q': 'q'}
+    """
+    found: dict[str, str] = {}
+    for kind, ours, given in (
+        ("input", model.input_names, inputs),
+        ("output", model.output_names, outputs),
+    ):
+        if len(given) != len(ours):
+            raise ChannelCountError(
+                f"found {len(given)} --{kind} for {model.name}; expected {len(ours)}, for "
+                f"{', '.join(ours)}; name a column for each"
+            )
+        rest = iter([name for name in given if name not in ours])
+        found |= {name: name if name in given else next(rest) for name in ours}
+    return found
+
+
+def known_parameters(given: Sequence[str]) -> Known:
+    """Read what ``--known`` says.
+
+    Parameters
+    ----------
+    given : sequence of str
+        ``R1=1e4`` or ``R1=1e4+-100``.
+
+    Returns
+    -------
+    dict
+        Name -> value, or value and standard deviation.
+
+    Raises
+    ------
+    OptionError
+        A text is neither, or a name occurs twice.
+
+    Examples
+    --------
+    >>> known_parameters(["R1=1e4", "C1=1e-7+-1e-9"])
+    {'R1': 10000.0, 'C1': (1e-07, 1e-09)}
+    """
+    found: Known = {}
+    for text in given:
+        match = re.fullmatch(rf"\s*([^\s=]+)\s*=\s*({NUMBER})\s*(?:\+-\s*({NUMBER})\s*)?", text)
+        if match is None or match[1] in found:
+            raise OptionError(
+                f"found --known {shown(text)}; expected a parameter and its value such as R1=1e4 "
+                "or R1=1e4+-100, once for each; correct it"
+            )
+        found[match[1]] = (
+            float(match[2]) if match[3] is None else (float(match[2]), float(match[3]))
+        )
+    return found
+
+
+def _known_delay(given: str | None) -> float:
+    seconds = nested_delays([] if given is None else [given], 1, 1)
+    if not isinstance(seconds, float):
+        raise OptionError(
+            f"found --delay {shown(given)}; expected seconds, since the coefficients of a physical "
+            "model hold no delay; find it with identify --delay free first"
+        )
+    return seconds
+
+
+def _answer(
+    source: Source,
+    model: PhysicalModel,
+    channels: Mapping[str, str],
+    known: Known,
+    out: Path | None,
+    title: str | None,
+    as_json: bool,
+) -> None:
+    """Read, estimate, write, print."""
+    written: Sequence[Path] = ()
+    with ExitStack() as stack:
+        results = None if out is None else stack.enter_context(ResultFolder(out))
+        activity = stack.enter_context(Activity())
+        records = load(source, activity)
+        load_sample_loop(activity)
+        named = _names_in(records[0], channels)
+        found = estimate_physical(
+            model, records, known=known, channels=named, progress=activity.stage
+        )
+        _refuse_silence(found)
+        if results is not None:
+            found.save(results.draft / "physical.json")
+            chosen = [record.select(*_order(model, named)) for record in records]
+            write_results(found.estimate, chosen, results.draft, activity, title)
+            written = results.publish()
+    if as_json:
+        files = {"files": [str(path) for path in written]}
+        show_json(physical_document(found, records, named) | files)
+    else:
+        show(*_account(found, records, named), *describe_files(written))
+
+
+def _names_in(record: Record, channels: Mapping[str, str]) -> dict[str, str]:
+    """Channels under the names that the record gives them: a column may be asked for in full."""
+    there = (*record.input_names, *record.output_names)
+    named = {}
+    for ours, asked in channels.items():
+        fits = [name for name in there if name == asked or asked.startswith(f"{name} ")]
+        if not fits:
+            raise MissingColumnError(
+                f"found {', '.join(there)} in the record; expected {shown(asked)}; name the column "
+                "without its unit"
+            )
+        named[ours] = fits[0]
+    return named
+
+
+def _order(model: PhysicalModel, named: Mapping[str, str]) -> tuple[list[str], list[str]]:
+    return [named[n] for n in model.input_names], [named[n] for n in model.output_names]
+
+
+def _refuse_silence(found: PhysicalEstimate) -> None:
+    """Refuse an answer that says nothing about any parameter that was not known."""
+    asked = [name for name in found.names if found.known.get(name, (0.0, 1.0))[1] > 0]
+    said = any(np.isfinite(found.parameters[name].value) for name in asked)
+    if not said and not found.combinations:
+        raise UndeterminedError(
+            f"found no parameter of {found.model_name} that the record determines: "
+            f"{'; '.join(found.notes)}; expected at least one; state some with --known"
+        )
+
+
+def _account(
+    found: PhysicalEstimate, records: Sequence[Record], named: Mapping[str, str]
+) -> list[str | Table]:
+    renamed = [f"{ours} is {theirs}" for ours, theirs in named.items() if ours != theirs]
+    text = f"{found.model_name}{': ' if renamed else ''}{listed(renamed)}"
+    groups = [
+        [_row(item, found) for item in group]
+        for group in (found.parameters.values(), found.combinations)
+        if group
+    ]
+    fits = [
+        (name, f"{one:.2f}", f"{free:.2f}")
+        for name, one, free in zip(
+            found.estimate.output_names, found.fit, found.estimate.fit, strict=True
+        )
+    ]
+    said = [note for note in (found.test_note(), *found.notes) if note]
+    notes = ["\n".join(paragraph(note, "- ") for note in said)] if said else []
+    return [
+        tables.describe_records(records),
+        tables.describe_status(found.estimate, records),
+        paragraph(text),
+        tables.make_table(TITLES, groups),
+        tables.make_table(("output", "fit [%]", "of free coefficients [%]"), [fits]),
+        *notes,
+    ]
+
+
+def _row(item: Parameter, found: PhysicalEstimate) -> tuple[str, ...]:
+    if not np.isfinite(item.value):
+        return item.name, "not determined", "", "", "", item.unit
+    certain = not item.std > 0
+    ends = ["", ""] if certain else [format_value(end, item.std) for end in item.interval()]
+    std = format_std(item.std) or ("known" if item.name in found.known else "")
+    return item.name, format_value(item.value, item.std), std, *ends, item.unit
+
+
+def physical_document(
+    found: PhysicalEstimate, records: Sequence[Record], named: Mapping[str, str]
+) -> dict[str, Any]:
+    """Everything that the tables show, by name; the coefficients as `identify` gives them.
+
+    Parameters
+    ----------
+    found : PhysicalEstimate
+    records : sequence of Record
+    named : mapping of str to str
+        Channel of the model -> channel of the records.
+
+    Returns
+    -------
+    dict
+        Plain values and arrays; nan for what is not determined.
+    """
+    rows = zip(found.parameters.values(), found.descriptions, strict=True)
+    return {
+        "model": found.model_name,
+        "channels": dict(named),
+        "parameters": [
+            tables.entry(item) | {"description": text, "known": item.name in found.known}
+            for item, text in rows
+        ],
+        "combinations": [tables.entry(item) for item in found.combinations],
+        "alternatives": [
+            dict(zip(found.names, row, strict=True)) for row in found.alternatives.tolist()
+        ],
+        "fit": dict(zip(found.estimate.output_names, found.fit, strict=True)),
+        "restrictions": {
+            "statistic": found.statistic,
+            "freedom": found.freedom,
+            "p_value": found.p_value,
+        },
+        "notes": found.notes,
+        "coefficients": tables.estimate_document(found.estimate, records),
+    }
+
+
+def _show_models(as_json: bool) -> None:
+    made = {name: make() for name, make in MODELS.items()}
+    if as_json:
+        show_json(
+            {
+                name: {
+                    "inputs": model.input_names,
+                    "outputs": model.output_names,
+                    "parameters": [
+                        {"name": p.name, "unit": p.unit, "description": p.description}
+                        for p in model.parameters
+                    ],
+                }
+                for name, model in made.items()
+            }
+        )
+        return
+    blocks: list[str | Table] = []
+    for name, model in made.items():
+        inputs, outputs = ", ".join(model.input_names), ", ".join(model.output_names)
+        blocks.append(f"{name}: {outputs} from {inputs}")
+        rows = [(p.name, p.unit, p.description) for p in model.parameters]
+        blocks.append(tables.make_table(("parameter", "unit", "description"), [rows]))
+    show(*blocks)

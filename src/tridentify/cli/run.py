@@ -1,0 +1,86 @@
+"""What the commands that identify have in common: estimate, write the folder, print the tables."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from tridentify.cli import tables
+from tridentify.cli.terminal import Activity, paragraph, show
+from tridentify.errors import ConvergenceError
+from tridentify.estimate import Estimate
+from tridentify.methods.base import Method
+from tridentify.record import Record
+from tridentify.structure import Structure
+
+
+def load_sample_loop(activity: Activity) -> None:
+    """Load the compiled recursion over samples; the first time on a machine it is compiled."""
+    from tridentify.numerics.propagate import warm_up
+
+    said = "loading the sample loop (compiled once per machine, which takes seconds)"
+    with activity.brief_stage(said):
+        warm_up()
+
+
+def estimate_model(
+    records: Record | Sequence[Record],
+    structure: Structure,
+    method: Method | None = None,
+    progress: Callable[[str], None] | None = None,
+) -> Estimate:
+    """Identify one model from all records.
+
+    Raises
+    ------
+    DataError, StructureError, IdentifiabilityError
+        As the method refuses.
+    ConvergenceError
+        The method ended without a usable estimate.
+    """
+    from tridentify.identify import identify
+
+    estimate = identify(records, structure, method, throw=False, progress=progress)
+    if not estimate.status.ok:
+        raise ConvergenceError(
+            f"found no usable estimate: {estimate.status.message}; expected a minimum that the "
+            f"data can tell; {estimate.status.remedy}"
+        )
+    return estimate
+
+
+def write_results(
+    estimate: Estimate,
+    records: Record | Sequence[Record],
+    folder: Path,
+    activity: Activity,
+    title: str | None,
+) -> None:
+    """Write model.json, report.html and the figures into a folder."""
+    from tridentify.report import save_figures, write_report
+
+    activity.stage("writing the report and the figures")
+    estimate.save(folder / "model.json")
+    write_report(estimate, records, folder / "report.html", title=title)
+    save_figures(estimate, records, folder)
+
+
+def show_estimate(estimate: Estimate, records: Sequence[Record], written: Sequence[Path]) -> None:
+    """Print the tables."""
+    show(
+        tables.describe_records(records),
+        tables.describe_status(estimate, records),
+        estimate.model_text(),
+        tables.coefficient_table(estimate),
+        tables.fit_table(estimate),
+        *tables.describe_notes(estimate),
+        *describe_files(written),
+    )
+
+
+def describe_files(written: Sequence[Path]) -> list[str]:
+    """Say which files were written, in one line; nothing if none were."""
+    if not written:
+        return []
+    names = ", ".join(path.name for path in written)
+    return [paragraph(f"written to {written[0].parent}: {names}", rest="  ")]
