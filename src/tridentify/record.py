@@ -419,7 +419,7 @@ class Record:
         -------
         Record
             With ``intersample="band-limited"``. Outputs are ``nan`` where the filter reaches beyond
-            the record, at about ``9`` samples from either end, and where a sample is missing
+            the record, 17 samples from either end of the result, and where a sample is missing
             within its reach.
 
         Raises

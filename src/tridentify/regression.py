@@ -124,7 +124,32 @@ class Experiment:
             found.append(known[key])
         return tuple(found)
 
-    @property
+    @cached_property
+    def runs(self) -> tuple[Run, ...]:
+        """Outputs in groups that one run over the samples serves."""
+        seen = ~np.isnan(self.y)
+        complete = bool(seen.all())
+        groups: dict[object, list[int]] = {}
+        for i, signal in enumerate(self.sampled):
+            key: object = id(signal)
+            if not self.is_coloured and not complete:
+                key = (id(signal), seen[:, i].tobytes())
+            groups.setdefault(key, []).append(i)
+        found = []
+        for outputs in groups.values():
+            own = tuple(int(n) for n in seen[:, outputs].sum(axis=0))
+            y = self.y if len(outputs) == self.y.shape[1] else self.y[:, outputs]
+            y = y if complete else np.where(seen[:, outputs], y, 0.0)
+            weight = None if min(own) == self.n_samples else seen[:, outputs[0]].astype(np.float64)
+            found.append(Run(tuple(outputs), seen[:, outputs], own, y, weight))
+        return tuple(found)
+
+    @cached_property
+    def is_coloured(self) -> bool:
+        """Whether the noise of any output has a model."""
+        return any(a.size for a in self.noise)
+
+    @cached_property
     def leads(self) -> Array | None:
         """(n_outputs, n_inputs) how long before ``start`` each input begins to act [s]."""
         if self.delays is None and not self.start:
@@ -132,6 +157,30 @@ class Experiment:
         delays = 0.0 if self.delays is None else self.delays
         begin = float(self.instants[self.start])
         return np.asarray(np.broadcast_to(begin - delays, (self.y.shape[1], self.u.shape[1])))
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """Outputs with the same delays and, where their noise is white, the same samples.
+
+    Attributes
+    ----------
+    outputs : tuple of int
+    seen : (n_samples, n) bool array
+        Where each has a sample.
+    counts : tuple of int
+        How many samples each has.
+    y : (n_samples, n) array
+        The outputs, zero where missing.
+    weight : (n_samples,) array, optional
+        One where the first has a sample, else zero; None where all have all.
+    """
+
+    outputs: tuple[int, ...]
+    seen: NDArray[np.bool_]
+    counts: tuple[int, ...]
+    y: Array
+    weight: Array | None
 
 
 @dataclass(frozen=True)
@@ -294,58 +343,24 @@ def regress(experiment: Experiment, bank: Cascade) -> Regression:
     Time ``O(n_samples)``; memory one block of ``BLOCK`` samples.
     """
     layout = _layout(experiment, bank)
-    seen = ~np.isnan(experiment.y)
-    signals: dict[int, Array] = {}
-    targets: dict[int, Array] = {}
-    scales: dict[int, float] = {}
-    for outputs in _alike(experiment, seen):
-        found = _regress(experiment, bank, layout, seen, outputs)
-        for i, (s, target, scale) in zip(outputs, found, strict=True):
-            signals[i], targets[i], scales[i] = s, target, scale
-    order = range(experiment.y.shape[1])
+    found: dict[int, tuple[Array, Array, int, float]] = {}
+    for run in experiment.runs:
+        if experiment.is_coloured:
+            found.update(_whitened(experiment, bank, layout, run))
+            continue
+        r = _triangle(experiment, bank, layout, run)
+        s = r[:, : layout.n_signals]
+        for k, i in enumerate(run.outputs):
+            found[i] = (s, r[:, layout.n_signals + k], run.counts[k], 0.0)
+    signals, targets, counts, scales = zip(*(found[i] for i in sorted(found)), strict=True)
     return Regression(
         layout,
-        tuple(signals[i] for i in order),
-        tuple(targets[i] for i in order),
-        tuple(int(n) for n in seen.sum(axis=0)),
-        tuple(scales[i] for i in order) if _is_coloured(experiment) else (),
+        signals,
+        targets,
+        counts,
+        scales if experiment.is_coloured else (),
         experiment.leads,
     )
-
-
-def _is_coloured(experiment: Experiment) -> bool:
-    return any(a.size for a in experiment.noise)
-
-
-def _alike(experiment: Experiment, seen: NDArray[np.bool_]) -> list[list[int]]:
-    """Outputs that one run over the samples serves: the same delays and, if white, samples."""
-    groups: dict[object, list[int]] = {}
-    for i, signal in enumerate(experiment.sampled):
-        key: object = id(signal)
-        if not _is_coloured(experiment) and not seen.all():
-            key = (id(signal), seen[:, i].tobytes())
-        groups.setdefault(key, []).append(i)
-    return list(groups.values())
-
-
-def _regress(
-    experiment: Experiment,
-    bank: Cascade,
-    layout: Layout,
-    seen: NDArray[np.bool_],
-    outputs: list[int],
-) -> list[tuple[Array, Array, float]]:
-    """Signals, target and log scale of outputs that are alike."""
-    if _is_coloured(experiment):
-        return _whitened(experiment, bank, layout, seen, outputs)
-    keep = seen[:, outputs[0]]
-    y = experiment.y[:, outputs]
-    weight = None
-    if not keep.all():
-        y, weight = np.where(keep[:, None], y, 0.0), keep.astype(np.float64)
-    r = _triangle(experiment, bank, layout, y, weight, outputs[0])
-    s = r[:, : layout.n_signals]
-    return [(s, r[:, layout.n_signals + k], 0.0) for k in range(len(outputs))]
 
 
 def response_of(
@@ -396,50 +411,40 @@ def _layout(experiment: Experiment, bank: Cascade) -> Layout:
     )
 
 
-def _triangle(
-    experiment: Experiment,
-    bank: Cascade,
-    layout: Layout,
-    y: Array,
-    weight: Array | None,
-    output: int,
-) -> Array:
-    """R factor of [states | inputs | nuisance | y], rows multiplied by ``weight``."""
-    accumulator = Accumulator(layout.n_signals + y.shape[1], min(experiment.n_samples, BLOCK))
+def _triangle(experiment: Experiment, bank: Cascade, layout: Layout, run: Run) -> Array:
+    """R factor of [states | inputs | nuisance | y], rows multiplied by the weight of the run."""
+    n = layout.n_signals
+    accumulator = Accumulator(n + len(run.outputs), min(experiment.n_samples, BLOCK))
     buffer = accumulator.buffer
-    for start, stop, first in _signals(experiment, bank, layout, buffer, output):
+    for start, stop, first in _signals(experiment, bank, layout, buffer, run.outputs[0]):
         count = stop - start
-        buffer[layout.n_signals :, :count] = y[start:stop].T
-        if weight is not None:
-            buffer[first:, :count] *= weight[start:stop]
+        buffer[n:, :count] = run.y[start:stop].T
+        if run.weight is not None:
+            buffer[first:, :count] *= run.weight[start:stop]
         accumulator.absorb(count, first)
     return accumulator.r
 
 
 def _whitened(
-    experiment: Experiment,
-    bank: Cascade,
-    layout: Layout,
-    seen: NDArray[np.bool_],
-    outputs: list[int],
-) -> list[tuple[Array, Array, float]]:
+    experiment: Experiment, bank: Cascade, layout: Layout, run: Run
+) -> dict[int, tuple[Array, Array, int, float]]:
     """A triangle for each output, of the innovations of all columns."""
     block = min(experiment.n_samples, BLOCK)
     n_columns = layout.n_signals + 1
     columns = np.zeros((n_columns, block))
-    accumulators = [Accumulator(n_columns, block) for _ in outputs]
-    whiteners = [Whitener(experiment.noise[i], n_columns) for i in outputs]
-    for start, stop, first in _signals(experiment, bank, layout, columns, outputs[0]):
+    accumulators = [Accumulator(n_columns, block) for _ in run.outputs]
+    whiteners = [Whitener(experiment.noise[i], n_columns) for i in run.outputs]
+    for start, stop, first in _signals(experiment, bank, layout, columns, run.outputs[0]):
         count = stop - start
-        for i, accumulator, whitener in zip(outputs, accumulators, whiteners, strict=True):
-            y, there = experiment.y[start:stop, i], seen[start:stop, i]
-            columns[-1, :count] = np.where(there, y, 0.0)
-            whitener.apply(columns, there, accumulator.buffer)
+        for k, (accumulator, whitener) in enumerate(zip(accumulators, whiteners, strict=True)):
+            columns[-1, :count] = run.y[start:stop, k]
+            whitener.apply(columns, run.seen[start:stop, k], accumulator.buffer)
             accumulator.absorb(count, first)
-    found = []
-    for accumulator, whitener in zip(accumulators, whiteners, strict=True):
-        r = accumulator.r
-        found.append((r[:, : layout.n_signals], r[:, layout.n_signals], whitener.log_scale))
+    found = {}
+    for k, i in enumerate(run.outputs):
+        r = accumulators[k].r
+        scale = whiteners[k].log_scale
+        found[i] = (r[:, : layout.n_signals], r[:, layout.n_signals], run.counts[k], scale)
     return found
 
 

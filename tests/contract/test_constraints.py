@@ -11,7 +11,17 @@ from scipy.linalg import expm
 from scipy.optimize import minimize
 from scipy.signal import lsim
 
-from tridentify import METHODS, Estimate, Record, Status, Structure, ThreeModel, identify
+from tridentify import (
+    METHODS,
+    Estimate,
+    Record,
+    Status,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    identify,
+    simulate,
+)
 from tridentify import errors as err
 from tridentify.methods.capability import Capability
 
@@ -376,3 +386,91 @@ def test_the_posterior_mean_is_refused_where_it_is_asked_for():
     record = record_of([0.2, 0.5], [1.0, 1.0, 3.0], 0.1)
     with pytest.raises(err.UnsupportedError, match="posterior"):
         identify(record, Structure(2, 1, static_gain=0.2), ThreeModel(finish="posterior"))
+
+
+# -------------------------------------------------------------------------- units and starts
+@every_able
+@pytest.mark.parametrize(("dt", "input_unit", "output_unit"), [(1e-6, 1e3, 1.0), (1e5, 1.0, 1e-6)])
+@pytest.mark.parametrize("case", ["gain", "bound and prior", "equality", "integrator"])
+def test_units_change_nothing_but_the_units(key, case, dt, input_unit, output_unit):
+    num, den = ([2.0], [1.0, 2.0, 0.0]) if case == "integrator" else ([0.2, 0.5], [1.0, 1.0, 3.0])
+
+    def found(step, gain_in, gain_out):
+        plain = record_of(num, den, 0.1, offset=0.3)
+        record = Record(gain_in * np.array(plain.u), gain_out * np.array(plain.y), dt=step)
+        rate, gain = DT / step, gain_out / gain_in
+        size = {"a1": rate, "a0": rate**2, "b1": gain * rate, "b0": gain * rate**2}
+        known = {
+            "gain": {"static_gain": gain * 0.5 / 3.0},
+            "bound and prior": {
+                "bounds": {"a1": (1.5 * size["a1"], None)},
+                "priors": {"b1": (0.3 * size["b1"], 0.05 * size["b1"])},
+            },
+            "equality": {"equalities": [({"a1": 1 / size["a1"], "a0": 1 / size["a0"]}, 4.2)]},
+            "integrator": {"fixed": {"a0": 0.0}},
+        }[case]
+        estimate = identify(record, Structure(2, len(num) - 1, **known), METHODS[key]())
+        scale = np.array([size[name] for name in estimate.names])
+        return estimate.theta / scale, estimate.std / scale
+
+    theta, std = found(DT, 1.0, 1.0)
+    again, others = found(dt, input_unit, output_unit)
+    assert np.allclose(again, theta, rtol=1e-9, atol=0.0)
+    assert np.allclose(others, std, rtol=1e-9, atol=0.0)
+
+
+@every_able
+def test_a_free_optimum_that_no_projection_keeps_stable_is_no_dead_end(key):
+    """A short record of four slow poles; a0 fixed makes the free optimum's neighbours unstable."""
+    den = np.poly([-0.32 + 0.46j, -0.32 - 0.46j, -0.28 + 0.53j, -0.28 - 0.53j]).real
+    record = record_of([-2.4], den, 0.03, n_samples=80)
+    structure = Structure(4, 0, fixed={"a0": den[-1]}, **REST)
+    found = identify(record, structure, METHODS[key](), throw=False)
+    noise = 0.03 * np.std(respond([-2.4], den, record.u[:, 0]))
+    assert np.all(found.model.poles.real < 0)
+    assert np.sqrt(found.cost) < 1.15 * noise
+
+
+# ---------------------------------------------------- together with what else a method promises
+@every_able
+@pytest.mark.parametrize("case", ["delay", "jittered time"])
+@pytest.mark.parametrize("integrates", [False, True], ids=["a gain", "an integrator"])
+def test_knowledge_goes_with_delays_and_jitter(key, case, integrates):
+    flag = Capability.DELAY if case == "delay" else Capability.NON_UNIFORM_TIME
+    if flag not in METHODS[key]().capabilities:
+        pytest.skip("not promised")
+    u, rng = binary(), np.random.default_rng(0)
+    time = np.cumsum(DT * (1.0 + 0.3 * rng.uniform(-1.0, 1.0, u.size)))
+    stamps = {"dt": DT} if case == "delay" else {"t": time}
+    delay = 0.13 if case == "delay" else 0.0
+    num, den = ([2.0], [1.0, 2.0, 0.0]) if integrates else ([0.2, 0.5], [1.0, 1.0, 3.0])
+    known = {"fixed": {"a0": 0.0}} if integrates else {"static_gain": 0.5 / 3.0}
+    model = TransferFunction(num, den, delay=delay)
+    y = simulate(model, Record(u, u, **stamps))[:, 0] + 0.3
+    structure = Structure(2, len(num) - 1, delay=delay, **known)
+    found = identify(Record(u, y, **stamps), structure, METHODS[key]())
+    assert np.allclose(found.theta, [*den[1:], *num], rtol=1e-8, atol=0.0)
+    assert found.model.delay[0][0] == delay
+
+
+@every_able
+@pytest.mark.parametrize(
+    "structure",
+    [Structure([[2]], [[1]], static_gain=1.0), Structure(2, 1, delay="free", static_gain=1.0)],
+    ids=["separate denominators", "free delay"],
+)
+def test_what_cannot_be_constrained_yet_is_refused(key, structure):
+    with pytest.raises(err.UnsupportedError, match="found"):
+        identify(record_of([0.2, 0.5], [1.0, 1.0, 3.0]), structure, METHODS[key]())
+
+
+@pytest.mark.parametrize("integrates", [False, True], ids=["a gain", "an integrator"])
+def test_the_free_response_after_a_delay_is_that_of_the_fit(integrates):
+    num, den = ([2.0], [1.0, 2.0, 0.0]) if integrates else ([0.2, 0.5], [1.0, 1.0, 3.0])
+    known = {"fixed": {"a0": 0.0}} if integrates else {"static_gain": 0.5 / 3.0}
+    u, rng = binary(), np.random.default_rng(0)
+    y = simulate(TransferFunction(num, den, delay=0.13), Record(u, u, dt=DT))[:, 0]
+    record = Record(u, y + 0.02 * rng.standard_normal(u.size), dt=DT)
+    structure = Structure(2, len(num) - 1, delay=0.13, initial_state="free", offset=False, **known)
+    found = identify(record, structure, METHODS["output-error"]())
+    assert found.cost == pytest.approx(np.nanmean(found.residual(record) ** 2), rel=1e-6)

@@ -1,11 +1,11 @@
 """Two RC stages between a converter and another, 1 ms: resistors 10 kOhm, 100 nF and 200 nF, 5 %.
 
 What a linear model can do: two poles and a gain explain 98 to 99 percent of every record and
-predict the next one as well. The multilevel record is logged one sample late, which is taken out
-here by moving the input; without that the fast pole comes out five times too slow. What it cannot:
-the fast pole is as fast as the samples, so it is known to some percent only. And what the record
-says is not what the parts say: the slow pole is 18 percent slower than nominal, and the gain is
-0.99, so the converters (their resistances and references) belong to the circuit.
+predict the next one as well. The multilevel record is logged one sample late, which a delay of 1
+ms or moving the input takes out; without that the fast pole comes out five times too slow. What it
+cannot: the fast pole is as fast as the samples, so it is known to some percent only. And what the
+record says is not what the parts say: the slow pole is 18 percent slower than nominal, and the gain
+is 0.99, so the converters (their resistances and references) belong to the circuit.
 """
 
 from __future__ import annotations
@@ -38,6 +38,9 @@ def test_one_sample_late_is_seen(record):
     late, right = (identify(record("data.csv", late=k), TWO, PLAIN) for k in (0, 1))
     assert late.fit[0] == pytest.approx(95.5, abs=0.2)
     assert right.fit[0] == pytest.approx(98.1, abs=0.2)
+    delayed = Structure(2, 0, offset=True, initial_state="free", delay=1e-3)
+    stated = identify(record("data.csv"), delayed, PLAIN)
+    assert np.allclose(stated.theta, right.theta, rtol=1e-3)
     assert np.allclose(np.sort(late.model.poles.real), [-650.0, -192.0], rtol=0.02)
     assert np.allclose(np.sort(right.model.poles.real), [-2982.0, -178.1], rtol=0.01)
 

@@ -106,6 +106,7 @@ def test_an_unknown_past_does_not_bias(jitter, state):
     records = [in_flight(jitter, seed=k) for k in (5, 6)]
     structure = Structure(2, [[1, 0], [0, 1]], delay=LATE, initial_state=state, offset=True)
     estimate = identify(records, structure)
+    assert any("output samples of every experiment" in d for d in estimate.trace.decisions)
     truth = [*DEN[1:], 0.2, 0.5, 1.0, 0.4, 0.3, -2.0]
     assert estimate.theta == pytest.approx(truth, rel=1e-9)
     for k, record in enumerate(records):

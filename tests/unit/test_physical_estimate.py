@@ -156,6 +156,41 @@ def test_nuisance_terms_are_eliminated(offset, state):
     assert np.all(estimate.fit > 99.99)
 
 
+@pytest.mark.parametrize("state", ["rest", "free"])
+def test_delays_and_uneven_time_belong_to_the_model(state):
+    model = mass_spring_damper()
+    late = PhysicalModel(
+        model.name,
+        model.parameters,
+        Structure(2, 0, offset=False, initial_state=state, delay=0.13),
+        model.coefficients,
+        start=model.start,
+    )
+    rng = np.random.default_rng(6)
+    t = np.cumsum(0.05 * (1.0 + 0.3 * rng.uniform(-1.0, 1.0, 500)))
+    u = np.sign(rng.standard_normal(25)).repeat(20)
+    y = simulate(late.transfer_function(OSCILLATOR), Record(u, u, t=t))
+    y = y + 0.02 * y.std() * rng.standard_normal(y.shape)
+    estimate = estimate_physical(late, Record(u, y, t=t), WHITE)
+    a1, a0, b0 = estimate.estimate.theta
+    assert np.allclose(estimate.values, [1 / b0, a1 / b0, a0 / b0], rtol=1e-4)
+    assert np.all(np.abs(estimate.values - list(OSCILLATOR.values())) < 4 * estimate.std)
+    assert estimate.fit[0] == pytest.approx(estimate.estimate.fit[0], abs=1e-3)
+
+
+def test_a_robust_loss_ends_on_the_least_distance():
+    record = flown(mass_spring_damper(), OSCILLATOR, 0.05, noise=0.02)
+    y = np.array(record.y)
+    y[::50] += 3.0 * y.std()
+    names = {"input_names": ["force"], "output_names": ["position"]}
+    spoiled = Record(record.u, y, dt=record.dt, **names)
+    method = ThreeModel(finish="likelihood", noise="white", loss="student")
+    estimate = estimate_physical(resting(mass_spring_damper()), spoiled, method)
+    assert np.array_equal(estimate.values, estimate.by_distance)
+    assert "the loss is student" in estimate.notes[-1]
+    assert np.all(np.abs(estimate.values - list(OSCILLATOR.values())) < 4 * estimate.std)
+
+
 def test_experiments_share_the_parameters():
     records = [flown(short_period(), AIRCRAFT, 0.02, noise=0.1, seed=s, n=300) for s in (1, 2)]
     both = estimate_physical(resting(short_period()), records, WHITE)

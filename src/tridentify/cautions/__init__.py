@@ -53,7 +53,9 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     """
     found = [*_nothing_explained(estimate, records), *_constant_input(estimate, records)]
     # what is fixed has no standard error, whatever its value
-    vague = [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
+    unsure = [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
+    vague = [name for name in unsure if not name.startswith("delay")]
+    late = [name for name in unsure if name.startswith("delay")]
     if vague and np.isnan(estimate.std).all():
         found.append(f"{estimate.method} gives no standard errors; ThreeModel() does.")
     elif vague:
@@ -61,10 +63,15 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
             f"Standard error above half of the value: {', '.join(vague)}. Do not rely on these "
             "coefficients one by one; excite the system more, or use fewer poles or zeros."
         )
+    if late and not np.isnan(estimate.std).all():
+        found.append(
+            f"Not distinguishable from zero: {', '.join(late)}. Leave it out, or excite the system "
+            "faster if the delay matters."
+        )
     found += outlier_cautions(estimate, records)
     found += _at_bounds(estimate)
-    fixed = estimate.structure.fixed or {}
-    integrates = any(name.startswith("a0") and not value for name, value in fixed.items())
+    parameters = estimate.parameters.values()
+    integrates = any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters)
     if not (estimate.model.is_stable or integrates):
         found.append("The model is not stable. Check whether the system is, or use fewer poles.")
     for number, record in enumerate(records):

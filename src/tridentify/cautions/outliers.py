@@ -44,7 +44,7 @@ def outlier_cautions(estimate: Estimate, records: Sequence[Record]) -> list[str]
     -----
     Gaussian noise is taken for outliers in fewer than one of 1,000 records.
     """
-    if estimate.loss != "squared":
+    if estimate.loss != "squared" or not estimate.status.ok:
         return []
     residuals = [estimate.residual(record, experiment=e) for e, record in enumerate(records)]
     found = []

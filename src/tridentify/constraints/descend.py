@@ -183,7 +183,7 @@ def descend(problem: Problem, known: Known, theta: Array, most: int = MOST_STEPS
                 status, why = Status.CONVERGED, "the residual is down to rounding"
                 break
         if trial is None or gain <= 0:
-            outside = trial is None
+            outside = outside or trial is None
             damping = max(damping * growth, 1e-3)
             growth *= 2.0
             if damping > STUCK:
@@ -199,6 +199,7 @@ def descend(problem: Problem, known: Known, theta: Array, most: int = MOST_STEPS
             break
     last = step(here, known, 0.0)
     if status is not Status.CONVERGED:
+        outside = outside or not room.holds(last.theta[known.moving])
         status, why = _verdict(problem, known, here, last, outside, status, why, damping, idle)
     multipliers = np.where(_at_bound(known, here.theta), last.multipliers, 0.0)
     gradient = gradient_share(here, known, multipliers != 0)
@@ -227,7 +228,7 @@ def _verdict(
     """How steps that did not settle ended."""
     if last.fall < NEARLY:
         return Status.CONVERGED, f"a further step would lower the cost by {last.fall:.1e}"
-    if outside or damping > STUCK:
+    if (outside and idle > 2) or damping > STUCK:
         poles = poles_from(last.theta[known.moving])
         note = problem.admissible(poles)[1] if poles.size else ""
         if outside and note == TOO_FAST:

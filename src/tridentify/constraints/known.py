@@ -119,12 +119,7 @@ def known_of(
     UnsupportedError
         With separate denominators or an estimated delay.
     """
-    if not structure.shared or structure.delay == "free":
-        what = "delay='free'" if structure.shared else "separate denominators"
-        raise UnsupportedError(
-            f"found {what} together with knowledge of the coefficients; expected one denominator "
-            "shared by all channels and a known delay; leave one of the two out"
-        )
+    refuse_structure(structure)
     names = structure.names(input_names, output_names)
     assert isinstance(structure.poles, int)
     _refuse_unknown(structure, names)
@@ -144,6 +139,21 @@ def known_of(
     known = Known(names, n, origin, directions, low, high, mean, spread, integrators)
     _refuse_contradictions(known, structure, size)
     return known
+
+
+def refuse_structure(structure: Structure) -> None:
+    """Refuse structures whose coefficients cannot be constrained.
+
+    Raises
+    ------
+    UnsupportedError
+    """
+    if not structure.shared or structure.delay == "free":
+        what = "delay='free'" if structure.shared else "separate denominators"
+        raise UnsupportedError(
+            f"found {what} together with knowledge of the coefficients; expected one denominator "
+            "shared by all channels and a known delay; leave one of the two out"
+        )
 
 
 def _refuse_unknown(structure: Structure, names: tuple[str, ...]) -> None:

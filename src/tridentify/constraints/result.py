@@ -27,7 +27,7 @@ from tridentify.estimate import Estimate, Nuisance, Pass, Status, Step, Trace
 from tridentify.numerics.realization import numerators
 from tridentify.output_error.finish import INDISTINGUISHABLE, ROUNDING
 from tridentify.output_error.nuisance import Nuisances, reference_of
-from tridentify.output_error.result import SINGULAR, fingerprint, model_of
+from tridentify.output_error.result import SINGULAR, fingerprint, free_after, model_of
 from tridentify.record import Record
 from tridentify.structure import InitialState, Structure
 
@@ -283,6 +283,7 @@ def _nuisance(
         drift_std=drift_std,
         initial_state=nuisances.initial_state,
         t0=float(record.t[0]),
+        free_after=free_after(problem, e),
     )
 
 

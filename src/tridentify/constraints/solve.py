@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.constraints.descend import Reached, descend, fit_at, is_exact, is_stable, step
-from tridentify.constraints.known import Known, known_of
+from tridentify.constraints.known import Known, known_of, refuse_structure
 from tridentify.constraints.result import (
     criterion,
     described,
@@ -26,9 +26,9 @@ from tridentify.constraints.result import (
     reference,
     standard_errors,
 )
-from tridentify.constraints.starts import plain_points, starting_points
+from tridentify.constraints.starts import further_points, starting_points
 from tridentify.errors import ContradictoryConstraintsError
-from tridentify.estimate import Estimate, Start, Trace
+from tridentify.estimate import Estimate, Start, Status, Trace
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white
 from tridentify.output_error.colour import NoiseChoice
@@ -75,6 +75,7 @@ def resolve(records: Sequence[Record], structure: Structure) -> Known:
     ContradictoryConstraintsError, UnsupportedError
         If it contradicts itself, or is for what cannot be constrained.
     """
+    refuse_structure(structure)
     first = records[0]
     return known_of(structure, first.input_names, first.output_names, _scale(records, structure))
 
@@ -108,19 +109,19 @@ def seen(
 
 def _integrated(record: Record, count: int, structure: Structure) -> Record:
     """The record with its inputs integrated over time."""
-    assert record.dt is not None
-    u = np.array(record.u)
+    u, steps = np.array(record.u), np.diff(record.t)[:, None]
     if structure.initial_state == "equilibrium":
         u = u - u[0]
     held = record.intersample == "zoh"
     for _ in range(count):
         areas = u[:-1] if held else 0.5 * (u[:-1] + u[1:])
-        u = np.vstack([np.zeros(u.shape[1]), np.cumsum(areas * record.dt, axis=0)])
+        u = np.vstack([np.zeros(u.shape[1]), np.cumsum(areas * steps, axis=0)])
         held = False
     return Record(
         u,
         record.y,
         dt=record.dt,
+        t=record.t if record.dt is None else None,
         intersample="foh",
         input_names=record.input_names,
         output_names=record.output_names,
@@ -228,10 +229,8 @@ def _from_all(
         follow(name, theta)
     if not found and known.n_poles == known.integrators:
         follow("no pole to be found", known.origin)
-    if not any(one.status.ok for one in found):
-        plain = [(name, theta) for name, theta in plain_points(problem, known, scale)]
-        ranked = sorted(plain, key=lambda pair: fit_at(problem, known, pair[1]).likelihood)
-        for name, theta in ranked[:MOST_PLAIN]:
+    if not any(one.status is Status.CONVERGED for one in found):
+        for name, theta in further_points(problem, known, seeds, scale, MOST_PLAIN):
             follow(name, theta)
     if not found:
         raise ContradictoryConstraintsError(
@@ -408,8 +407,9 @@ def _scale(
     """(p,) sizes of the coefficients: powers of a typical rate, and ratios of the signals."""
     assert isinstance(structure.poles, int)
     n = structure.poles
-    longest = max(record.n_samples * (record.dt or 1.0) for record in records)
-    rate = (min(record.dt or 1.0 for record in records) * longest) ** -0.5
+    longest = max(float(record.t[-1] - record.t[0]) for record in records)
+    shortest = min(float(np.median(np.diff(record.t))) for record in records)
+    rate = (shortest * longest) ** -0.5
     if theta is not None and known is not None and known.n_poles > known.integrators:
         moving = theta[known.moving]
         rate = abs(float(moving[-1])) ** (1.0 / moving.size) or rate

@@ -13,18 +13,29 @@ model on the poles of ``c``, twice each, and ``c`` is the denominator of the pas
 has to be near a solution for the first pass, and what is known of the coefficients works from the
 start.
 
-*A family of plain denominators*, projected onto the constraints, where all others are not stable.
+*A family of plain denominators*, projected onto the constraints, their numerators fitted, where
+no other start leads to a minimum; and, as what linear constraints allow is convex, the points on
+the way from the best of these to the seeds where stability ends.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.constraints.bounded import bounded_least_squares
-from tridentify.constraints.descend import Room, cost, fit_at, is_exact, is_stable, project
+from tridentify.constraints.descend import (
+    Room,
+    cost,
+    fit_at,
+    is_exact,
+    is_stable,
+    project,
+    step,
+)
 from tridentify.constraints.known import Known
 from tridentify.constraints.place import Fit, Place, place
 from tridentify.models.response import Response
@@ -38,6 +49,7 @@ MOST_PASSES = 6
 STABLE_SHARES = (1e-2, 1e-4, 1e-8)
 RATES = 13
 DAMPINGS = (1.0, 0.5, 0.15)
+SHARES = (0.95, 0.8, 0.6, 0.4, 0.2)
 
 
 def feasible(theta: Array, known: Known, scale: Array) -> Array | None:
@@ -98,7 +110,39 @@ def starting_points(
             yield "Step 2 with constraints", found
 
 
-def plain_points(problem: Problem, known: Known, scale: Array) -> Iterator[tuple[str, Array]]:
+def further_points(
+    problem: Problem, known: Known, seeds: Sequence[Array], scale: Array, most: int
+) -> list[tuple[str, Array]]:
+    """Plain denominators, the best by cost, and points between the best and the seeds."""
+    plain = [_with_numerators(problem, known, theta) for theta in _plain(problem, known, scale)]
+    ranked = sorted(plain, key=lambda theta: cost(fit_at(problem, known, theta), known))[:most]
+    found = [("a plain denominator, projected", theta) for theta in ranked]
+    for seed in seeds if ranked else ():
+        goal = feasible(seed, known, scale)
+        if goal is None:
+            continue
+        for share in SHARES:
+            theta = ranked[0] + share * (goal - ranked[0])
+            if is_stable(theta[known.moving]):
+                found.append(("towards the free optimum", theta))
+                break
+    return found
+
+
+def _with_numerators(problem: Problem, known: Known, theta: Array) -> Array:
+    """The same denominator with the best numerators that the constraints leave."""
+    held = known.directions[known.moving]
+    _, s, vt = np.linalg.svd(held / np.maximum(np.abs(theta[known.moving]), 1e-300)[:, None])
+    rank = int(np.sum(s > 1e-10 * s[0])) if s.size else 0
+    directions = known.directions @ vt[rank:].T
+    directions[known.moving] = 0.0
+    if not directions.shape[1]:
+        return theta
+    narrowed = replace(known, directions=directions)
+    return step(fit_at(problem, known, theta), narrowed, 0.0).theta
+
+
+def _plain(problem: Problem, known: Known, scale: Array) -> Iterator[Array]:
     """Denominators of equal real poles and pairs over the whole band, projected."""
     n = known.n_poles - known.integrators
     duration = max(e.duration for e in problem.experiments)
@@ -111,7 +155,7 @@ def plain_points(problem: Problem, known: Known, scale: Array) -> Iterator[tuple
             theta[known.moving] = denominator(np.array(poles))[1:]
             start = feasible(theta, known, np.maximum(scale * 1e-3, np.abs(theta)))
             if start is not None and is_stable(start[known.moving]):
-                yield "a plain denominator, projected", start
+                yield start
 
 
 def _fit_of(problem: Problem, known: Known, theta: Array) -> Fit:

@@ -60,7 +60,7 @@ def refuse_unsupported(
             steps = np.diff(record.t)
             raise NonUniformTimeError(
                 f"found time steps between {steps.min():.6g} and {steps.max():.6g} s; {method} "
-                "expects a uniform step; interpolate the record onto a uniform grid first"
+                "expects a uniform step; use ThreeModel() or OutputError(), or resample the record"
             )
         if record.intersample == "band-limited" and Capability.BAND_LIMITED not in can:
             raise UnsupportedError(

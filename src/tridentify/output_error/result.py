@@ -87,7 +87,7 @@ def estimate_from(
         noise_variance=rss / freedom,
         fit=_fit(point.problem, rss, point.counts),
         status=status,
-        trace=trace,
+        trace=_told(trace, point.problem),
         method=method,
         n_samples=sum(record.n_samples for record in records),
         nuisance=_nuisance(point, records, nuisances, inverse, keys),
@@ -104,6 +104,20 @@ def estimate_from(
         record_fingerprint=fingerprint(records),
         noise_model=point.problem.noise,
     )
+
+
+def _told(trace: Trace, problem: Problem) -> Trace:
+    """The trace, with a word on output samples that delays leave without a known input."""
+    late = [e.start for e in problem.experiments]
+    if not any(late):
+        return trace
+    which = "of every experiment " if len(late) > 1 else ""
+    several = str(max(late)) if min(late) == max(late) else f"{min(late)} to {max(late)}"
+    told = (
+        f"the first {several} output samples {which}are not used: the inputs that reached them, "
+        "delayed, came before the record (initial_state='rest' or 'equilibrium' states them)"
+    )
+    return replace(trace, decisions=(*trace.decisions, told))
 
 
 def output_rss(point: Point) -> Array:

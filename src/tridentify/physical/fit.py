@@ -202,7 +202,7 @@ def _from_coefficients(
     rank = restriction.rank(said.rank)
     profile = Profile.of(records, estimate)
     best: Maximum | None = None
-    if fit == "likelihood":
+    if fit == "likelihood" and estimate.loss == "squared":
         say("physical parameters of greatest likelihood")
         best = maximum(restriction, profile, closest.z, rank)
     z = closest.z if best is None else best.z
@@ -215,7 +215,7 @@ def _from_coefficients(
     tested = freedom > 0 and np.isfinite(statistic)
     values, cov = _parameters(model, said, known, z, root)
     slope = model.jacobian(z)
-    notes = [*said.lines(), *_other_notes(model, closest, best, fit, values, cov)]
+    notes = [*said.lines(), *_other_notes(model, closest, best, fit, values, cov, estimate.loss)]
     return PhysicalEstimate(
         model_name=model.name,
         names=model.names,
@@ -287,6 +287,7 @@ def _other_notes(
     fit: Fit,
     values: Array,
     cov: Array,
+    loss: str,
 ) -> list[str]:
     found = []
     for other in closest.others:
@@ -296,6 +297,8 @@ def _other_notes(
     weak = [n for n, v, s in zip(model.names, values, std, strict=True) if s > WEAK * abs(v) > 0]
     if weak:
         found.append(f"{', '.join(weak)}: standard error above the value; hardly determined")
+    if fit == "likelihood" and loss != "squared":
+        return [*found, f"the loss is {loss}: parameters of least distance are given"]
     if fit == "likelihood" and (best is None or not best.converged):
         what = "no finite response at the parameters of least distance, which are given"
         found.append(what if best is None else "the weights of the outputs did not settle")

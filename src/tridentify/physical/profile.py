@@ -72,8 +72,10 @@ class Profile:
         shifted = []
         for record, nuisance in zip(records, estimate.nuisance, strict=True):
             moved = record.u - nuisance.input_reference
-            clock = {"t": record.t} if record.dt is None else {"dt": record.dt}
-            shifted.append(Record(moved, record.y, intersample=record.intersample, **clock))
+            # with delays the first samples are not explained
+            early = record.t - record.t[0] < (1.0 - 1e-9) * nuisance.free_after
+            y = np.where(early[:, None], np.nan, record.y)
+            shifted.append(Record(moved, y, t=record.t, intersample=record.intersample))
         return cls(tuple(shifted), estimate)
 
     @property
@@ -115,13 +117,14 @@ class Profile:
         raw = np.zeros(first.n_outputs)
         try:
             model = model_of(structure, theta, first.input_names, first.output_names)
-            for record in self.records:
+            for record, nuisance in zip(self.records, self.estimate.nuisance, strict=True):
+                after = nuisance.free_after
                 modes: dict[bytes, Array] = {}
                 with np.errstate(all="ignore"):
                     response = simulate(model, record)
                     for i in range(first.n_outputs):
                         left = record.y[:, i] - response[:, i]
-                        columns = self._columns(model, record, i, modes)
+                        columns = self._columns(model, record, i, after, modes)
                         one, square = _eliminated(left, columns, self.estimate.noise_model[i])
                         residuals[i].append(one)
                         raw[i] += square
@@ -133,7 +136,12 @@ class Profile:
         return Held(joined, raw)
 
     def _columns(
-        self, model: TransferFunction, record: Record, output: int, modes: dict[bytes, Array]
+        self,
+        model: TransferFunction,
+        record: Record,
+        output: int,
+        after: float,
+        modes: dict[bytes, Array],
     ) -> Array:
         """(n_samples, k) columns of the nuisance terms of one output; modes are kept for others."""
         structure, found = self.estimate.structure, []
@@ -141,7 +149,7 @@ class Profile:
             for den in _distinct(model, output):
                 key = den.tobytes()
                 if key not in modes:
-                    modes[key] = free_responses(den, record)
+                    modes[key] = free_responses(den, record, after)
                 found.append(modes[key])
         if structure.offset is True:
             found.append(np.ones((record.n_samples, 1)))
@@ -151,8 +159,8 @@ class Profile:
         return np.hstack(found) if found else np.zeros((record.n_samples, 0))
 
 
-def free_responses(den: Array, record: Record) -> Array:
-    """(n_samples, n) responses ``p^k / a(p) delta(t - t0)`` at the samples of a record."""
+def free_responses(den: Array, record: Record, after: float = 0.0) -> Array:
+    """(n_samples, n) responses ``p^k / a(p) delta(t - t0 - after)`` at the samples."""
     n = den.size - 1
     names = [f"x{k}" for k in range(n)]
     still = Record(
@@ -160,10 +168,10 @@ def free_responses(den: Array, record: Record) -> Array:
         np.zeros((record.n_samples, n)),
         output_names=names,
         intersample=record.intersample,
-        **({"t": record.t} if record.dt is None else {"dt": record.dt}),
+        t=record.t,
     )
     model = TransferFunction([[[0.0]]] * n, den, output_names=names)
-    return simulate(model, still, free_response=np.eye(n))
+    return simulate(model, still, free_response=np.eye(n), free_after=after)
 
 
 def _distinct(model: TransferFunction, output: int) -> list[Array]:

@@ -9,10 +9,13 @@ looked at as a whole before anything is refined.
    costs functions, too long a one misses the beginning of the response; the criterion is lowest
    near the delay, whatever the poles. With several inputs one delay is taken along the grid at a
    time, the others held, beginning from what is best for all in common.
-2. *Low order.* From the lowest places the parallel model is reduced to the order that is asked
-   for, and poles and delays are refined together (`output_error.finish`).
-3. *Away from there.* With the poles held the reduced cost is taken along each delay. Other minima
-   that come near it are followed, as long as that helps.
+2. *Low order.* At the lowest places the poles are searched (`strategy.search`), and poles and
+   delays are refined together (`output_error.finish`).
+3. *Away from there.* With the poles held the reduced cost is taken along each delay, and other
+   minima that come near it are followed. Nearer by, where a delay can be traded for poles and
+   zeros and the cost of a held input has a kink at every step, poles and delays are refined anew
+   from half a step away, one, two, four, and so on up to the step of the grid, the delay held at
+   first. Both are repeated as long as that helps.
 
 All this runs on a stand-in where the record is long, and with a start of every kind that the
 structure allows. A free initial state stands for the inputs before the record, so output samples
@@ -37,7 +40,8 @@ from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import Point, evaluate
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.record import Record
-from tridentify.strategy.starts import laguerre_starts, parallel_criterion, rate_limits
+from tridentify.strategy.search import Search
+from tridentify.strategy.starts import parallel_criterion, rate_limits
 from tridentify.strategy.thin import is_large, is_usable, window
 from tridentify.structure import InitialState, Structure
 
@@ -49,11 +53,15 @@ PLACES = 32
 FINE = 96
 RATES = 5
 FUNCTIONS = 10
-MOST_PLACES = 5
+MOST_PLACES = 4
+MOST_RUNGS = 6
+STARTS = 2
 MOST_STEPS = 12
-MOST_ROUNDS = 3
+HELD_STEPS = 6
+MOST_ROUNDS = 4
 SWEEPS = 2
 NEAR = 20.0
+RIVAL = 6.0
 HELPED = 0.005
 APART = 0.5
 MARGIN_STEPS = 2.0
@@ -68,10 +76,13 @@ class Place:
     ----------
     delays : (n_inputs,) array [s]
     poles : (n,) complex array
+    rivals : str
+        Other delays that are almost as good, in words.
     """
 
     delays: Array
     poles: Complex
+    rivals: str = ""
 
 
 def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]:
@@ -88,10 +99,31 @@ def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]
     list of Place
         At least one.
     """
-    found = []
+    step = min(float(np.median(np.diff(record.t))) for record in records)
+    kept: list[Place] = []
     for problem in _problems(records, structure):
-        found.append(_best(problem))
-    return [Place(point.problem.delays, point.poles) for point in found]
+        best, ends = _best(problem)
+        delays = best.problem.delays
+        if not any(np.all(np.abs(one.delays - delays) < APART * step) for one in kept):
+            kept.append(Place(delays, best.poles, _rivals(best, ends, step)))
+    return kept
+
+
+def _rivals(best: Point, ends: Sequence[Point], step: float) -> str:
+    """Other delays that explain the record almost as well, in words."""
+    near = sorted(
+        (end.objective - best.objective, tuple(end.problem.delays.tolist()))
+        for end in ends
+        if end.objective < best.objective + RIVAL
+        and np.any(np.abs(end.problem.delays - best.problem.delays) > step)
+    )
+    told: dict[tuple[float, ...], str] = {}
+    for higher, delays in near:
+        if all(np.any(np.abs(np.subtract(delays, known)) > step) for known in told):
+            told[delays] = f"{', '.join(f'{d:.4g}' for d in delays)} s ({higher:+.1f} in -2 log L)"
+    if not told:
+        return ""
+    return f"other delays explain the record almost as well: {'; '.join(told.values())}"
 
 
 def best_of_places(
@@ -119,7 +151,7 @@ def best_of_places(
     found, refusals = [], []
     for place in places:
         try:
-            found.append(located(known, place, limits))
+            found.append(_told(located(known, place, limits), place.rivals))
         except IdentifiabilityError as refusal:
             refusals.append(refusal)
     if not found:
@@ -130,10 +162,15 @@ def best_of_places(
         if np.all(delays < 0.999 * limits):
             break
         known, limits = with_delays(records, structure, [delays])
-        best = located(
-            known, Place(delays, none if given is not None else best.model.poles), limits
-        )
+        best = located(known, Place(delays, none), limits)
     return best
+
+
+def _told(estimate: Estimate, rivals: str) -> Estimate:
+    if not rivals:
+        return estimate
+    trace = estimate.trace
+    return replace(estimate, trace=replace(trace, decisions=(*trace.decisions, rivals)))
 
 
 def _refuse_direct(record: Record, structure: Structure) -> None:
@@ -212,19 +249,18 @@ def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
     return found
 
 
-def _best(problem: Problem) -> Point:
-    """Poles and delays of the lowest cost that was found."""
+def _best(problem: Problem) -> tuple[Point, list[Point]]:
+    """Poles and delays of the lowest cost that was found, and all other ends."""
     ends = [_refined(problem, delays) for delays in _profile(problem)]
     best = min(ends, key=lambda point: point.objective)
     for _ in range(MOST_ROUNDS):
         before = best
-        for delays in _elsewhere(best):
-            other = _from(problem, delays, best.poles)
-            if other.objective < best.objective - HELPED:
-                best = other
+        for delays in [*_elsewhere(before), *_ladder(before)]:
+            ends += [_from(problem, delays, best.poles), _held(problem, delays, best.poles)]
+            best = min((best, *ends[-2:]), key=lambda point: point.objective)
         if best.objective > before.objective - HELPED:
             break
-    return best
+    return best, ends
 
 
 def _profile(problem: Problem) -> list[Array]:
@@ -270,17 +306,22 @@ def _distinct(delays: Sequence[Array]) -> list[Array]:
 
 
 def _refined(problem: Problem, delays: Array) -> Point:
-    """The parallel model at given delays reduced, and refined with them."""
+    """The search for poles at given delays, and both refined together."""
     late = problem.delayed(delays).freed(None)
-    start = laguerre_starts(late, [_kept(problem)])[0]
-    points = [evaluate(late, poles) for poles in start.candidates()]
-    return _from(problem, delays, min(points, key=lambda point: point.objective).poles)
+    return _from(problem, delays, Search(STARTS).begin(late, [_kept(problem)]).point.poles)
 
 
 def _from(problem: Problem, delays: Array, poles: Complex) -> Point:
     late = problem.delayed(delays)
     at = partial(evaluate, late)
     return finish(at, at(poles), Recorder(), MOST_STEPS)[0]
+
+
+def _held(problem: Problem, delays: Array, poles: Complex) -> Point:
+    """The poles first, with the delays held, so that these do not slide back at once."""
+    late = problem.delayed(delays).freed(None)
+    at = partial(evaluate, late)
+    return _from(problem, delays, finish(at, at(poles), Recorder(), HELD_STEPS)[0].poles)
 
 
 def _elsewhere(point: Point) -> list[Array]:
@@ -298,6 +339,22 @@ def _elsewhere(point: Point) -> list[Array]:
             if costs[k] < point.objective + NEAR and abs(grid[k] - problem.delays[j]) > here
         ]
     return [delays for _, delays in sorted(found, key=lambda one: one[0])[:MOST_PLACES]]
+
+
+def _ladder(point: Point) -> list[Array]:
+    """Delays, one of them half a step away, one step, two, up to the step of the grid."""
+    problem, found = point.problem, []
+    assert problem.limits is not None
+    for j, limit in enumerate(problem.limits):
+        away = 0.5 * min(e.dt for e in problem.experiments)
+        rungs = max(int(np.ceil(np.log2(float(limit) / PLACES / away))), 0) + 1
+        for rung in range(min(rungs, MOST_RUNGS)):
+            for sign in (-1.0, 1.0):
+                moved = problem.delays.copy()
+                moved[j] += sign * away * 2.0**rung
+                if 0.0 <= moved[j] <= limit:
+                    found.append(moved)
+    return found
 
 
 def _kept(problem: Problem) -> Variant:

@@ -12,7 +12,8 @@ The record is taken in windows, each with a free response of its own. Several ba
 the first of them (poles in the band at several dampings, and Laguerre functions), and the one
 with the least absolute residual serves all. The fit is iteratively reweighted least squares
 (Holland & Welsch 1977) in an orthonormal basis of the columns, finished with Tukey's biweight,
-which takes what is far off out of the scale.
+which takes what is far off out of the scale. A sample that its own columns fit, whatever its value
+(a leverage near one: the first ones, by the free response), cannot be judged; it is set aside too.
 
 References: P. Huber, *Robust Statistics*, Wiley (1981). P. Rousseeuw & A. Leroy, *Robust
 Regression and Outlier Detection*, Wiley (1987). P. Holland & R. Welsch, Communications in
@@ -50,6 +51,7 @@ BIWEIGHT_ROUNDS = 8
 NEAR_ZERO = 0.05
 RIDGE = 1e-12
 MOST_SET_ASIDE = 0.4
+SELF_FITTED = 0.7
 
 
 def gross_outliers(records: Sequence[Record], structure: Structure) -> tuple[Flags, ...]:
@@ -76,8 +78,8 @@ def gross_outliers(records: Sequence[Record], structure: Structure) -> tuple[Fla
             problem = build([piece], structure, Nuisances("free", True, False))
             if poles is None:
                 poles = _best_poles(problem)
-            residuals, _ = _residuals(problem, poles)
-            flags[first:last] = _far(residuals, 2 * poles.size)
+            residuals, leverage, _ = _residuals(problem, poles)
+            flags[first:last] = _far(residuals, 2 * poles.size) | (leverage > SELF_FITTED)
         found.append(flags)
     return tuple(found)
 
@@ -95,16 +97,17 @@ def _best_poles(problem: Problem) -> Complex:
     count = max(count, min(problem.n_poles + 1, samples // 4), 1)
     tried = [spread_poles(problem, damping, count) for damping in SPREAD_DAMPING]
     tried += [np.full(count, -g, dtype=np.complex128) for g in np.geomspace(low, high, RATES)]
-    return min(tried, key=lambda poles: _residuals(problem, poles, 0)[1])
+    return min(tried, key=lambda poles: _residuals(problem, poles, 0)[2])
 
 
 def _residuals(
     problem: Problem, poles: Complex, rounds: int = BIWEIGHT_ROUNDS
-) -> tuple[Array, float]:
-    """Residuals (n_samples, n_outputs), and the sum of the outputs' log absolute residuals."""
+) -> tuple[Array, Array, float]:
+    """Residuals and leverages (n_samples, n_outputs), and the sum of log absolute residuals."""
     experiment = problem.experiments[0]
     bank = cascade(poles)
     residuals = np.full(experiment.y.shape, np.nan)
+    leverage = np.zeros(experiment.y.shape)
     total = 0.0
     known: dict[int, Array] = {}
     for i, y in enumerate(experiment.y.T):
@@ -116,8 +119,9 @@ def _residuals(
             known[signal] = _basis(problem, bank, i)
         own = known[signal] if seen.all() else np.linalg.qr(known[signal][seen])[0]
         residuals[seen, i], absolute = _robust_fit(own, y[seen], rounds)
+        leverage[seen, i] = np.einsum("ij,ij->i", own, own)
         total += float(np.log(absolute + 1e-12 * float(np.abs(y[seen]).mean()) + 1e-300))
-    return residuals, total
+    return residuals, leverage, total
 
 
 def _basis(problem: Problem, bank: Cascade, output: int) -> Array:

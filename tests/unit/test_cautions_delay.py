@@ -1,0 +1,23 @@
+"""What is said of a delay that the record cannot tell from zero."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
+
+
+@pytest.mark.parametrize(("delay", "told"), [(0.0, True), (0.31, False)])
+def test_a_delay_that_may_be_zero_is_named_as_such(delay, told):
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([-1.0, 1.0], 60), 5)
+    model = TransferFunction([2.0], [1.0, 2.0], delay=delay)
+    y = simulate(model, Record(u, u, dt=0.1))[:, 0]
+    y = y + 0.05 * np.std(y) * rng.standard_normal(u.size)
+    estimate = identify(Record(u, y, dt=0.1), Structure(1, 0, delay="free"), OutputError())
+    assert estimate.parameters["delay"].value == pytest.approx(delay, abs=0.02)
+    said = [line for line in estimate.cautions if "distinguishable" in line]
+    assert bool(said) is told
+    assert all("delay" in line for line in said)
+    assert not any("Standard error above half" in line for line in estimate.cautions)
