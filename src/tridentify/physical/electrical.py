@@ -9,7 +9,8 @@ the first, and the term ``R_1 C_2`` is not there.
 
 *DC motor*: ``L i' = u - R i - K w`` and ``J w' = K i - B w`` with one constant ``K`` for torque
 and back electromotive force (equal in SI units). With ``D = J L s^2 + (J R + B L) s + B R + K^2``
-speed is ``w / u = K / D`` and current is ``i / u = (J s + B) / D``.
+speed is ``w / u = K / D``, current is ``i / u = (J s + B) / D``, and the angle of the shaft is the
+integral of its speed, ``K / (s D)``: a pole at the origin that is known.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from tridentify.errors import OptionError, shown
 from tridentify.physical.model import PhysicalModel, PhysicalParameter, Values
 from tridentify.structure import Structure
 
-MotorOutputs = Literal["speed", "current", "both"]
+MotorOutputs = Literal["speed", "angle", "current", "both"]
 
 
 def rc_circuit() -> PhysicalModel:
@@ -99,18 +100,19 @@ def rcrc_circuit(*, buffered: bool = False) -> PhysicalModel:
 
 
 def dc_motor(outputs: MotorOutputs = "speed") -> PhysicalModel:
-    """Armature-controlled DC motor with viscous friction, from voltage to speed and current.
+    """Armature-controlled DC motor with viscous friction, from voltage to its motion or current.
 
     Parameters
     ----------
-    outputs : {"speed", "current", "both"}
-        What is measured: speed [rad/s], current [A], or speed and current in that order.
+    outputs : {"speed", "angle", "current", "both"}
+        What is measured: speed [rad/s], angle [rad], current [A], or speed and current in that
+        order.
 
     Returns
     -------
     PhysicalModel
         Parameters R [ohm], L [H], K [V s/rad or N m/A], J [kg m^2] and B [N m s/rad]. Speed and
-        current together determine all of them, either of them alone does not.
+        current together determine all of them, one of the outputs alone does not.
 
     Raises
     ------
@@ -123,9 +125,10 @@ def dc_motor(outputs: MotorOutputs = "speed") -> PhysicalModel:
     >>> motor.theta({"R": 1.0, "L": 0.5, "K": 0.01, "J": 0.01, "B": 0.1}).round(4).tolist()
     [12.0, 20.02, 2.0]
     """
-    if outputs not in ("speed", "current", "both"):
+    if outputs not in ("speed", "angle", "current", "both"):
         raise OptionError(
-            f"found outputs={shown(outputs)}; expected 'speed', 'current' or 'both'; choose one"
+            f"found outputs={shown(outputs)}; expected 'speed', 'angle', 'current' or 'both'; "
+            "choose one"
         )
     names = ("speed", "current") if outputs == "both" else (outputs,)
     where = {name: f"[{name},voltage]" if outputs == "both" else "" for name in names}
@@ -133,7 +136,10 @@ def dc_motor(outputs: MotorOutputs = "speed") -> PhysicalModel:
     def coefficients(p: Values) -> Values:
         r, inductance, k, j, b = (p[name] for name in ("R", "L", "K", "J", "B"))
         lead = j * inductance
-        found = {"a1": r / inductance + b / j, "a0": (b * r + k * k) / lead}
+        total, product = r / inductance + b / j, (b * r + k * k) / lead
+        if outputs == "angle":
+            return {"a2": total, "a1": product, "a0": 0.0, "b0": k / lead}
+        found = {"a1": total, "a0": product}
         if "speed" in names:
             found["b0" + where["speed"]] = k / lead
         if "current" in names:
@@ -142,15 +148,21 @@ def dc_motor(outputs: MotorOutputs = "speed") -> PhysicalModel:
         return found
 
     def start(c: Values) -> Values:
+        if "current" not in names:
+            return {}
         # the faster pole is electrical, the slower one mechanical, as in most motors
         root = math.sqrt(max(c["a1"] ** 2 - 4.0 * c["a0"], 0.01 * c["a1"] ** 2))
         fast, slow = (abs(c["a1"]) + root) / 2.0, max(abs(c["a1"]) - root, 1e-3 * root) / 2.0
-        if "current" not in names:
-            return {}
         inductance = 1.0 / abs(c["b1" + where["current"]])
         return {"L": inductance, "R": fast * inductance, "B": 0.5 * slow * 1e-4, "J": 1e-4}
 
     zeros = {"speed": 0, "current": 1}
+    plain = outputs != "angle"
+    structure = (
+        Structure(2, [[zeros[name]] for name in names])
+        if plain
+        else Structure(3, 0, fixed={"a0": 0.0})
+    )
     return PhysicalModel(
         f"DC motor, {' and '.join(names)} measured",
         [
@@ -160,7 +172,7 @@ def dc_motor(outputs: MotorOutputs = "speed") -> PhysicalModel:
             PhysicalParameter("J", "kg m^2", "inertia", guess=1e-4, positive=True),
             PhysicalParameter("B", "N m s/rad", "viscous friction", guess=1e-4, positive=True),
         ],
-        Structure(2, [[zeros[name]] for name in names]),
+        structure,
         coefficients,
         input_names=("voltage",),
         output_names=names,
