@@ -135,6 +135,14 @@ def standard_errors(point: Point) -> Array:
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
+def covariance(point: Point) -> Array:
+    """(n_coefficients, n_coefficients) of the physical coefficients, from the local curvature."""
+    inverse, _, keys = _covariance(point, point.rss / degrees_of_freedom(point))
+    transform = _transform(point, keys, inverse.shape[0])
+    found = transform @ inverse @ transform.T
+    return np.asarray(0.5 * (found + found.T))
+
+
 def taken(point: Point, output: int) -> list[Array]:
     """Series whose products are the covariance that the fit took from the noise of one output."""
     root = _root(point, point.rss / degrees_of_freedom(point))[0]

@@ -34,8 +34,9 @@ from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, UnsupportedError
 from tridentify.estimate import Estimate
-from tridentify.numerics.realization import Complex
-from tridentify.output_error.finish import Recorder, finish
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.output_error.finish import finish
+from tridentify.output_error.mixture import mixture
 from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import Point, evaluate
 from tridentify.output_error.problem import Problem, Variant
@@ -61,7 +62,8 @@ HELD_STEPS = 6
 MOST_ROUNDS = 4
 SWEEPS = 2
 NEAR = 20.0
-RIVAL = 6.0
+NAMED = 0.05
+MOST_RIVALS = 6
 HELPED = 0.005
 APART = 0.5
 MARGIN_STEPS = 2.0
@@ -76,13 +78,13 @@ class Place:
     ----------
     delays : (n_inputs,) array [s]
     poles : (n,) complex array
-    rivals : str
-        Other delays that are almost as good, in words.
+    rivals : tuple of (delays, poles)
+        Other ends of the search whose cost is not much higher.
     """
 
     delays: Array
     poles: Complex
-    rivals: str = ""
+    rivals: tuple[tuple[Array, Complex], ...] = ()
 
 
 def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]:
@@ -109,21 +111,19 @@ def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]
     return kept
 
 
-def _rivals(best: Point, ends: Sequence[Point], step: float) -> str:
-    """Other delays that explain the record almost as well, in words."""
-    near = sorted(
-        (end.objective - best.objective, tuple(end.problem.delays.tolist()))
-        for end in ends
-        if end.objective < best.objective + RIVAL
-        and np.any(np.abs(end.problem.delays - best.problem.delays) > step)
-    )
-    told: dict[tuple[float, ...], str] = {}
-    for higher, delays in near:
-        if all(np.any(np.abs(np.subtract(delays, known)) > step) for known in told):
-            told[delays] = f"{', '.join(f'{d:.4g}' for d in delays)} s ({higher:+.1f} in -2 log L)"
-    if not told:
-        return ""
-    return f"other delays explain the record almost as well: {'; '.join(told.values())}"
+def _rivals(best: Point, ends: Sequence[Point], step: float) -> tuple[tuple[Array, Complex], ...]:
+    """Where the search ended otherwise and not much higher, the lowest first."""
+    kept: list[tuple[Array, Complex]] = []
+    for end in sorted(ends, key=lambda point: point.objective):
+        delays = end.problem.delays
+        if end.objective > best.objective + NEAR or len(kept) == MOST_RIVALS:
+            break
+        if all(
+            np.any(np.abs(delays - other) > APART * step)
+            for other in [best.problem.delays, *[one for one, _ in kept]]
+        ):
+            kept.append((delays, end.poles))
+    return tuple(kept)
 
 
 def best_of_places(
@@ -151,26 +151,71 @@ def best_of_places(
     found, refusals = [], []
     for place in places:
         try:
-            found.append(_told(located(known, place, limits), place.rivals))
+            found.append((located(known, place, limits), place))
         except IdentifiabilityError as refusal:
             refusals.append(refusal)
     if not found:
         raise refusals[0]
-    best = min(found, key=lambda estimate: estimate.aicc)
+    best, place = min(found, key=lambda one: one[0].aicc)
     for _ in range(MOST_ROUNDS):
         delays = best.theta[-best.model.n_inputs :]
         if np.all(delays < 0.999 * limits):
             break
         known, limits = with_delays(records, structure, [delays])
         best = located(known, Place(delays, none), limits)
-    return best
+    return _spread(best, records, known, limits, place.rivals)
 
 
-def _told(estimate: Estimate, rivals: str) -> Estimate:
-    if not rivals:
+def _spread(
+    estimate: Estimate,
+    records: Sequence[Record],
+    known: Structure,
+    limits: Array,
+    rivals: Sequence[tuple[Array, Complex]],
+) -> Estimate:
+    """The estimate with the covariance of all minima and cells, and a word on other delays."""
+    chosen = estimate.structure
+    nuisances = Nuisances(chosen.initial_state, bool(chosen.offset), bool(chosen.drift))
+    built = build(records, replace(known, initial_state=chosen.initial_state), nuisances)
+    delays = estimate.theta[-built.n_inputs :]
+    problem = built.whitened(estimate.noise_model).delayed(delays).freed(limits)
+    best = evaluate(problem, _poles(estimate, problem))
+    found = mixture(best, rivals)
+    if found is None:
         return estimate
+    step = max(e.dt for e in problem.experiments)
+    told = _in_words(found.shares, found.means[:, -built.n_inputs :], delays, step)
     trace = estimate.trace
-    return replace(estimate, trace=replace(trace, decisions=(*trace.decisions, rivals)))
+    if told:
+        trace = replace(trace, decisions=(*trace.decisions, told))
+    return replace(estimate, cov=found.cov, trace=trace)
+
+
+def _poles(estimate: Estimate, problem: Problem) -> Complex:
+    """Of every denominator."""
+    dens = [estimate.model.den[i][j] for i, j in (g.channels[0] for g in problem.groups)]
+    return np.concatenate([sort_poles(np.roots(den).astype(np.complex128)) for den in dens])
+
+
+def _in_words(shares: Array, means: Array, delays: Array, step: float) -> str:
+    """Delays farther off than a step, where they hold a share of the probability."""
+    groups: list[tuple[float, Array]] = []
+    for k in np.argsort(-shares):
+        near = [i for i, (_, one) in enumerate(groups) if np.all(np.abs(one - means[k]) < step)]
+        if np.all(np.abs(means[k] - delays) < step):
+            continue
+        if near:
+            groups[near[0]] = (groups[near[0]][0] + float(shares[k]), groups[near[0]][1])
+        else:
+            groups.append((float(shares[k]), means[k]))
+    named = [
+        f"{', '.join(f'{max(d, 0.0):.4g}' for d in one)} s ({100.0 * share:.0f} %)"
+        for share, one in groups
+        if share > NAMED
+    ]
+    if not named:
+        return ""
+    return f"other delays explain the record almost as well: {'; '.join(named)}"
 
 
 def _refuse_direct(record: Record, structure: Structure) -> None:
@@ -314,14 +359,14 @@ def _refined(problem: Problem, delays: Array) -> Point:
 def _from(problem: Problem, delays: Array, poles: Complex) -> Point:
     late = problem.delayed(delays)
     at = partial(evaluate, late)
-    return finish(at, at(poles), Recorder(), MOST_STEPS)[0]
+    return finish(at, at(poles), None, MOST_STEPS)[0]
 
 
 def _held(problem: Problem, delays: Array, poles: Complex) -> Point:
     """The poles first, with the delays held, so that these do not slide back at once."""
     late = problem.delayed(delays).freed(None)
     at = partial(evaluate, late)
-    return _from(problem, delays, finish(at, at(poles), Recorder(), HELD_STEPS)[0].poles)
+    return _from(problem, delays, finish(at, at(poles), None, HELD_STEPS)[0].poles)
 
 
 def _elsewhere(point: Point) -> list[Array]:
