@@ -1,18 +1,27 @@
 """How uncertain delays are: a mixture of the minima and of the pieces between the kinks.
 
-With a flat prior of the coefficients ``theta`` the posterior density is the likelihood, and near
-its maximum ``theta_k``, where ``-2 log L = L_k``, it is a Gaussian of the covariance ``C_k`` that
-holds the mass
+Near a maximum ``theta_k`` of the likelihood, where ``-2 log L = L_k``, the posterior density is a
+Gaussian of the covariance ``C_k``. With the prior density ``p`` it holds the mass
 
-    w_k = integral exp(-(L_k + (theta - theta_k)' C_k^-1 (theta - theta_k)) / 2) d theta
-        ~ exp(-L_k / 2) sqrt(det C_k)
+    w_k = integral p exp(-(L_k + (theta - theta_k)' C_k^-1 (theta - theta_k)) / 2) d theta
+        ~ p(theta_k) exp(-L_k / 2) sqrt(det C_k)
 
 (Laplace's approximation: Tierney & Kadane 1986; for several maxima Gelman et al., Bayesian Data
-Analysis, section 13.3). About the estimate ``theta_0`` the mixture has the second moments
+Analysis, section 13.3). The prior is flat in the delays and, at known delays, that of Jeffreys in
+all other unknowns, ``p = sqrt(det C_bb|t^-1)``. As ``det C = det C_tt det C_bb|t``, what is left is
+
+    w_k = exp(-L_k / 2) sqrt(det C_tt) ,
+
+the likelihood, all but the delays at its best, integrated over the delays. It does not depend on
+how poles and zeros are expressed. A prior flat in the coefficients does: it gives a model with one
+very fast pole, whose coefficients are large and have large errors, nearly all of the mass.
+
+About the estimate ``theta_0`` the mixture has the second moments
 
     cov = sum_k w_k (C_k + (m_k - theta_0) (m_k - theta_0)') / sum_k w_k ,   m_k = theta_k .
 
-Nuisance terms and noise variance are eliminated, their own share of the mass taken as equal.
+Of a share below a hundredth no interval of 95 % knows, but its covariance may be without bounds:
+such components are left out.
 
 *Kinks.* Where a held input reaches the output with one zero less than there are poles, the slope
 of the cost along a delay jumps at every whole step. Between two such steps, in a cell, the cost is
@@ -43,6 +52,7 @@ Array = NDArray[np.float64]
 
 NEAR = 20.0
 SHARE = 5.0
+LEAST = 0.01
 MOST_CELLS = 16
 MOST_STEPS = 8
 INSET = 1e-6
@@ -107,10 +117,11 @@ def combined(components: Sequence[Component], about: Array) -> Mixture:
     """
     logs = np.array([one.log_mass for one in components])
     shares = np.exp(logs - logs.max())
-    shares /= shares.sum()
-    means = np.array([one.mean for one in components])
+    kept = np.flatnonzero(shares > LEAST * shares.sum())
+    shares = shares[kept] / shares[kept].sum()
+    means = np.array([components[k].mean for k in kept])
     away = means - about
-    inner = np.einsum("k,kij->ij", shares, np.array([one.cov for one in components]))
+    inner = np.einsum("k,kij->ij", shares, np.array([components[k].cov for k in kept]))
     return Mixture(shares, means, inner + (away.T * shares) @ away)
 
 
@@ -173,7 +184,7 @@ class Cell(NamedTuple):
         return finish(at, at(poles), None, MOST_STEPS)[0]
 
 
-def component(point: Point, cell: Cell, scale: Array) -> Component:
+def component(point: Point, cell: Cell) -> Component:
     """The Gaussian at a point, within its cell.
 
     Parameters
@@ -181,14 +192,12 @@ def component(point: Point, cell: Cell, scale: Array) -> Component:
     point : Point
         Where the cost is least in the cell.
     cell : Cell
-    scale : (n_coefficients,) array
-        Units for the volume, the same for all components.
     """
     cov, theta = covariance(point), coefficients(point)
     first = theta.size - point.problem.n_delays
     ends = [first + j for j in cell.kinked]
     slopes = point.delay_slopes[cell.kinked]
-    volume = float(np.linalg.slogdet(cov / np.outer(scale, scale))[1])
+    volume = float(np.linalg.slogdet(cov[first:, first:])[1])
     lift = 0.25 * float(slopes @ cov[np.ix_(ends, ends)] @ slopes)
     found = Component(
         -0.5 * (point.objective - lift) + 0.5 * volume, theta - 0.5 * cov[:, ends] @ slopes, cov
@@ -222,7 +231,7 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
         return None
     first = home.end(problem, problem.delays, best.poles) if home.kinked else best
     ends = [(first, home)]
-    found = [component(first, home, std)]
+    found = [component(first, home)]
     tried = 0
     queue = [(one, best.poles) for one in home.beside(problem.delays)]
     queue += list(others)
@@ -240,7 +249,7 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
         if end.objective > best.objective + NEAR or _known(end, cell, ends, std):
             continue
         ends.append((end, cell))
-        found.append(component(end, cell, std))
+        found.append(component(end, cell))
         if found[-1].log_mass > max(one.log_mass for one in found) - SHARE:
             queue += [(one, end.poles) for one in cell.beside(end.problem.delays)]
     if len(found) == 1 and not home.kinked:

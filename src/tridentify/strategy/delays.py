@@ -27,7 +27,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from tridentify.errors import IdentifiabilityError, UnsupportedError
 from tridentify.estimate import Estimate
 from tridentify.numerics.realization import Complex, sort_poles
-from tridentify.output_error.finish import finish
+from tridentify.output_error.finish import criterion, finish
 from tridentify.output_error.mixture import mixture
 from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import Point, evaluate
@@ -65,9 +65,19 @@ NEAR = 20.0
 NAMED = 0.05
 MOST_RIVALS = 6
 HELPED = 0.005
+HOPELESS = 30.0
+KEPT_RATES = 2
 APART = 0.5
 MARGIN_STEPS = 2.0
 MARGIN_SHARE = 0.1
+
+
+class Found(NamedTuple):
+    """The end of lowest cost, all ends, and the rates that suit the parallel models."""
+
+    best: Point
+    ends: list[Point]
+    rates: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +113,10 @@ def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]
     """
     step = min(float(np.median(np.diff(record.t))) for record in records)
     kept: list[Place] = []
+    near: Found | None = None
     for problem in _problems(records, structure):
-        best, ends = _best(problem)
+        near = _best(problem, near)
+        best, ends = near.best, near.ends
         delays = best.problem.delays
         if not any(np.all(np.abs(one.delays - delays) < APART * step) for one in kept):
             kept.append(Place(delays, best.poles, _rivals(best, ends, step)))
@@ -273,7 +285,7 @@ def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
     kinds: tuple[str, ...] = (structure.initial_state,)
     if structure.initial_state == "auto":
         moved = any(np.any(record.u[0]) for record in records)
-        kinds = ("rest", "equilibrium", "free") if moved else ("rest", "free")
+        kinds = ("free", "rest", "equilibrium") if moved else ("free", "rest")
     first = records[0]
     shortest = min(record.duration for record in records)
     found = []
@@ -294,45 +306,65 @@ def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
     return found
 
 
-def _best(problem: Problem) -> tuple[Point, list[Point]]:
-    """Poles and delays of the lowest cost that was found, and all other ends."""
-    ends = [_refined(problem, delays) for delays in _profile(problem)]
+def _best(problem: Problem, near: Found | None) -> Found:
+    """Poles and delays of the lowest cost that was found, and all other ends.
+
+    With another kind of start only the lowest place is searched anew, beside the end of the first.
+    """
+    places, rates = _profile(problem, near.rates if near else None)
+    ends = []
+    if near:
+        assert problem.limits is not None
+        delays = np.minimum(near.best.problem.delays, problem.limits)
+        ends = [_from(problem, delays, problem.admissible(near.best.poles)[0])]
+        places = places[:1]
+    for cost, delays in places:
+        if ends and cost > min(criterion(end) for end in ends) + HOPELESS:
+            continue
+        ends.append(_refined(problem, delays))
     best = min(ends, key=lambda point: point.objective)
     for _ in range(MOST_ROUNDS):
         before = best
-        for delays in [*_elsewhere(before), *_ladder(before)]:
-            ends += [_from(problem, delays, best.poles), _held(problem, delays, best.poles)]
-            best = min((best, *ends[-2:]), key=lambda point: point.objective)
+        ends += [_from(problem, delays, before.poles) for delays in _elsewhere(before)]
+        best = min(ends, key=lambda point: point.objective)
+        for delays in _ladder(before):
+            ends.append(_held(problem, delays, best.poles))
+            best = min((best, ends[-1]), key=lambda point: point.objective)
         if best.objective > before.objective - HELPED:
             break
-    return best, ends
+    return Found(best, ends, rates)
 
 
-def _profile(problem: Problem) -> list[Array]:
-    """Delays where the parallel models' criterion is low."""
+def _profile(problem: Problem, rates: Array | None) -> tuple[list[tuple[float, Array]], Array]:
+    """Delays where the parallel models' criterion is low, the lowest first, and the best rates."""
     assert problem.limits is not None
-    rates = np.geomspace(*rate_limits(problem), RATES)
     grid = np.linspace(0.0, float(problem.limits[0]), PLACES + 1)
     count = problem.n_inputs
+    tried = np.geomspace(*rate_limits(problem), RATES) if rates is None else rates
 
-    def cost(delays: Array) -> float:
+    def cost(delays: Array, rates: Array) -> Array:
         late = problem.delayed(delays).freed(None)
-        return min(parallel_criterion(late, rate, FUNCTIONS) for rate in rates)
+        return np.array([parallel_criterion(late, rate, FUNCTIONS) for rate in rates])
 
-    common = np.array([cost(np.full(count, delay)) for delay in grid])
-    found = [np.full(count, grid[k]) for k in _low(common)]
+    every = np.array([cost(np.full(count, delay), tried) for delay in grid])
+    kept = tried[np.argsort(every.min(axis=0))[:KEPT_RATES]]
+    common = every.min(axis=1)
+    found = [(float(common[k]), np.full(count, grid[k])) for k in _low(common)]
+    nothing = (float(common[0]), np.zeros(count))
     if count > 1:
-        at = found[0].copy()
-        others: list[Array] = []
+        at = found[0][1].copy()
+        low = found[0][0]
+        others: list[tuple[float, Array]] = []
         for sweep in range(SWEEPS):
             for j in range(count):
-                costs = np.array([cost(np.where(np.arange(count) == j, d, at)) for d in grid])
-                low = _low(costs)
-                at[j] = grid[low[0]]
+                moved = [np.where(np.arange(count) == j, d, at) for d in grid]
+                costs = np.array([cost(one, kept).min() for one in moved])
+                places = _low(costs)
+                at[j], low = grid[places[0]], float(costs[places[0]])
                 if sweep == SWEEPS - 1:
-                    others += [np.where(np.arange(count) == j, grid[k], at) for k in low[1:3]]
-        found = [at.copy(), found[0], *others]
-    return _distinct([*found[:MOST_PLACES], np.zeros(count)])
+                    others += [(float(costs[k]), moved[k]) for k in places[1:3]]
+        found = [(low, at.copy()), found[0], *others]
+    return _distinct([*found[:MOST_PLACES], nothing]), kept
 
 
 def _low(costs: Array) -> NDArray[np.intp]:
@@ -342,11 +374,11 @@ def _low(costs: Array) -> NDArray[np.intp]:
     return low[np.argsort(costs[low], kind="stable")]
 
 
-def _distinct(delays: Sequence[Array]) -> list[Array]:
-    kept: list[Array] = []
-    for one in delays:
-        if not any(np.array_equal(one, other) for other in kept):
-            kept.append(one)
+def _distinct(places: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
+    kept: list[tuple[float, Array]] = []
+    for cost, one in places:
+        if not any(np.array_equal(one, other) for _, other in kept):
+            kept.append((cost, one))
     return kept
 
 
