@@ -117,7 +117,7 @@ def combined(components: Sequence[Component], about: Array) -> Mixture:
     """
     logs = np.array([one.log_mass for one in components])
     shares = np.exp(logs - logs.max())
-    kept = np.flatnonzero(shares > LEAST * shares.sum())
+    kept = np.flatnonzero(shares > LEAST * shares.sum()).tolist()
     shares = shares[kept] / shares[kept].sum()
     means = np.array([components[k].mean for k in kept])
     away = means - about

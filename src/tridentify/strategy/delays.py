@@ -68,6 +68,7 @@ HELPED = 0.005
 HOPELESS = 30.0
 KEPT_RATES = 2
 APART = 0.5
+AGREE = 0.25
 MARGIN_STEPS = 2.0
 MARGIN_SHARE = 0.1
 
@@ -309,7 +310,8 @@ def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
 def _best(problem: Problem, near: Found | None) -> Found:
     """Poles and delays of the lowest cost that was found, and all other ends.
 
-    With another kind of start only the lowest place is searched anew, beside the end of the first.
+    With another kind of start only the lowest place is searched anew, where the end of the first is
+    not near it, and what lies around is looked at only where the two kinds do not agree.
     """
     places, rates = _profile(problem, near.rates if near else None)
     ends = []
@@ -317,13 +319,16 @@ def _best(problem: Problem, near: Found | None) -> Found:
         assert problem.limits is not None
         delays = np.minimum(near.best.problem.delays, problem.limits)
         ends = [_from(problem, delays, problem.admissible(near.best.poles)[0])]
-        places = places[:1]
+        apart = np.abs(places[0][1] - delays) > problem.limits / PLACES
+        places = places[:1] if apart.any() else []
     for cost, delays in places:
         if ends and cost > min(criterion(end) for end in ends) + HOPELESS:
             continue
         ends.append(_refined(problem, delays))
     best = min(ends, key=lambda point: point.objective)
-    for _ in range(MOST_ROUNDS):
+    step = min(e.dt for e in problem.experiments)
+    agree = near and np.all(np.abs(best.problem.delays - near.best.problem.delays) < AGREE * step)
+    for _ in range(0 if agree else MOST_ROUNDS):
         before = best
         ends += [_from(problem, delays, before.poles) for delays in _elsewhere(before)]
         best = min(ends, key=lambda point: point.objective)
