@@ -20,6 +20,10 @@ About the estimate ``theta_0`` the mixture has the second moments
 
     cov = sum_k w_k (C_k + (m_k - theta_0) (m_k - theta_0)') / sum_k w_k ,   m_k = theta_k .
 
+A pole that ran out of the band may be anything from there to infinity, and trades places with a
+delay by no more than its own time constant; a Gaussian of the coefficients says otherwise. Such
+poles are held for ``C_k``.
+
 Of a share below a hundredth no interval of 95 % knows, but its covariance may be without bounds:
 such components are left out.
 
@@ -54,7 +58,10 @@ NEAR = 20.0
 SHARE = 5.0
 LEAST = 0.01
 MOST_CELLS = 16
-MOST_STEPS = 8
+MOST_STEPS = 20
+UNFINISHED = 0.1
+BEYOND_BAND = 1.4
+TINY = 1e-12
 INSET = 1e-6
 SAME = 0.5
 SPAN = 80.0
@@ -184,7 +191,25 @@ class Cell(NamedTuple):
         return finish(at, at(poles), None, MOST_STEPS)[0]
 
 
-def component(point: Point, cell: Cell) -> Component:
+def held_fast(point: Point, cov: Array) -> Array:
+    """The covariance at held values of the poles that are faster than the samples can show."""
+    problem = point.problem
+    band = BEYOND_BAND / min(e.dt for e in problem.experiments)
+    for group, place in zip(problem.groups, problem.places()[0], strict=True):
+        own = point.poles[group.poles]
+        for k in np.flatnonzero(np.abs(own) > band):
+            # of log p by the coefficients
+            slope = -(own[k] ** np.arange(own.size - 2.0, -2.0, -1.0))
+            slope = slope / np.prod(own[k] - np.delete(own, k))
+            for part in (slope.real, slope.imag):
+                moved = cov[:, place] @ part
+                variance = float(part @ moved[place])
+                if variance > TINY:
+                    cov = cov - np.outer(moved, moved) / variance
+    return cov
+
+
+def component(point: Point, cell: Cell, *, whole: bool = False) -> Component:
     """The Gaussian at a point, within its cell.
 
     Parameters
@@ -192,18 +217,25 @@ def component(point: Point, cell: Cell) -> Component:
     point : Point
         Where the cost is least in the cell.
     cell : Cell
+    whole : bool
+        Whether poles faster than the samples can show count with their standard errors.
     """
-    cov, theta = covariance(point), coefficients(point)
+    full, theta = covariance(point), coefficients(point)
+    cov = held_fast(point, full)
     first = theta.size - point.problem.n_delays
     ends = [first + j for j in cell.kinked]
     slopes = point.delay_slopes[cell.kinked]
     volume = float(np.linalg.slogdet(cov[first:, first:])[1])
     lift = 0.25 * float(slopes @ cov[np.ix_(ends, ends)] @ slopes)
     found = Component(
-        -0.5 * (point.objective - lift) + 0.5 * volume, theta - 0.5 * cov[:, ends] @ slopes, cov
+        -0.5 * (point.objective - lift) + 0.5 * volume,
+        theta - 0.5 * cov[:, ends] @ slopes,
+        cov,
     )
     for j, where in zip(cell.kinked, ends, strict=True):
         found = found.within(where, cell.low[j], cell.high[j])
+    if whole:
+        found = found._replace(cov=found.cov + full - cov)
     return found
 
 
@@ -231,7 +263,7 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
         return None
     first = home.end(problem, problem.delays, best.poles) if home.kinked else best
     ends = [(first, home)]
-    found = [component(first, home)]
+    found = [component(first, home, whole=True)]
     tried = 0
     queue = [(one, best.poles) for one in home.beside(problem.delays)]
     queue += list(others)
@@ -246,7 +278,9 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
             seen.add(cell.key)
         tried += 1
         end = cell.end(problem, delays, poles)
-        if end.objective > best.objective + NEAR or _known(end, cell, ends, std):
+        if end.objective > best.objective + NEAR or end.step(0.0).decrease > UNFINISHED:
+            continue
+        if _known(end, cell, ends, std):
             continue
         ends.append((end, cell))
         found.append(component(end, cell))
