@@ -57,7 +57,7 @@ Array = NDArray[np.float64]
 NEAR = 20.0
 SHARE = 5.0
 LEAST = 0.01
-MOST_CELLS = 16
+MOST_CELLS = 24
 MOST_STEPS = 20
 UNFINISHED = 0.1
 BEYOND_BAND = 1.4
@@ -265,11 +265,11 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
     ends = [(first, home)]
     found = [component(first, home, whole=True)]
     tried = 0
-    queue = [(one, best.poles) for one in home.beside(problem.delays)]
-    queue += list(others)
+    queue = [(np.inf, delays, poles) for delays, poles in others]
+    queue += [(np.inf, one, best.poles) for one in home.beside(problem.delays)]
     seen = {home.key} if len(home.kinked) == problem.n_delays else set()
     while queue and tried < MOST_CELLS:
-        delays, poles = queue.pop(0)
+        _, delays, poles = queue.pop(max(range(len(queue)), key=lambda k: queue[k][0]))
         assert problem.limits is not None
         cell = Cell.around(problem, delays)
         if np.any(delays < 0) or np.any(delays > problem.limits) or cell.key in seen:
@@ -278,14 +278,17 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
             seen.add(cell.key)
         tried += 1
         end = cell.end(problem, delays, poles)
-        if end.objective > best.objective + NEAR or end.step(0.0).decrease > UNFINISHED:
+        if end.objective > best.objective + NEAR:
+            continue
+        if cell.key not in seen and end.step(0.0).decrease > UNFINISHED:
             continue
         if _known(end, cell, ends, std):
             continue
         ends.append((end, cell))
         found.append(component(end, cell))
         if found[-1].log_mass > max(one.log_mass for one in found) - SHARE:
-            queue += [(one, end.poles) for one in cell.beside(end.problem.delays)]
+            mass = found[-1].log_mass
+            queue += [(mass, one, end.poles) for one in cell.beside(end.problem.delays)]
     if len(found) == 1 and not home.kinked:
         return None
     return combined(found, coefficients(best))
