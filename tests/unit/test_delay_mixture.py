@@ -10,7 +10,14 @@ from scipy import stats
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
 from tridentify.output_error.finish import finish
-from tridentify.output_error.mixture import Cell, Component, combined, component, held_fast, mixture
+from tridentify.output_error.mixture import (
+    Cell,
+    Component,
+    combined,
+    component,
+    fast_poles,
+    mixture,
+)
 from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import Point, evaluate
 from tridentify.output_error.result import covariance
@@ -127,17 +134,27 @@ def test_the_cells_share_the_integral_of_the_profile_likelihood():
 
 def test_a_pole_beyond_the_band_is_held():
     point = minimum(SECOND)
-    cov = covariance(point)
-    assert np.array_equal(held_fast(point, cov), cov)
+    assert fast_poles(point).size == 0
     fast = evaluate(point.problem, np.array([-2.0 + 0j, -60.0 + 0j]))
-    cov = covariance(fast)
-    held = held_fast(fast, cov)
-    # p + q = a1, p q = a0: with q held a step of p moves them by (1, 60)
-    slope = np.array([-60.0, -1.0, 0.0, 0.0])
-    assert slope @ np.array([-1.0, 60.0, 0.0, 0.0]) == 0.0
-    gradient = np.array([60.0, -1.0, 0.0, 0.0])
-    assert gradient @ held @ gradient == pytest.approx(0.0, abs=1e-9 * (gradient @ cov @ gradient))
-    assert component(fast, Cell((-np.inf,), (np.inf,))).cov[-1, -1] < cov[-1, -1]
+    (row,) = fast_poles(fast)
+    moved = [np.log(-np.roots([1.0, 62.0 + h, 120.0 + k]).min()) for h, k in ((1e-4, 0), (0, 1e-4))]
+    assert row[:2] == pytest.approx((np.array(moved) - np.log(60.0)) / 1e-4, rel=1e-4)
+    held, cov = covariance(fast, row[None]), covariance(fast)
+    # what is left is the covariance given that combination
+    along = cov @ row
+    assert held == pytest.approx(cov - np.outer(along, along) / (row @ along), rel=1e-6, abs=1e-9)
+    infinite = Cell((-np.inf,), (np.inf,))
+    assert component(fast, infinite).cov == pytest.approx(held)
+    assert component(fast, infinite, whole=True).cov == pytest.approx(cov)
+
+
+def test_a_pole_at_its_limit_leaves_variances_positive():
+    point = minimum(FIRST)
+    limit = np.array([-400.0 + 0j])
+    far = evaluate(point.problem, limit, delays=np.array([0.35]))
+    found = component(far, Cell.around(far.problem, np.array([0.36])))
+    assert np.all(np.diag(found.cov) >= 0)
+    assert found.cov[-1, -1] < DT**2
 
 
 def test_other_delays_are_named_where_they_hold_a_share():

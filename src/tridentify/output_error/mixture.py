@@ -61,7 +61,6 @@ MOST_CELLS = 24
 MOST_STEPS = 20
 UNFINISHED = 0.1
 BEYOND_BAND = 1.4
-TINY = 1e-12
 INSET = 1e-6
 SAME = 0.5
 SPAN = 80.0
@@ -191,22 +190,21 @@ class Cell(NamedTuple):
         return finish(at, at(poles), None, MOST_STEPS)[0]
 
 
-def held_fast(point: Point, cov: Array) -> Array:
-    """The covariance at held values of the poles that are faster than the samples can show."""
+def fast_poles(point: Point) -> Array:
+    """(k, n_coefficients) derivatives of the logarithms of poles beyond the band."""
     problem = point.problem
     band = BEYOND_BAND / min(e.dt for e in problem.experiments)
+    found = []
     for group, place in zip(problem.groups, problem.places()[0], strict=True):
         own = point.poles[group.poles]
-        for k in np.flatnonzero(np.abs(own) > band):
-            # of log p by the coefficients
+        for k in np.flatnonzero((np.abs(own) > band) & (own.imag >= 0)):
             slope = -(own[k] ** np.arange(own.size - 2.0, -2.0, -1.0))
             slope = slope / np.prod(own[k] - np.delete(own, k))
-            for part in (slope.real, slope.imag):
-                moved = cov[:, place] @ part
-                variance = float(part @ moved[place])
-                if variance > TINY:
-                    cov = cov - np.outer(moved, moved) / variance
-    return cov
+            for part in (slope.real, slope.imag) if own[k].imag else (slope.real,):
+                row = np.zeros(problem.n_coefficients)
+                row[place] = part
+                found.append(row)
+    return np.array(found).reshape(-1, problem.n_coefficients)
 
 
 def component(point: Point, cell: Cell, *, whole: bool = False) -> Component:
@@ -221,7 +219,8 @@ def component(point: Point, cell: Cell, *, whole: bool = False) -> Component:
         Whether poles faster than the samples can show count with their standard errors.
     """
     full, theta = covariance(point), coefficients(point)
-    cov = held_fast(point, full)
+    held = fast_poles(point)
+    cov = covariance(point, held) if held.size else full
     first = theta.size - point.problem.n_delays
     ends = [first + j for j in cell.kinked]
     slopes = point.delay_slopes[cell.kinked]
@@ -234,7 +233,7 @@ def component(point: Point, cell: Cell, *, whole: bool = False) -> Component:
     )
     for j, where in zip(cell.kinked, ends, strict=True):
         found = found.within(where, cell.low[j], cell.high[j])
-    if whole:
+    if whole and held.size:
         found = found._replace(cov=found.cov + full - cov)
     return found
 
