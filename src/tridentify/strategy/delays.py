@@ -69,6 +69,7 @@ HOPELESS = 30.0
 KEPT_RATES = 2
 APART = 0.5
 AGREE = 0.25
+MOVED = 0.1
 MARGIN_STEPS = 2.0
 MARGIN_SHARE = 0.1
 
@@ -176,7 +177,8 @@ def best_of_places(
             break
         known, limits = with_delays(records, structure, [delays])
         best = located(known, Place(delays, none), limits)
-    return _spread(best, records, known, limits, place.rivals)
+    rivals = [*place.rivals, (place.delays, place.poles)] if place.poles.size else []
+    return _spread(best, records, known, limits, rivals)
 
 
 def _spread(
@@ -193,10 +195,11 @@ def _spread(
     delays = estimate.theta[-built.n_inputs :]
     problem = built.whitened(estimate.noise_model).delayed(delays).freed(limits)
     best = evaluate(problem, _poles(estimate, problem))
-    found = mixture(best, rivals)
+    step = max(e.dt for e in problem.experiments)
+    others = [one for one in rivals if np.any(np.abs(one[0] - delays) > MOVED * step)]
+    found = mixture(best, others)
     if found is None:
         return estimate
-    step = max(e.dt for e in problem.experiments)
     told = _in_words(found.shares, found.means[:, -built.n_inputs :], delays, step)
     trace = estimate.trace
     if told:
