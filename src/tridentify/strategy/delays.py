@@ -45,6 +45,7 @@ from tridentify.strategy.search import Search
 from tridentify.strategy.starts import parallel_criterion, rate_limits
 from tridentify.strategy.thin import is_large, is_usable, window
 from tridentify.structure import InitialState, Structure
+from tridentify.trace import OTHER_DELAYS
 
 Array = NDArray[np.float64]
 
@@ -231,7 +232,7 @@ def _in_words(shares: Array, means: Array, delays: Array, step: float) -> str:
     ]
     if not named:
         return ""
-    return f"other delays explain the record almost as well: {'; '.join(named)}"
+    return f"{OTHER_DELAYS}: {'; '.join(named)}"
 
 
 def _refuse_direct(record: Record, structure: Structure) -> None:
