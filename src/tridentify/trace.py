@@ -15,6 +15,8 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
+OTHER_DELAYS = "other delays explain the record almost as well"
+
 
 def freeze_arrays(noun: object) -> None:
     """Replace each field annotated ``Array`` of a frozen dataclass by a read-only float64 copy."""

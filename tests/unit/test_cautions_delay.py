@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
+from tridentify.cautions import cautions
 
 
 @pytest.mark.parametrize(("delay", "told"), [(0.0, True), (0.31, False)])
@@ -21,3 +24,16 @@ def test_a_delay_that_may_be_zero_is_named_as_such(delay, told):
     assert bool(said) is told
     assert all("delay" in line for line in said)
     assert not any("Standard error above half" in line for line in estimate.cautions)
+
+
+def test_other_delays_are_a_caution():
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([-1.0, 1.0], 60), 5)
+    y = simulate(TransferFunction([2.0], [1.0, 2.0]), Record(u, u, dt=0.1))[:, 0]
+    record = Record(u, y + 0.05 * rng.standard_normal(u.size), dt=0.1)
+    estimate = identify(record, Structure(1, 0), OutputError())
+    told = "other delays explain the record almost as well: 0.8 s (12 %)"
+    trace = replace(estimate.trace, decisions=(told,))
+    (line,) = [one for one in cautions(replace(estimate, trace=trace), [record]) if "0.8 s" in one]
+    assert line.startswith("Other delays explain")
+    assert "standard errors allow for them" in line

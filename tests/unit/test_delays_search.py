@@ -96,7 +96,7 @@ def test_places_of_a_record_and_room_around_them():
     rest = Structure(2, 0, delay="free", offset=False, initial_state="rest")
     (place,) = delay_places([record], rest)
     assert place.delays == pytest.approx([1.23], abs=0.02)
-    assert place.rivals == ""
+    assert place.rivals == ()
     known, limits = with_delays([record], rest, [place.delays])
     assert limits[0] > 10.0
     free = Structure(2, 0, delay="free", offset=False, initial_state="free")

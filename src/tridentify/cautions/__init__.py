@@ -18,6 +18,7 @@ from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
 from tridentify.numerics.whiteness import input_share
 from tridentify.record import Record
+from tridentify.trace import OTHER_DELAYS
 
 VAGUE = 0.5
 ROUNDING = 1e-9
@@ -68,6 +69,12 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
             f"Not distinguishable from zero: {', '.join(late)}. Leave it out, or excite the system "
             "faster if the delay matters."
         )
+    found += [
+        f"{told[0].upper()}{told[1:]}. The standard errors allow for them; record longer, or "
+        "excite the system faster, to tell them apart."
+        for told in estimate.trace.decisions
+        if told.startswith(OTHER_DELAYS)
+    ]
     found += outlier_cautions(estimate, records)
     found += _at_bounds(estimate)
     parameters = estimate.parameters.values()

@@ -121,7 +121,7 @@ def _gain(point: Point, trial: Point) -> float:
 
 
 def finish(
-    at: Callable[..., Point], point: Point, recorder: Recorder, most: int = MOST_STEPS
+    at: Callable[..., Point], point: Point, recorder: Recorder | None, most: int = MOST_STEPS
 ) -> tuple[Point, Status, str]:
     """Levenberg-Marquardt on the reduced output-error cost.
 
@@ -131,7 +131,7 @@ def finish(
         Evaluates the cost at admissible poles, and at ``delays`` where they are estimated along.
     point : Point
         Where to begin.
-    recorder : Recorder
+    recorder : Recorder, optional
         Is told every step that is taken.
     most : int
         Most steps tried.
@@ -166,7 +166,8 @@ def finish(
             if damping > 1e8:
                 break
             continue
-        recorder.add(trial, (_error_step(trial, damping),), np.nan, note)
+        if recorder is not None:
+            recorder.add(trial, (_error_step(trial, damping),), np.nan, note)
         point, held = trial, note
         ratio = gain / predicted
         damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
@@ -175,7 +176,8 @@ def finish(
         idle = idle + 1 if gain < IDLE else 0
         if idle > 2:
             break
-    if point.problem.n_delays and point.problem.pinned is None and point.problem.kinks().any():
+    open_ = point.problem.pinned is None and point.problem.floors is None
+    if point.problem.n_delays and open_ and point.problem.kinks().any():
         return _on_a_kink(at, point, recorder, most)
     left = point.step(0.0).decrease
     if held and held != REFLECTED:
@@ -194,7 +196,7 @@ def _late(at: Callable[..., Point], poles: Complex, delays: Array, problem: Prob
 
 
 def _on_a_kink(
-    at: Callable[..., Point], point: Point, recorder: Recorder, most: int
+    at: Callable[..., Point], point: Point, recorder: Recorder | None, most: int
 ) -> tuple[Point, Status, str]:
     """The end where a delay cannot leave a whole number of steps: all else is finished there."""
     problem = point.problem

@@ -238,9 +238,16 @@ class Point:
         if self.problem.pinned is not None:
             change = np.where(self.problem.pinned, np.inf, change)
         delays = self.problem.delays
-        low = (delays <= 0) & (change < 0)
+        floors = 0.0 if self.problem.floors is None else self.problem.floors
+        low = (delays <= floors) & (change < 0)
         high = (delays >= self.problem.limits) & (change > 0)
         return np.flatnonzero(low | high | np.isinf(change))
+
+    @property
+    def delay_slopes(self) -> Array:
+        """(n_delays,) derivatives of `objective`, all else eliminated or at its best [1/s]."""
+        scores, residual = self._scores
+        return np.asarray(2.0 * residual @ scores[:, self.problem.n_poles :])
 
     @cached_property
     def gradient(self) -> float:
@@ -275,7 +282,8 @@ class Point:
         delays = None
         if self.problem.limits is not None:
             moved = self.problem.delays + change[self.problem.n_poles :]
-            delays = np.clip(moved, 0.0, self.problem.limits)
+            floors = 0.0 if self.problem.floors is None else self.problem.floors
+            delays = np.clip(moved, floors, self.problem.limits)
         return Proposal(np.concatenate(roots), decrease, delays)
 
     def residuals(self, most: int | None = None) -> tuple[Array, ...]:

@@ -76,6 +76,8 @@ class Problem:
         Where the delays of the inputs are estimated along: how large each may become [s].
     pinned : (n_inputs,) bool array, optional
         Delays that stay, for the time being, where they are.
+    floors : (n_inputs,) array, optional
+        How small each delay may become [s], where not zero.
     """
 
     experiments: tuple[Experiment, ...]
@@ -86,6 +88,7 @@ class Problem:
     groups: tuple[Group, ...]
     limits: Array | None = None
     pinned: NDArray[np.bool_] | None = None
+    floors: Array | None = None
 
     @classmethod
     def of(
@@ -145,9 +148,9 @@ class Problem:
         near = [np.abs(self.delays / dt - np.round(self.delays / dt)) < ON_A_STEP for dt in steps]
         return np.any(near, axis=0) if near else np.zeros(self.n_inputs, dtype=bool)
 
-    def freed(self, limits: Array | None) -> Problem:
-        """The same problem with delays estimated along up to some limits, or known (None)."""
-        return replace(self, limits=limits)
+    def freed(self, limits: Array | None, floors: Array | None = None) -> Problem:
+        """The same problem with delays estimated along within limits, or known (None)."""
+        return replace(self, limits=limits, floors=floors)
 
     @property
     def n_delays(self) -> int:

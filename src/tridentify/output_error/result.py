@@ -135,6 +135,24 @@ def standard_errors(point: Point) -> Array:
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
+def covariance(point: Point, held: Array | None = None) -> Array:
+    """Covariance of the physical coefficients from the local curvature.
+
+    Parameters
+    ----------
+    point : Point
+    held : (k, n_coefficients) array, optional
+        Combinations of the coefficients that do not move.
+
+    Returns
+    -------
+    (n_coefficients, n_coefficients) array
+    """
+    root, _, keys = _root(point, point.rss / degrees_of_freedom(point), held)
+    factor = _transform(point, keys, root.shape[0]) @ root
+    return np.asarray(factor @ factor.T)
+
+
 def taken(point: Point, output: int) -> list[Array]:
     """Series whose products are the covariance that the fit took from the noise of one output."""
     root = _root(point, point.rss / degrees_of_freedom(point))[0]
@@ -214,15 +232,25 @@ def _covariance(point: Point, noise: Array) -> tuple[Array, float, dict[object, 
     return root @ root.T, condition, width
 
 
-def _root(point: Point, noise: Array) -> tuple[Array, float, dict[object, slice]]:
+def _root(
+    point: Point, noise: Array, held: Array | None = None
+) -> tuple[Array, float, dict[object, slice]]:
     """A factor of the covariance over all unknowns, the condition of ``J``, and its layout."""
     columns, matrix, output = point.jacobian()
     rows = matrix / np.sqrt(np.maximum(noise, 1e-300))[output][:, None]
     norms = np.sqrt(np.einsum("ij,ij->j", rows, rows))
     norms = np.where(norms > 0, norms, 1.0)
-    _, s, vt = np.linalg.svd(rows / norms, full_matrices=False)
+    rows = rows / norms
+    free = None
+    if held is not None and held.size:
+        fixed = (held @ _transform(point, columns.width, norms.size)) / norms
+        fixed /= np.linalg.norm(fixed, axis=1, keepdims=True)
+        free = np.linalg.qr(fixed.T, mode="complete")[0][:, held.shape[0] :]
+        rows = rows @ free
+    _, s, vt = np.linalg.svd(rows, full_matrices=False)
     condition = float(s[0] / s[-1]) if s[-1] > 0 else np.inf
-    root = (vt.T / np.where(s > 0, s, np.inf)) / norms[:, None]
+    root = vt.T / np.where(s > 0, s, np.inf)
+    root = (root if free is None else free @ root) / norms[:, None]
     return root, condition, columns.width
 
 

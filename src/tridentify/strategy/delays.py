@@ -27,15 +27,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import cast
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, UnsupportedError
 from tridentify.estimate import Estimate
-from tridentify.numerics.realization import Complex
-from tridentify.output_error.finish import Recorder, finish
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.output_error.finish import criterion, finish
+from tridentify.output_error.mixture import mixture
 from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import Point, evaluate
 from tridentify.output_error.problem import Problem, Variant
@@ -44,6 +45,7 @@ from tridentify.strategy.search import Search
 from tridentify.strategy.starts import parallel_criterion, rate_limits
 from tridentify.strategy.thin import is_large, is_usable, window
 from tridentify.structure import InitialState, Structure
+from tridentify.trace import OTHER_DELAYS
 
 Array = NDArray[np.float64]
 
@@ -61,11 +63,24 @@ HELD_STEPS = 6
 MOST_ROUNDS = 4
 SWEEPS = 2
 NEAR = 20.0
-RIVAL = 6.0
+NAMED = 0.05
+MOST_RIVALS = 6
 HELPED = 0.005
+HOPELESS = 30.0
+KEPT_RATES = 2
 APART = 0.5
+AGREE = 0.25
+MOVED = 0.1
 MARGIN_STEPS = 2.0
 MARGIN_SHARE = 0.1
+
+
+class Found(NamedTuple):
+    """The end of lowest cost, all ends, and the rates that suit the parallel models."""
+
+    best: Point
+    ends: list[Point]
+    rates: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +91,13 @@ class Place:
     ----------
     delays : (n_inputs,) array [s]
     poles : (n,) complex array
-    rivals : str
-        Other delays that are almost as good, in words.
+    rivals : tuple of (delays, poles)
+        Other ends of the search whose cost is not much higher.
     """
 
     delays: Array
     poles: Complex
-    rivals: str = ""
+    rivals: tuple[tuple[Array, Complex], ...] = ()
 
 
 def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]:
@@ -101,29 +116,29 @@ def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]
     """
     step = min(float(np.median(np.diff(record.t))) for record in records)
     kept: list[Place] = []
+    near: Found | None = None
     for problem in _problems(records, structure):
-        best, ends = _best(problem)
+        near = _best(problem, near)
+        best, ends = near.best, near.ends
         delays = best.problem.delays
         if not any(np.all(np.abs(one.delays - delays) < APART * step) for one in kept):
             kept.append(Place(delays, best.poles, _rivals(best, ends, step)))
     return kept
 
 
-def _rivals(best: Point, ends: Sequence[Point], step: float) -> str:
-    """Other delays that explain the record almost as well, in words."""
-    near = sorted(
-        (end.objective - best.objective, tuple(end.problem.delays.tolist()))
-        for end in ends
-        if end.objective < best.objective + RIVAL
-        and np.any(np.abs(end.problem.delays - best.problem.delays) > step)
-    )
-    told: dict[tuple[float, ...], str] = {}
-    for higher, delays in near:
-        if all(np.any(np.abs(np.subtract(delays, known)) > step) for known in told):
-            told[delays] = f"{', '.join(f'{d:.4g}' for d in delays)} s ({higher:+.1f} in -2 log L)"
-    if not told:
-        return ""
-    return f"other delays explain the record almost as well: {'; '.join(told.values())}"
+def _rivals(best: Point, ends: Sequence[Point], step: float) -> tuple[tuple[Array, Complex], ...]:
+    """Where the search ended otherwise and not much higher, the lowest first."""
+    kept: list[tuple[Array, Complex]] = []
+    for end in sorted(ends, key=lambda point: point.objective):
+        delays = end.problem.delays
+        if end.objective > best.objective + NEAR or len(kept) == MOST_RIVALS:
+            break
+        if all(
+            np.any(np.abs(delays - other) > APART * step)
+            for other in [best.problem.delays, *[one for one, _ in kept]]
+        ):
+            kept.append((delays, end.poles))
+    return tuple(kept)
 
 
 def best_of_places(
@@ -151,26 +166,73 @@ def best_of_places(
     found, refusals = [], []
     for place in places:
         try:
-            found.append(_told(located(known, place, limits), place.rivals))
+            found.append((located(known, place, limits), place))
         except IdentifiabilityError as refusal:
             refusals.append(refusal)
     if not found:
         raise refusals[0]
-    best = min(found, key=lambda estimate: estimate.aicc)
+    best, place = min(found, key=lambda one: one[0].aicc)
     for _ in range(MOST_ROUNDS):
         delays = best.theta[-best.model.n_inputs :]
         if np.all(delays < 0.999 * limits):
             break
         known, limits = with_delays(records, structure, [delays])
         best = located(known, Place(delays, none), limits)
-    return best
+    rivals = [*place.rivals, (place.delays, place.poles)] if place.poles.size else []
+    return _spread(best, records, known, limits, rivals)
 
 
-def _told(estimate: Estimate, rivals: str) -> Estimate:
-    if not rivals:
+def _spread(
+    estimate: Estimate,
+    records: Sequence[Record],
+    known: Structure,
+    limits: Array,
+    rivals: Sequence[tuple[Array, Complex]],
+) -> Estimate:
+    """The estimate with the covariance of all minima and cells, and a word on other delays."""
+    chosen = estimate.structure
+    nuisances = Nuisances(chosen.initial_state, bool(chosen.offset), bool(chosen.drift))
+    built = build(records, replace(known, initial_state=chosen.initial_state), nuisances)
+    delays = estimate.theta[-built.n_inputs :]
+    problem = built.whitened(estimate.noise_model).delayed(delays).freed(limits)
+    best = evaluate(problem, _poles(estimate, problem))
+    step = max(e.dt for e in problem.experiments)
+    others = [one for one in rivals if np.any(np.abs(one[0] - delays) > MOVED * step)]
+    found = mixture(best, others)
+    if found is None:
         return estimate
+    told = _in_words(found.shares, found.means[:, -built.n_inputs :], delays, step)
     trace = estimate.trace
-    return replace(estimate, trace=replace(trace, decisions=(*trace.decisions, rivals)))
+    if told:
+        trace = replace(trace, decisions=(*trace.decisions, told))
+    return replace(estimate, cov=found.cov, trace=trace)
+
+
+def _poles(estimate: Estimate, problem: Problem) -> Complex:
+    """Of every denominator."""
+    dens = [estimate.model.den[i][j] for i, j in (g.channels[0] for g in problem.groups)]
+    return np.concatenate([sort_poles(np.roots(den).astype(np.complex128)) for den in dens])
+
+
+def _in_words(shares: Array, means: Array, delays: Array, step: float) -> str:
+    """Delays farther off than a step, where they hold a share of the probability."""
+    groups: list[tuple[float, Array]] = []
+    for k in np.argsort(-shares):
+        near = [i for i, (_, one) in enumerate(groups) if np.all(np.abs(one - means[k]) < step)]
+        if np.all(np.abs(means[k] - delays) < step):
+            continue
+        if near:
+            groups[near[0]] = (groups[near[0]][0] + float(shares[k]), groups[near[0]][1])
+        else:
+            groups.append((float(shares[k]), means[k]))
+    named = [
+        f"{', '.join(f'{max(d, 0.0):.4g}' for d in one)} s ({100.0 * share:.0f} %)"
+        for share, one in groups
+        if share > NAMED
+    ]
+    if not named:
+        return ""
+    return f"{OTHER_DELAYS}: {'; '.join(named)}"
 
 
 def _refuse_direct(record: Record, structure: Structure) -> None:
@@ -228,7 +290,7 @@ def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
     kinds: tuple[str, ...] = (structure.initial_state,)
     if structure.initial_state == "auto":
         moved = any(np.any(record.u[0]) for record in records)
-        kinds = ("rest", "equilibrium", "free") if moved else ("rest", "free")
+        kinds = ("free", "rest", "equilibrium") if moved else ("free", "rest")
     first = records[0]
     shortest = min(record.duration for record in records)
     found = []
@@ -249,45 +311,69 @@ def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
     return found
 
 
-def _best(problem: Problem) -> tuple[Point, list[Point]]:
-    """Poles and delays of the lowest cost that was found, and all other ends."""
-    ends = [_refined(problem, delays) for delays in _profile(problem)]
+def _best(problem: Problem, near: Found | None) -> Found:
+    """Poles and delays of the lowest cost that was found, and all other ends.
+
+    With another kind of start only the lowest place is searched anew, where the end of the first is
+    not near it, and what lies around is looked at only where the two kinds do not agree.
+    """
+    places, rates = _profile(problem, near.rates if near else None)
+    ends = []
+    if near:
+        assert problem.limits is not None
+        delays = np.minimum(near.best.problem.delays, problem.limits)
+        ends = [_from(problem, delays, problem.admissible(near.best.poles)[0])]
+        apart = np.abs(places[0][1] - delays) > problem.limits / PLACES
+        places = places[:1] if apart.any() else []
+    for cost, delays in places:
+        if ends and cost > min(criterion(end) for end in ends) + HOPELESS:
+            continue
+        ends.append(_refined(problem, delays))
     best = min(ends, key=lambda point: point.objective)
-    for _ in range(MOST_ROUNDS):
+    step = min(e.dt for e in problem.experiments)
+    agree = near and np.all(np.abs(best.problem.delays - near.best.problem.delays) < AGREE * step)
+    for _ in range(0 if agree else MOST_ROUNDS):
         before = best
-        for delays in [*_elsewhere(before), *_ladder(before)]:
-            ends += [_from(problem, delays, best.poles), _held(problem, delays, best.poles)]
-            best = min((best, *ends[-2:]), key=lambda point: point.objective)
+        ends += [_from(problem, delays, before.poles) for delays in _elsewhere(before)]
+        best = min(ends, key=lambda point: point.objective)
+        for delays in _ladder(before):
+            ends.append(_held(problem, delays, best.poles))
+            best = min((best, ends[-1]), key=lambda point: point.objective)
         if best.objective > before.objective - HELPED:
             break
-    return best, ends
+    return Found(best, ends, rates)
 
 
-def _profile(problem: Problem) -> list[Array]:
-    """Delays where the parallel models' criterion is low."""
+def _profile(problem: Problem, rates: Array | None) -> tuple[list[tuple[float, Array]], Array]:
+    """Delays where the parallel models' criterion is low, the lowest first, and the best rates."""
     assert problem.limits is not None
-    rates = np.geomspace(*rate_limits(problem), RATES)
     grid = np.linspace(0.0, float(problem.limits[0]), PLACES + 1)
     count = problem.n_inputs
+    tried = np.geomspace(*rate_limits(problem), RATES) if rates is None else rates
 
-    def cost(delays: Array) -> float:
+    def cost(delays: Array, rates: Array) -> Array:
         late = problem.delayed(delays).freed(None)
-        return min(parallel_criterion(late, rate, FUNCTIONS) for rate in rates)
+        return np.array([parallel_criterion(late, rate, FUNCTIONS) for rate in rates])
 
-    common = np.array([cost(np.full(count, delay)) for delay in grid])
-    found = [np.full(count, grid[k]) for k in _low(common)]
+    every = np.array([cost(np.full(count, delay), tried) for delay in grid])
+    kept = tried[np.argsort(every.min(axis=0))[:KEPT_RATES]]
+    common = every.min(axis=1)
+    found = [(float(common[k]), np.full(count, grid[k])) for k in _low(common)]
+    nothing = (float(common[0]), np.zeros(count))
     if count > 1:
-        at = found[0].copy()
-        others: list[Array] = []
+        at = found[0][1].copy()
+        low = found[0][0]
+        others: list[tuple[float, Array]] = []
         for sweep in range(SWEEPS):
             for j in range(count):
-                costs = np.array([cost(np.where(np.arange(count) == j, d, at)) for d in grid])
-                low = _low(costs)
-                at[j] = grid[low[0]]
+                moved = [np.where(np.arange(count) == j, d, at) for d in grid]
+                costs = np.array([cost(one, kept).min() for one in moved])
+                places = _low(costs)
+                at[j], low = grid[places[0]], float(costs[places[0]])
                 if sweep == SWEEPS - 1:
-                    others += [np.where(np.arange(count) == j, grid[k], at) for k in low[1:3]]
-        found = [at.copy(), found[0], *others]
-    return _distinct([*found[:MOST_PLACES], np.zeros(count)])
+                    others += [(float(costs[k]), moved[k]) for k in places[1:3]]
+        found = [(low, at.copy()), found[0], *others]
+    return _distinct([*found[:MOST_PLACES], nothing]), kept
 
 
 def _low(costs: Array) -> NDArray[np.intp]:
@@ -297,11 +383,11 @@ def _low(costs: Array) -> NDArray[np.intp]:
     return low[np.argsort(costs[low], kind="stable")]
 
 
-def _distinct(delays: Sequence[Array]) -> list[Array]:
-    kept: list[Array] = []
-    for one in delays:
-        if not any(np.array_equal(one, other) for other in kept):
-            kept.append(one)
+def _distinct(places: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
+    kept: list[tuple[float, Array]] = []
+    for cost, one in places:
+        if not any(np.array_equal(one, other) for _, other in kept):
+            kept.append((cost, one))
     return kept
 
 
@@ -314,14 +400,14 @@ def _refined(problem: Problem, delays: Array) -> Point:
 def _from(problem: Problem, delays: Array, poles: Complex) -> Point:
     late = problem.delayed(delays)
     at = partial(evaluate, late)
-    return finish(at, at(poles), Recorder(), MOST_STEPS)[0]
+    return finish(at, at(poles), None, MOST_STEPS)[0]
 
 
 def _held(problem: Problem, delays: Array, poles: Complex) -> Point:
     """The poles first, with the delays held, so that these do not slide back at once."""
     late = problem.delayed(delays).freed(None)
     at = partial(evaluate, late)
-    return _from(problem, delays, finish(at, at(poles), Recorder(), HELD_STEPS)[0].poles)
+    return _from(problem, delays, finish(at, at(poles), None, HELD_STEPS)[0].poles)
 
 
 def _elsewhere(point: Point) -> list[Array]:
