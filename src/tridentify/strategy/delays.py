@@ -66,6 +66,8 @@ NEAR = 20.0
 NAMED = 0.05
 MOST_RIVALS = 6
 HELPED = 0.005
+EQUAL = 1.0
+FEW_STEPS = 5.0
 HOPELESS = 30.0
 KEPT_RATES = 2
 APART = 0.5
@@ -119,11 +121,26 @@ def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]
     near: Found | None = None
     for problem in _problems(records, structure):
         near = _best(problem, near)
-        best, ends = near.best, near.ends
+        best, ends = _earliest(near.best, near.ends, step), near.ends
         delays = best.problem.delays
         if not any(np.all(np.abs(one.delays - delays) < APART * step) for one in kept):
             kept.append(Place(delays, best.poles, _rivals(best, ends, step)))
     return kept
+
+
+def _earliest(best: Point, ends: Sequence[Point], step: float) -> Point:
+    """Of ends that explain the record as well, the one with the shortest delays.
+
+    With an input that repeats itself a delay of a period more is as good. Places a few steps apart
+    are left to the cost.
+    """
+
+    def sooner(end: Point) -> bool:
+        less = best.problem.delays - end.problem.delays
+        return bool(np.all(less > -APART * step) and less.max() > FEW_STEPS * step)
+
+    equal = [end for end in ends if end.objective < best.objective + EQUAL and sooner(end)]
+    return min(equal, key=lambda end: float(end.problem.delays.sum()), default=best)
 
 
 def _rivals(best: Point, ends: Sequence[Point], step: float) -> tuple[tuple[Array, Complex], ...]:
