@@ -26,7 +26,9 @@ def test_a_delay_that_may_be_zero_is_named_as_such(delay, told):
 def test_a_delay_that_a_numerator_stands_for_is_not_to_be_left_out():
     rng = np.random.default_rng(3)
     t = np.arange(400) * 0.05
-    u = np.column_stack([np.repeat(rng.choice([-1.0, 1.0], 80), 5), np.sin(0.4 * t)])
+    u = np.column_stack(
+        [np.repeat(rng.choice([-1.0, 1.0], 80), 5), np.sin(0.4 * t) + np.sin(0.9 * t)]
+    )
     first = simulate(TransferFunction([2.0], [1.0, 2.0, 4.0]), Record(u[:, 0], t, dt=0.05))[:, 0]
     slow = simulate(TransferFunction([3.0], [1.0, 2.0, 4.0]), Record(u[:, 1], t, dt=0.05))[:, 0]
     y = first + slow + 0.05 * np.std(first + slow) * rng.standard_normal(t.size)
