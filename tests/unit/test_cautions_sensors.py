@@ -11,14 +11,22 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tridentify import Record, Structure, ThreeModel, identify
+from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify import errors as err
 from tridentify.numerics.converter import quantum, runs
 
 DT = 0.05
 DEN, NUM = np.array([1.0, 1.0, 3.0]), np.array([0.2, 0.5])
 METHOD = ThreeModel(noise="white", finish="likelihood")
-WORDS = ("quantised", "saturated", "hung", "repeat the one before", "Gaussian noise explains")
+WORDS = (
+    "quantised",
+    "saturated",
+    "hung",
+    "repeat the one before",
+    "repeats each value",
+    "repeats one value exactly",
+    "Gaussian noise explains",
+)
 PLAIN = Structure(2, 1)
 
 
@@ -153,6 +161,90 @@ def test_repeated_rows_are_counted():
     words, lines = said(record.with_outputs(y))
     assert words == {"repeat the one before"}
     assert any(line.startswith("7 samples of y") for line in lines)
+
+
+@pytest.mark.parametrize("factor", [2, 3, 5, 8])
+@pytest.mark.parametrize("step", [0.0, 0.3])
+def test_slow_sensor_is_named_with_its_factor_and_a_remedy(factor, step):
+    record, sigma = noisy(11, n_samples=960)
+    y = np.repeat(record.y[::factor, 0], factor)
+    if step:
+        y = step * sigma * np.round(y / (step * sigma))
+    words, lines = said(record.with_outputs(y))
+    assert words == {"repeats each value"}
+    (line,) = (line for line in lines if "repeats each value" in line)
+    assert f"{factor} times in a row," in line
+    assert f"keep every {factor}th sample" in line
+    assert "Record.from_rates" in line
+
+
+def test_slow_sensor_without_a_fixed_ratio_is_named_with_the_mean():
+    record, _ = noisy(11)
+    held = np.floor(np.floor(np.arange(800) * 0.3 + 1e-9) / 0.3).astype(int)
+    words, lines = said(record.with_outputs(np.array(record.y[held])))
+    assert words == {"repeats each value"}
+    assert any("3.3 times in a row on average" in line for line in lines)
+
+
+@pytest.mark.parametrize("step", [0.0, 0.3])
+def test_frozen_logger_is_named(step):
+    """Inputs and outputs stand still together, so that the model moves little."""
+    u = np.random.default_rng(12).standard_normal(1000)
+    record, sigma = noisy(12, u=u)
+    u, y = np.array(record.u), np.array(record.y)
+    if step:
+        y = step * sigma * np.round(y / (step * sigma))
+    for k in range(60, 960, 90):
+        u[k : k + 10], y[k : k + 10] = u[k], y[k]
+    lines = said(Record(u, y, dt=DT))[1]
+    word = "stays at exactly one value" if step else "one value exactly in 10 places"
+    (line,) = (line for line in lines if word in line)
+    assert "from sample 60 on" in line
+
+
+SLOW_DEN = np.array([1.0, 1.0, 9.0])
+
+
+@pytest.mark.parametrize("share", [0.02, 0.2, 0.4, 0.55, 0.7])
+@pytest.mark.parametrize("sides", [1, 2])
+@pytest.mark.parametrize(("level", "steps"), [(0.0, 0.0), (0.05, 0.0), (0.05, 0.5)])
+@pytest.mark.parametrize("noise", ["white", "auto"])
+def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
+    rng = np.random.default_rng(13)
+    u = np.repeat(rng.choice([-1.0, 1.0], 40), 25)
+    model = TransferFunction([1.0], SLOW_DEN)
+    y = simulate(model, Record(u, u, dt=0.02))[:, 0]
+    sigma = 0.05 * y.std()
+    y = y + level * y.std() * rng.standard_normal(u.size)
+    high = np.quantile(np.abs(y) if sides == 2 else y, 1.0 - share)
+    y = np.clip(y, -high if sides == 2 else -9.0, high)
+    if steps:
+        y = steps * sigma * np.round(y / (steps * sigma))
+    method = ThreeModel(noise=noise, finish="likelihood")
+    lines = identify(Record(u, y, dt=0.02), Structure(2, 0), method, throw=False).cautions
+    named = sum("saturated" in line for line in lines)
+    # the few samples of a small share may all be at one side
+    assert named == sides if share > 0.02 else named >= (0 if steps else 1)
+
+
+@pytest.mark.parametrize("ratio", [0.003, 0.1, 0.5, 1.5])
+@pytest.mark.parametrize("steps", [0.0, 0.02, 0.1])
+@pytest.mark.parametrize("level", [0.0, 0.003])
+def test_flat_tops_of_a_fast_system_raise_no_alarm(ratio, steps, level):
+    """Plateaus at both ends that are entered at a jump, and a model of too low an order."""
+    rng = np.random.default_rng(14)
+    tau = ratio * DT
+    model = TransferFunction([1.0 / tau**2], [1.0, 1.2 / tau, 1.0 / tau**2])
+    for u in (
+        np.repeat(rng.choice([-1.0, 1.0], 40), 12),
+        np.repeat(rng.standard_normal(40), 12),
+    ):
+        y = simulate(model, Record(u, u, dt=DT))[:, 0]
+        y = y + level * y.std() * rng.standard_normal(u.size)
+        if steps:
+            y = steps * np.round(y / steps)
+        words = said(Record(u, y, dt=DT), Structure(1, 0))[0]
+        assert not words & {"saturated", "repeats each value", "repeats one value exactly"}
 
 
 def test_saturated_measured_input():

@@ -21,6 +21,7 @@ from tridentify.record import Record
 from tridentify.trace import OTHER_DELAYS
 
 VAGUE = 0.5
+TOGETHER = 0.9
 ROUNDING = 1e-9
 LONGEST = 20_000
 MOST_LAGS = 40
@@ -52,7 +53,9 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     >>> any("no better than by a constant" in line for line in estimate.cautions)
     True
     """
-    found = [*_nothing_explained(estimate, records), *_constant_input(estimate, records)]
+    # those of the method come first: what it alone could see
+    found = [*estimate.cautions]
+    found += [*_nothing_explained(estimate, records), *_constant_input(estimate, records)]
     # what is fixed has no standard error, whatever its value
     unsure = [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
     vague = [name for name in unsure if not name.startswith("delay")]
@@ -64,11 +67,8 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
             f"Standard error above half of the value: {', '.join(vague)}. Do not rely on these "
             "coefficients one by one; excite the system more, or use fewer poles or zeros."
         )
-    if late and not np.isnan(estimate.std).all():
-        found.append(
-            f"Not distinguishable from zero: {', '.join(late)}. Leave it out, or excite the system "
-            "faster if the delay matters."
-        )
+    if not np.isnan(estimate.std).all():
+        found += _unsure_delays(estimate, late, vague)
     found += [
         f"{told[0].upper()}{told[1:]}. The standard errors allow for them; record longer, or "
         "excite the system faster, to tell them apart."
@@ -94,16 +94,50 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
                 f"The {which} of {name}{where} is not white: {outside} of {n_lags} lags lie "
                 "outside the 99 % bounds. The noise is coloured or the model misses some of the "
                 "response; the standard errors may be too small. Try a drift (--drift auto, in "
-                "Python drift='auto'), more poles or zeros, or an input shifted by a delay."
+                "Python drift='auto'), more poles or zeros, or an input shifted by a delay "
+                "(--delay, in Python delay='free' or a number)."
             )
         for name in missed_outputs(estimate, record, number):
             found.append(
                 f"The residual of {name}{where} is not white, and part of it follows the input: "
                 "the model misses some of the response. The standard errors allow for noise of "
                 "that colour, not for the missing part. Try more poles or zeros, or an input "
-                "shifted by a delay."
+                "shifted by a delay (--delay, in Python delay='free' or a number)."
             )
-    return tuple(found)
+    return tuple(dict.fromkeys(found))
+
+
+def _unsure_delays(estimate: Estimate, late: Sequence[str], vague: Sequence[str]) -> list[str]:
+    """Delays that may be zero, and those that a numerator can stand for.
+
+    For a slow input ``exp(-p L) = 1 - p L + ...``: the delay moves the output as the next higher
+    coefficient of the numerator does, and the two errors go together.
+    """
+    found, zero = [], []
+    for name in late:
+        at = estimate.names.index(name)
+        channel = name.removeprefix("delay").strip("[]").split(",")[-1]
+        rivals = []
+        for other in vague:
+            k = estimate.names.index(other)
+            size = float(estimate.std[at] * estimate.std[k])
+            own = other.startswith("b") and (not channel or other.endswith((f"{channel}]",)))
+            if own and size > 0 and abs(float(estimate.cov[at, k])) > TOGETHER * size:
+                rivals.append(other)
+        if not rivals:
+            zero.append(name)
+            continue
+        found.append(
+            f"{name} and {', '.join(rivals)} cannot be told apart: the response to a later input "
+            "is that to another numerator, and their errors go together. Use fewer zeros for that "
+            "input, give the delay (--delay, in Python delay=...), or excite the system faster."
+        )
+    if zero:
+        found.append(
+            f"Not distinguishable from zero: {', '.join(zero)}. Leave it out, or excite the system "
+            "faster if the delay matters."
+        )
+    return found
 
 
 def coloured_outputs(

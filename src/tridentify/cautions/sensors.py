@@ -10,6 +10,9 @@ independent of the input. Quantised *inputs* are recorded as they acted, so noth
 
 *Saturation* is a plateau of two and more samples at the largest or smallest value that is entered
 with a jump and lies inside of what the model says, on average by more than chance and half a step.
+A model that was fitted to much saturation may not go beyond it. So plateaus of three and more
+samples count too that are cut off in motion: a flat top that a fast system makes of a held input
+ends a fixed time after that input changes, and those of saturation do not.
 With noise and a coarse converter alone the samples at the largest value are those where the noise
 points outward; a response that settles enters its plateau smoothly.
 
@@ -33,6 +36,7 @@ from tridentify.numerics.converter import Runs, quantum, runs
 from tridentify.record import Record
 
 Array = NDArray[np.float64]
+Ints = NDArray[np.intp]
 
 LONGEST = 100_000
 ROUNDING = 1e-9
@@ -46,6 +50,15 @@ FEWEST_HANGING = 5
 MOVED = 6.0
 FEWEST_REPEATS = 3
 MOST_REPEATS = 0.1
+MOSTLY = 0.8
+STATIC = 1e-6
+FEWEST_CHANGES = 8
+CHANCE = 14.0
+FEWEST_PLATEAUS = 2
+LEAST_PLATEAU = 3
+PILED = 2.0
+LOOSE = 0.2
+RESTLESS = 0.8
 TURNING = 0.5
 
 
@@ -62,6 +75,7 @@ def sensor_cautions(estimate: Estimate, record: Record, experiment: int, where: 
     where : str
         What to add to the name of a channel.
     """
+    u = record.u[:LONGEST]
     fitted = estimate.predict(record, experiment=experiment)[:LONGEST]
     found: list[str] = []
     for i, name in enumerate(estimate.output_names):
@@ -70,13 +84,14 @@ def sensor_cautions(estimate: Estimate, record: Record, experiment: int, where: 
         if not noise > ROUNDING * float(np.sqrt(np.nanmean(y**2))):
             continue
         repeated, q = runs(y), quantum(y)
-        if q == 0:
-            found += _repeating(y, repeated, name + where)
+        repeating = _repeating(y, u, q, f, repeated, name + where)
+        found += repeating
         if q < EXACT * noise:
             q = 0.0
         found += _coarse(y, q, noise, name + where)
-        found += _saturated(y, f, q, noise, repeated, name + where)
-        found += _hanging(y, f, q, noise, repeated, name + where)
+        found += _saturated(y, f, u, q, noise, repeated, name + where)
+        if not repeating:
+            found += _hanging(y, f, u, q, noise, repeated, name + where)
     for j, name in enumerate(estimate.input_names):
         found += _clipped_input(record.u[:LONGEST, j], name + where)
     return found
@@ -96,7 +111,9 @@ def _coarse(y: Array, q: float, noise: float, name: str) -> list[str]:
     ]
 
 
-def _saturated(y: Array, f: Array, q: float, noise: float, repeated: Runs, name: str) -> list[str]:
+def _saturated(
+    y: Array, f: Array, u: Array, q: float, noise: float, repeated: Runs, name: str
+) -> list[str]:
     """Plateaus at the largest and the smallest value, inside of what the model says."""
     found = []
     span = float(np.nanmax(y) - np.nanmin(y))
@@ -114,15 +131,58 @@ def _saturated(y: Array, f: Array, q: float, noise: float, repeated: Runs, name:
         if not entered.size or not float(np.nanmedian(entered)) > max(JUMP * span, 1.5 * q):
             continue
         inside = side * (f[at] - limit)
-        if float(inside.mean()) > max(BEYOND * noise / math.sqrt(inside.size), 0.5 * q):
+        beyond = float(inside.mean()) > max(BEYOND * noise / math.sqrt(inside.size), 0.5 * q)
+        if beyond or _piled(y, u, q, repeated, plateaus, side):
             sign, word = (">=", "largest") if side > 0 else ("<=", "smallest")
+            where = "where the model goes beyond" if beyond else "cut off in motion"
             found.append(
-                f"{int(at.sum())} samples of {name} stay at its {word} value {limit:.6g}, where "
-                "the model goes beyond: the sensor or its converter is saturated there. Mark as "
+                f"{int(at.sum())} samples of {name} stay at its {word} value {limit:.6g}, {where}: "
+                "the sensor or its converter is saturated there. Mark as "
                 f"missing (nan, record.mask) where it is {sign} {limit - side * NEAR * span:.6g}, "
                 "or record again with a wider range."
             )
     return found
+
+
+def _piled(
+    y: Array, u: Array, q: float, repeated: Runs, plateaus: NDArray[np.bool_], side: float
+) -> bool:
+    """Whether plateaus at a limit are neither noise of a coarse converter nor of a held input."""
+    first, length = repeated.first[plateaus], repeated.length[plateaus]
+    if first.size < FEWEST_PLATEAUS or length.max() < LEAST_PLATEAU:
+        return False
+    limit = float(repeated.value[plateaus][0])
+    if q:
+        near = np.abs(y - limit + side * q) < 0.5 * q
+        if (y == limit).sum() < PILED * near.sum() + FEWEST_AT_LIMIT:
+            return False
+        padded = np.concatenate([[np.nan], y])
+        jumped = np.abs(padded[first] - limit) > 1.5 * q
+        first, length = first[jumped], length[jumped]
+        if first.size < FEWEST_PLATEAUS:
+            return False
+    changes = np.flatnonzero(np.any(u[1:] != u[:-1], axis=1)) + 1
+    last = first + length
+    ends = last[last < y.size]
+    return not (
+        _follow(ends, first[: ends.size], changes)
+        or (q > 0 and _follow(first[first > 0], None, changes, slack=1))
+    )
+
+
+def _follow(times: Ints, begun: Ints | None, changes: Ints, slack: int = 0) -> bool:
+    """Whether events come one fixed lag after changes of the input, and none came in between."""
+    if not (times.size and changes.size):
+        return not times.size
+    position = np.searchsorted(changes, times, side="right") - 1
+    if begun is not None:
+        # an input that moves during a plateau, but for its last samples, does not explain it
+        moved = np.searchsorted(changes, times - 2) - np.searchsorted(changes, begun + 1)
+        if np.mean(moved > 0) > LOOSE:
+            return False
+    lags = np.where(position >= 0, times - changes[np.maximum(position, 0)], -times)
+    usual = int(np.median(lags))
+    return bool(np.mean(np.abs(lags - usual) <= slack) >= 1.0 - LOOSE)
 
 
 def _inner(repeated: Runs, y: Array) -> NDArray[np.bool_]:
@@ -130,13 +190,16 @@ def _inner(repeated: Runs, y: Array) -> NDArray[np.bool_]:
     return ~np.isin(repeated.value, (np.nanmax(y), np.nanmin(y)))
 
 
-def _hanging(y: Array, f: Array, q: float, noise: float, repeated: Runs, name: str) -> list[str]:
+def _hanging(
+    y: Array, f: Array, u: Array, q: float, noise: float, repeated: Runs, name: str
+) -> list[str]:
     """Runs of one value while the model moves."""
     ends = (np.nanmax(y), np.nanmin(y))
     seen = np.isfinite(y)
     pairs = max(int((seen[1:] & seen[:-1]).sum()), 1)
     count = lost = 0
     begin = 0
+    restless = np.mean(np.any(u[1:] != u[:-1], axis=1)) > RESTLESS
     for first, length, value in zip(*repeated, strict=True):
         if length < FEWEST_HANGING or value in ends or first == 0:
             continue
@@ -145,7 +208,8 @@ def _hanging(y: Array, f: Array, q: float, noise: float, repeated: Runs, name: s
         if (length - 1) * math.log(1.0 / chance) < math.log(pairs) + 7.0:
             continue
         part = f[first : first + length]
-        if np.ptp(part) > MOVED * noise + 2.0 * q:
+        frozen = restless and not np.ptp(u[first : first + length], axis=0).any()
+        if frozen or np.ptp(part) > MOVED * noise + 2.0 * q:
             begin = begin if count else int(first)
             count, lost = count + 1, lost + int(length)
     if not count:
@@ -158,22 +222,96 @@ def _hanging(y: Array, f: Array, q: float, noise: float, repeated: Runs, name: s
     ]
 
 
-def _repeating(y: Array, repeated: Runs, name: str) -> list[str]:
-    """Single repeats in a signal that otherwise never repeats."""
+def _repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str) -> list[str]:
+    """Runs of one value that the signal enters and leaves at a jump."""
     span = float(np.nanmax(y) - np.nanmin(y))
-    padded = np.concatenate([[np.nan], y, [np.nan]])
-    before = np.abs(y[repeated.first] - padded[repeated.first])
-    last = repeated.first + repeated.length
-    after = np.abs(padded[np.minimum(last + 1, padded.size - 1)] - y[repeated.first])
-    moving = (before > JUMP * span) & (after > JUMP * span)
-    count = int(np.sum(moving & (repeated.length == 2)))
-    if count < FEWEST_REPEATS or count < MOST_REPEATS * repeated.length.sum():
+    limits = np.isin(repeated.value, (np.nanmax(y), np.nanmin(y))) & (repeated.length > 2)
+    own = ~limits & _jumps(y, repeated, JUMP * span)
+    if q:
+        own &= _regular(repeated, y, f, q)
+    count, lost = int(own.sum()), int((repeated.length[own] - 1).sum())
+    if count < FEWEST_REPEATS or count < MOST_REPEATS * repeated.length.size:
         return []
+    if _is_static(y, u, repeated, own):
+        return []
+    lengths = repeated.length[own]
+    usual = int(np.median(lengths))
+    covered = int(lengths.sum()) / int(np.isfinite(y).sum())
+    if covered > MOSTLY:
+        return [_slow(usual, bool(np.mean(lengths == usual) > MOSTLY), lengths, name)]
+    if usual > 2:
+        rows = all(np.ptp(u[k : k + n], axis=0).max() == 0 for k, n in _places(repeated, own))
+        what = "the logger may have stopped, as the inputs repeat too" if rows else "they hung"
+        return [
+            f"Output {name} repeats one value exactly in {count} places ({lost} samples, the first "
+            f"from sample {int(repeated.first[own][0])} on), although it moves before and after: "
+            f"{what}. Mark the repeats as missing (nan); where rows are stored twice, cut the "
+            "record there (record.slice), as the inputs in between are lost."
+        ]
     return [
-        f"{count} samples of {name} repeat the one before exactly, although the signal moves: rows "
+        f"{lost} samples of {name} repeat the one before exactly, although the signal moves: rows "
         "stored twice, or a sensor slower than the record. Mark the repeats as missing (nan), and "
         "check the times of the samples."
     ]
+
+
+def _slow(usual: int, regular: bool, lengths: Ints, name: str) -> str:
+    """What to do about a sensor slower than the record."""
+    if regular:
+        how, keep = f"{usual} times in a row", f"keep every {usual}th sample"
+        rates = f", or pass the output at its own rate (Record.from_rates, factor {usual})"
+    else:
+        how, keep = f"{float(lengths.mean()):.2g} times in a row on average", "keep the first"
+        rates = ""
+    return (
+        f"Output {name} repeats each value {how}, although the signal moves: its sensor is slower "
+        f"than the record by that factor. Held values delay the response and spoil the zeros: mark "
+        f"the repeats as missing ({keep} of each value, set the others to nan){rates}."
+    )
+
+
+def _places(repeated: Runs, own: NDArray[np.bool_]) -> list[tuple[int, int]]:
+    return list(zip(repeated.first[own].tolist(), repeated.length[own].tolist(), strict=True))
+
+
+def _jumps(y: Array, repeated: Runs, least: float) -> NDArray[np.bool_]:
+    """Runs whose neighbours on both sides are away from them by more than ``least``."""
+    padded = np.concatenate([[np.nan], y, [np.nan]])
+    before = np.abs(repeated.value - padded[repeated.first])
+    after = np.abs(padded[repeated.first + repeated.length + 1] - repeated.value)
+    return np.asarray((before > least) & (after > least))
+
+
+def _regular(repeated: Runs, y: Array, f: Array, q: float) -> NDArray[np.bool_]:
+    """Runs on one grid of samples, where a coarse converter changes on that grid only.
+
+    Changes of a converter without a clock of its own fall on any sample. All changes on one in
+    ``k`` samples, while the model moves by more than two steps in between, are held values.
+    """
+    none = np.zeros(repeated.length.size, dtype=bool)
+    changes = np.flatnonzero((y[1:] != y[:-1]) & np.isfinite(y[1:]) & np.isfinite(y[:-1])) + 1
+    if changes.size < FEWEST_CHANGES:
+        return none
+    factor = int(np.gcd.reduce(np.diff(changes)))
+    last = repeated.first + repeated.length - 1
+    moved = np.abs(f[last] - f[repeated.first]) > 2.0 * q
+    if factor < 2 or (changes.size - 1) * math.log(factor) < CHANCE or moved.sum() < 3:
+        return none
+    return np.asarray(repeated.length <= 2 * factor)
+
+
+def _is_static(y: Array, u: Array, repeated: Runs, own: NDArray[np.bool_]) -> bool:
+    """Whether the values that repeat are those of a held input, exactly, without dynamics."""
+    places = _places(repeated, own)
+    if any(np.ptp(u[k : k + n - 1], axis=0).max() > 0 for k, n in places):
+        return False
+    last = (repeated.first + repeated.length - 2)[own]
+    matrix = np.column_stack([u[last], np.ones(last.size)])
+    values = repeated.value[own]
+    if values.size <= matrix.shape[1]:
+        return False
+    left = values - matrix @ np.linalg.lstsq(matrix, values)[0]
+    return bool(np.abs(left).max() <= STATIC * np.ptp(values))
 
 
 def _clipped_input(u: Array, name: str) -> list[str]:

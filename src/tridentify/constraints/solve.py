@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.constraints.descend import Reached, descend, fit_at, is_exact, is_stable, step
+from tridentify.constraints.disagree import disagreement
 from tridentify.constraints.known import Known, known_of, refuse_structure
 from tridentify.constraints.result import (
     criterion,
@@ -46,6 +47,7 @@ PER_UNKNOWN = 2.0
 MOST_PLAIN = 6
 MOST_SEEDS = 3
 APART = 0.05
+OF_FREE_SEARCH = ("initial state", "noise white", "noise taken as white", "noise model")
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,6 +200,7 @@ def constrain(
     fullest = choices[-1]
     problem = _problem(records, structure, fullest, known).whitened(seeds.noise)
     reached, tried = _from_all(problem, known, starts, scale, most)
+    doubts = disagreement(problem, reached, starts, structure, first, scale, most)
     best, nuisances, told = _decided(records, structure, choices, reached, most)
     model = seeds.noise
     if not seeds.coefficients and noise != "white":
@@ -207,8 +210,10 @@ def constrain(
     if any(a.size for a in model):
         say("coloured noise, within the constraints")
         best, nuisances, told = _coloured(records, structure, choices, best, nuisances, told, most)
+    told += _whiteness(best, noise)
     trace = _trace(seeds.trace, best, tried, told)
-    return estimate_of(best, records, structure, nuisances, trace, method)
+    estimate = estimate_of(best, records, structure, nuisances, trace, method)
+    return replace(estimate, cautions=doubts)
 
 
 def _from_all(
@@ -328,6 +333,20 @@ def _tinted(
     return descend(problem, best.known, best.fit.theta), nuisances
 
 
+def _whiteness(best: Reached, noise: NoiseChoice) -> tuple[str, ...]:
+    """What the residual within the constraints says of noise taken for white."""
+    if noise == "white" or any(a.size for a in best.fit.problem.noise) or is_exact(best.fit):
+        return ()
+    residuals = best.fit.over_time()
+    outputs = range(best.fit.problem.n_outputs)
+    if all(is_white([one[:, i] for one in residuals]) for i in outputs):
+        return ("noise white: the residual within the constraints passes the portmanteau test",)
+    return (
+        "noise taken as white: the residual within the constraints does not pass the portmanteau "
+        "test",
+    )
+
+
 def _distinct(seeds: Sequence[Array], known: Known) -> list[Array]:
     """Seeds with stable poles that are not near copies of one another."""
     kept: list[Array] = []
@@ -433,5 +452,6 @@ def _trace(
     for one in passes_of(reached):
         passes.append(replace(one, number=len(passes) + 1))
     starts = tuple(one for one in trace.starts if one.theta.size == p) + tried
-    kept = tuple(line for line in trace.decisions if not line.startswith("initial state") and line)
+    # what the free search says of initial state and noise is not true of this residual
+    kept = tuple(line for line in trace.decisions if line and not line.startswith(OF_FREE_SEARCH))
     return Trace(tuple(passes), starts, (*kept, *told, *described(reached)), reached.why)
