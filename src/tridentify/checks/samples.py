@@ -403,7 +403,8 @@ def warn_if_input_moves(u: FloatArray, factor: int, intersample: Intersample) ->
     if moves:
         warnings.warn(
             f"found an input that changes between the samples that are kept, one in {factor}; "
-            f"expected it to be described by '{intersample}' at the new step; keep the finer step, or use decimate",
+            f"expected it to be described by '{intersample}' at the new step; keep the finer step, "
+            "or use decimate",
             DataWarning,
             stacklevel=3,
         )

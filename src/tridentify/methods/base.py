@@ -156,7 +156,7 @@ def _check_dependence(records: Sequence[Record], structure: Structure) -> None:
         return
     upper = np.zeros((0, first.n_inputs))
     for record in records:
-        upper = np.linalg.qr(np.vstack([upper, record.u]), mode="r")
+        upper = np.asarray(np.linalg.qr(np.vstack([upper, record.u]), mode="r"))
     _, s, vt = np.linalg.svd(upper / np.linalg.norm(upper, axis=0))
     null = vt[np.sum(s > DEPENDENT * s[0]) :]
     if len(null) == 0:
