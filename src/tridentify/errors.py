@@ -25,6 +25,7 @@ __all__ = [
     "DataError",
     "DataWarning",
     "DelayError",
+    "DependentInputsError",
     "DuplicateColumnError",
     "EmptyChannelError",
     "EmptyFileError",
@@ -298,6 +299,10 @@ class IdentifiabilityError(TridentifyError, ArithmeticError):
 
 class ConstantInputError(IdentifiabilityError):
     """An input never changes while the initial state is free: its effect cannot be told apart."""
+
+
+class DependentInputsError(IdentifiabilityError):
+    """Inputs are linear combinations of each other: their effects cannot be told apart."""
 
 
 class UndeterminedError(IdentifiabilityError):

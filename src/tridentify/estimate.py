@@ -43,6 +43,7 @@ __all__ = ["Estimate", "Nuisance", "Parameter", "Pass", "Start", "Status", "Step
 Array = npt.NDArray[np.float64]
 Row = tuple[str, float, float, str]
 SCHEMA = 1
+HELD = 1e-17
 ONE_SIGMA = 0.6826894921370859
 _WIDTH = 78
 _TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
@@ -209,7 +210,11 @@ class Estimate:
                     rows += [(row[0] + where, *row[1:]) for row in poles]
                 unit = self._ratio_unit(output, input_, 0)
                 gains.append(("dc gain" + label, *delta_method.dc_gain(num, den, cov), unit))
-        return tuple(rows + gains)
+        # below the rounding of the value there is no error, as of a frequency that is held
+        return tuple(
+            (name, value, 0.0 if std <= HELD * abs(value) else std, unit)
+            for name, value, std, unit in rows + gains
+        )
 
     def channel_draws(self, theta: Array, output: int, input_: int) -> tuple[Array, Array, Array]:
         """Polynomials of one channel for many coefficient vectors.

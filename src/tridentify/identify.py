@@ -12,6 +12,7 @@ from tridentify.errors import (
     OptionError,
     SampleTypeError,
     UnsupportedOrderError,
+    shown,
 )
 from tridentify.estimate import Estimate, Status
 from tridentify.methods.base import Method, Progress
@@ -70,6 +71,8 @@ def identify(
     ------
     DataError, StructureError
         If records and structure are not usable.
+    OptionError
+        If ``method`` is a name or a class instead of a method with its options.
     IdentifiabilityError
         If the data cannot determine the coefficients.
     ConvergenceError
@@ -90,7 +93,7 @@ def identify(
             f"found structure={type(structure).__name__}; expected a Structure; write for example "
             "Structure(poles=2, zeros=1)"
         )
-    chosen: Method = ThreeModel() if method is None else method
+    chosen = checked_method(method)
     with one_blas_thread():
         estimate = chosen.estimate(listed, structure, progress)
         estimate = replace(estimate, cautions=cautions(estimate, listed))
@@ -106,6 +109,31 @@ def identify(
             f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
         )
     return estimate
+
+
+def checked_method(method: object) -> Method:
+    """Give the method that was chosen, or the default one.
+
+    Raises
+    ------
+    OptionError
+        It is a name of `METHODS`, a class, or no method at all.
+    """
+    if method is None:
+        return ThreeModel()
+    if isinstance(method, Method) and not isinstance(method, type):
+        return method
+    found, write = shown(method), "ThreeModel()"
+    if isinstance(method, str) and method in METHODS:
+        made = METHODS[method]
+        write = f"{getattr(made, '__name__', write)}(), or METHODS[{method!r}]()"
+    elif isinstance(method, type):
+        found = f"the class {method.__name__}"
+        if issubclass(method, tuple(m for m in METHODS.values() if isinstance(m, type))):
+            write = f"{method.__name__}()"
+    raise OptionError(
+        f"found method={found}; expected a method with its options; write method={write}"
+    )
 
 
 def _listed(records: Record | Sequence[Record]) -> list[Record]:

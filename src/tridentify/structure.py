@@ -61,7 +61,8 @@ class Structure:
     ----------
     poles : int or nested sequence of int
         Degree n >= 1 of the denominator. A number means one denominator shared by all channels;
-        nested ``poles[output][input]`` means a denominator for each channel.
+        nested ``poles[output][input]`` means a denominator for each channel; of a single channel
+        both are the same.
     zeros : int or nested sequence of int
         Degree m of the numerators, 0 <= m <= n; nested ``zeros[output][input]`` where they differ.
     delay : float, nested sequence of float, or "free"
@@ -98,7 +99,7 @@ class Structure:
     ParameterNameError
         `fixed`, `bounds`, `equalities` or `priors` name no coefficient of this structure.
     BoundsError, EqualityError, PriorError, StaticGainError
-        What is known holds no sensible numbers.
+        What is known holds no sensible numbers, or is no mapping of coefficients.
 
     Notes
     -----
@@ -213,8 +214,26 @@ class Structure:
 
     @property
     def shared(self) -> bool:
-        """Whether one denominator is shared by all channels."""
-        return isinstance(self.poles, int)
+        """Whether one denominator is shared by all channels; a single channel shares its own."""
+        return isinstance(self.poles, int) or (len(self.poles), len(self.poles[0])) == (1, 1)
+
+    @property
+    def common_poles(self) -> int:
+        """Degree of the denominator that all channels share.
+
+        Raises
+        ------
+        ChannelCountError
+            The channels have separate denominators.
+        """
+        if isinstance(self.poles, int):
+            return self.poles
+        if not self.shared:
+            raise ChannelCountError(
+                f"found separate denominators, poles={shown(self.poles)}; expected one that all "
+                "channels share; give poles as one number"
+            )
+        return self.poles[0][0]
 
     def poles_matrix(self, n_outputs: int, n_inputs: int) -> Matrix[int]:
         """Give the number of poles of every channel.

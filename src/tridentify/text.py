@@ -71,6 +71,23 @@ def format_polynomial(coefficients: Iterable[float], std: Iterable[float]) -> st
     return text
 
 
+def format_sum(weights: Mapping[str, float]) -> str:
+    """A weighted sum of names, as one writes it.
+
+    Examples
+    --------
+    >>> format_sum({"b0": 1.0, "a0": -1.0}), format_sum({"a1": -2.0, "b1": 0.5})
+    ('b0 - a0', '-2 a1 + 0.5 b1')
+    """
+    text = ""
+    for name, weight in weights.items():
+        size = f"{abs(weight):g}"
+        sign = "-" if weight < 0 else "+"
+        term = name if size == "1" else f"{size} {name}"
+        text += f" {sign} {term}" if text else f"{'-' if sign == '-' else ''}{term}"
+    return text
+
+
 def format_table(
     titles: Sequence[str], rows: Sequence[Sequence[str]], *, width: int = 78
 ) -> list[str]:

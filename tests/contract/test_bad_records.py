@@ -8,6 +8,7 @@ converged.
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -107,6 +108,74 @@ def test_one_sample_of_an_output_is_not_enough(key):
 def test_output_that_never_moves(key, value):
     record = Record(sound().u, np.full(200, value), dt=DT)
     refused(lambda: identify(record, FIRST, METHODS[key]()), err.DataError)
+
+
+@every_method
+@pytest.mark.parametrize("parts", [1, 2])
+def test_inputs_that_are_proportional(key, parts):
+    record = sound()
+    both = [
+        Record(piece.u @ [[1.0, -3.0]], piece.y, dt=DT, input_names=["left", "right"])
+        for piece in (record, record.slice(1.0))[:parts]
+    ]
+    message = refused(lambda: identify(both, FIRST, METHODS[key]()), err.DependentInputsError)
+    assert "left and right proportional" in message
+
+
+def test_an_input_that_is_the_sum_of_others():
+    u = np.random.default_rng(3).standard_normal((200, 4)) * [1.0, 1e-6, 1e6, 1.0]
+    u[:, 3] = u[:, 0] - 1e6 * u[:, 1]
+    record = Record(u, sound().y, dt=DT)
+    message = refused(lambda: identify(record, FIRST), err.DependentInputsError)
+    assert "u1, u2 and u4 linearly dependent" in message
+
+
+def test_inputs_that_move_apart_in_one_record_are_told_apart():
+    record = sound()
+    still = np.zeros_like(record.u)
+    both = [
+        Record(np.hstack([record.u, other]), record.y, dt=DT) for other in (2.0 * record.u, still)
+    ]
+    assert identify(both, FIRST, throw=False).theta.size == 3
+
+
+def test_proportional_inputs_with_other_delays_are_told_apart():
+    record = sound()
+    both = Record(record.u @ [[1.0, 2.0]], record.y, dt=DT)
+    late = Structure(1, 0, delay=[[0.0, 0.3]], offset=False, initial_state="rest")
+    estimate = identify(both, late)
+    assert estimate.parameters["b0[y,u1]"].value == pytest.approx(2.0, rel=0.1)
+
+
+@pytest.mark.parametrize("which", ["u", "y"])
+def test_time_along_a_row(which):
+    arrays = {"u": np.ones((3, 3)), "y": np.ones((3, 3))} | {which: np.ones((3, 150))}
+    message = refused(lambda: Record(**arrays, dt=DT), err.ShapeError)
+    assert "first axis; transpose it" in message
+
+
+def test_constant_input_of_an_integrator():
+    record = sound()
+    still = Record(np.hstack([record.u, np.ones_like(record.u)]), record.y, dt=DT)
+    structure = Structure(2, 0, fixed={"a0": 0.0}, initial_state="free", offset=True)
+    message = refused(lambda: identify(still, structure), err.ConstantInputError)
+    assert "input 'u2'" in message
+    assert "drift=True" in message
+
+
+@pytest.mark.parametrize(
+    ("method", "words"),
+    [
+        ("output-error", r"write method=OutputError\(\)"),
+        ("nothing", r"found method='nothing'.*write method=ThreeModel\(\)"),
+        (METHODS["svf-least-squares"], r"write method=SvfLeastSquares\(\)"),
+        (dict, r"the class dict.*write method=ThreeModel\(\)"),
+        (3, "found method=3"),
+    ],
+)
+def test_something_else_in_place_of_a_method(method, words):
+    message = refused(lambda: identify(sound(), FIRST, method), err.OptionError)
+    assert re.search(words, message)
 
 
 @every_method

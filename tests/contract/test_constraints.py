@@ -456,12 +456,38 @@ def test_knowledge_goes_with_delays_and_jitter(key, case, integrates):
 @every_able
 @pytest.mark.parametrize(
     "structure",
-    [Structure([[2]], [[1]], static_gain=1.0), Structure(2, 1, delay="free", static_gain=1.0)],
+    [Structure([[2, 2]], 1, static_gain=1.0), Structure(2, 1, delay="free", static_gain=1.0)],
     ids=["separate denominators", "free delay"],
 )
 def test_what_cannot_be_constrained_yet_is_refused(key, structure):
+    one = record_of([0.2, 0.5], [1.0, 1.0, 3.0])
+    two = Record(np.column_stack([one.u, np.roll(one.u, 37)]), one.y, dt=one.dt)
     with pytest.raises(err.UnsupportedError, match="found"):
-        identify(record_of([0.2, 0.5], [1.0, 1.0, 3.0]), structure, METHODS[key]())
+        identify(two if structure.delay == 0.0 else one, structure, METHODS[key]())
+
+
+@every_able
+def test_nested_orders_of_one_channel_are_those_of_a_shared_denominator(key):
+    record = record_of([0.2, 0.5], [1.0, 1.0, 3.0])
+    plain, nested = (
+        identify(record, Structure(poles, zeros, fixed={"a0": 3.0}), METHODS[key]())
+        for poles, zeros in ((2, 1), ([[2]], [[1]]))
+    )
+    assert nested.names == plain.names == ("a1", "a0", "b1", "b0")
+    assert np.array_equal(nested.theta, plain.theta)
+
+
+@every_able
+def test_what_is_known_of_a_combination_has_no_standard_error(key):
+    clean = record_of([0.2, 0.5], [1.0, 1.0, 3.0])
+    noise = 0.01 * np.random.default_rng(0).standard_normal(clean.y.shape)
+    record = clean.with_outputs(clean.y + noise)
+    structure = Structure(2, 1, equalities=[({"b0": 6.0, "a0": -1.0}, 0.0)])
+    gain = next(
+        p for p in identify(record, structure, METHODS[key]()).derived() if "gain" in p.name
+    )
+    assert gain.value == pytest.approx(1.0 / 6.0, rel=1e-12)
+    assert gain.std == 0.0
 
 
 @pytest.mark.parametrize("integrates", [False, True], ids=["a gain", "an integrator"])

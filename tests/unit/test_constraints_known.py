@@ -109,9 +109,20 @@ def test_a_fixed_denominator_must_be_stable():
 
 @pytest.mark.parametrize(
     "structure",
-    [Structure([[2]], [[1]], static_gain=1.0), Structure(2, 1, delay="free", static_gain=1.0)],
+    [Structure([[2, 1]], [[1, 0]], static_gain=1.0), Structure(2, 1, delay="free", static_gain=1)],
     ids=["separate denominators", "free delay"],
 )
 def test_what_cannot_be_constrained_is_named(structure):
     with pytest.raises(err.UnsupportedError, match="knowledge"):
-        resolved(structure)
+        known_of(structure, ["u", "v"], ["y"])
+
+
+def test_nested_orders_of_one_channel_are_no_separate_denominators():
+    nested = resolved(Structure([[2]], [[1]], fixed={"a0": 3.0}))
+    assert nested.origin.tolist() == resolved(Structure(2, 1, fixed={"a0": 3.0})).origin.tolist()
+
+
+def test_contradicting_equalities_are_told_as_one_writes_them():
+    rows = [({"b0": 1.0, "a0": -1.0}, 0.0), ({"b0": 1.0, "a0": -1.0}, 1.0)]
+    with pytest.raises(err.ContradictoryConstraintsError, match=r"found b0 - a0 = [01] together"):
+        resolved(Structure(2, 1, equalities=rows))

@@ -185,3 +185,16 @@ def test_outputs_that_end_before_the_input_arrives_are_refused():
 def test_no_sensible_delay_is_refused(delay):
     with pytest.raises(errors.OptionError):
         Structure(1, 0, delay=delay)
+
+
+@pytest.mark.parametrize(
+    ("late", "words"),
+    [(1, "the first output sample is not used"), (4, "the first 4 output samples are not used")],
+)
+def test_samples_before_a_delayed_input_are_counted_in_words(late, words):
+    u = np.sign(np.sin(np.arange(300) ** 1.5))
+    y = simulate(TransferFunction([2.0], [1.0, 4.0], delay=0.05 * late), Record(u, u, dt=0.05))
+    y = y + 0.01 * np.random.default_rng(0).standard_normal(y.shape)
+    structure = Structure(1, 0, delay=0.05 * late, initial_state="free")
+    estimate = identify(Record(u, y, dt=0.05), structure, OutputError())
+    assert any(words in line for line in estimate.trace.decisions)

@@ -10,6 +10,7 @@ import pickle
 import numpy as np
 import pytest
 
+from tridentify import identify, simulate
 from tridentify.errors import DataError, OutputPathError, UnreadableFileError
 from tridentify.estimate import Estimate, Parameter, Pass, Start, Status, Step, Trace
 from tridentify.record import Record
@@ -261,3 +262,13 @@ def test_prediction_takes_the_terms_of_the_asked_experiment(single):
 def test_record_with_other_channels_is_refused(single, double):
     with pytest.raises(DataError, match="found a record with 1 inputs and 2 outputs"):
         single.estimate.predict(double.record)
+
+
+def test_a_natural_frequency_that_is_held_has_no_standard_error():
+    u = np.sign(np.sin(np.arange(400) ** 1.5))
+    y = simulate(TransferFunction([1.0], [1.0, 1.0, 3.0]), Record(u, u, dt=0.05))
+    y = y + 0.01 * np.random.default_rng(0).standard_normal(y.shape)
+    estimate = identify(Record(u, y, dt=0.05), Structure(2, 0, fixed={"a0": 3.0}))
+    found = {row[0]: row for row in estimate.derived_rows()}
+    assert found["natural frequency"][1:3] == (pytest.approx(3.0**0.5), 0.0)
+    assert found["damping"][2] > 0.0

@@ -191,6 +191,40 @@ def test_a_robust_loss_ends_on_the_least_distance():
     assert np.all(np.abs(estimate.values - list(OSCILLATOR.values())) < 4 * estimate.std)
 
 
+@pytest.mark.parametrize("loss", ["huber", "student"])
+def test_fits_under_a_robust_loss_count_the_same_samples(loss):
+    record = flown(mass_spring_damper(), OSCILLATOR, 0.05, noise=0.02, offset=0.3)
+    y = np.array(record.y)
+    y[::50] += 3.0 * y.std()
+    method = ThreeModel(finish="likelihood", noise="white", loss=loss)
+    estimate = estimate_physical(mass_spring_damper(), record.with_outputs(y), method)
+    # as many parameters as coefficients: the two are one model
+    assert len(estimate.estimate.outliers) == 10
+    assert estimate.fit == pytest.approx(estimate.estimate.fit, abs=0.02)
+
+
+def test_cautions_of_the_estimate_are_shown():
+    record = flown(mass_spring_damper(), OSCILLATOR, 0.05, noise=0.02)
+    y = np.array(record.y)
+    y[::50] += 3.0 * y.std()
+    estimate = estimate_physical(mass_spring_damper(), record.with_outputs(y), WHITE)
+    (caution,) = (c for c in estimate.estimate.cautions if "robust loss" in c)
+    assert caution in " ".join(estimate.summary().replace("\n", " ").split())
+    assert "farther from the model" in estimate._repr_html_()
+
+
+@pytest.mark.parametrize("fit", ["likelihood", "distance"])
+def test_parameters_that_are_all_known_are_tested(fit):
+    record = flown(rcrc_circuit(), LADDER, 3e-4, noise=0.02)
+    right = estimate_physical(rcrc_circuit(), record, known=LADDER, fit=fit)
+    wrong = estimate_physical(rcrc_circuit(), record, known=LADDER | {"R1": 1.2e4}, fit=fit)
+    assert right.values.tolist() == list(LADDER.values())
+    assert not right.cov.any()
+    assert right.freedom == wrong.freedom == 3
+    assert wrong.p_value < 1e-6 < 0.01 < right.p_value
+    assert "contradict the map" in wrong.summary()
+
+
 def test_experiments_share_the_parameters():
     records = [flown(short_period(), AIRCRAFT, 0.02, noise=0.1, seed=s, n=300) for s in (1, 2)]
     both = estimate_physical(resting(short_period()), records, WHITE)

@@ -184,6 +184,35 @@ def test_jittered_time_given_as_uniform_is_refused(write) -> None:
     assert read(path).dt is None
 
 
+@pytest.mark.parametrize("name", ["t", "T", "Time", "time [ms]"])
+def test_a_column_called_time_is_taken_by_its_name(write, name: str) -> None:
+    path = write(GOOD.replace("t,", f"{name},", 1))
+    stated, found = read(path, time=name), read(path, time=None)
+    np.testing.assert_array_equal(found.t, stated.t)
+    assert found.duration == (1e-3 if "ms" in name else 1.0)
+
+
+def test_a_stated_step_leaves_a_column_called_time_alone(write) -> None:
+    assert read(write(GOOD), time=None, dt=7.0).dt == 7.0
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("clock,u,y,z", r"neither a time column \(t or time\) nor dt"),
+        ("t,u,y,time", "the columns 't' and 'time'"),
+    ],
+)
+def test_no_time_or_two_are_refused(write, header: str, words: str) -> None:
+    with pytest.raises(errors.SamplingError, match=words):
+        read(write(GOOD.replace("t,u,y,z", header, 1)), time=None)
+
+
+def test_an_input_called_t_is_not_time_as_well(write) -> None:
+    with pytest.raises(errors.SamplingError, match="neither"):
+        read(write(GOOD), time=None, inputs=["t"])
+
+
 def test_a_stretch_of_time(write) -> None:
     rows = "".join(f"{k / 10},{k},{k}\n" for k in range(11))
     record = read(write("t,u,y\n" + rows), start=0.3, stop=0.6)
@@ -281,7 +310,6 @@ def test_a_file_without_permission_is_refused(write, monkeypatch: pytest.MonkeyP
 @pytest.mark.parametrize(
     ("error", "options", "words"),
     [
-        (errors.SamplingError, {"time": None}, "neither a time column nor dt"),
         (errors.SamplingError, {"dt": -1.0}, "positive number of seconds"),
         (errors.ChannelNameError, {"inputs": []}, "no input asked for"),
         (errors.ChannelNameError, {"outputs": []}, "no output asked for"),

@@ -10,11 +10,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from tridentify import Structure, TransferFunction, identify, simulate
 from tridentify.errors import OptionError, OutputPathError
 from tridentify.estimate import Status, Trace
 from tridentify.record import Record
 from tridentify.report import save_figures, write_report
-from tridentify.report.html import warnings_about
+from tridentify.report.html import settings_table, warnings_about
 
 FIGURES = ("record", "fit", "residual", "bode", "pole-zero", "convergence")
 
@@ -230,3 +231,12 @@ def test_report_replaces_an_older_one(single, tmp_path):
     assert write_report(single.estimate, single.record, path) == path
     assert path.read_text().startswith("<!DOCTYPE html>")
     assert [item.name for item in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_equalities_are_written_as_one_writes_them():
+    u = np.sign(np.sin(np.arange(200) ** 1.5))
+    record = Record(u, u, dt=0.02)
+    record = record.with_outputs(simulate(TransferFunction([4.0], [1.0, 4.0]), record))
+    structure = Structure(1, 0, equalities=[({"b0": 1.0, "a0": -1.0}, 0.0)])
+    rows = dict(settings_table(identify(record, structure), [record]))
+    assert rows["equalities"] == "b0 - a0 = 0"

@@ -176,6 +176,10 @@ BAD = [
     (errors.ParameterNameError, (2, 1), {"fixed": {"delay": 1.0}}, "'delay'"),
     (errors.BoundsError, (2, 1), {"fixed": {"a0": np.nan}}, "fixed value nan"),
     (errors.BoundsError, (2, 1), {"fixed": {"a0": "3"}}, "fixed value '3'"),
+    (errors.BoundsError, (2, 1), {"fixed": [("a1", 2)]}, "mapping of coefficient to value"),
+    (errors.BoundsError, (2, 1), {"fixed": "a1=2"}, "fixed='a1=2'"),
+    (errors.BoundsError, (2, 1), {"bounds": [("a1", (0, 1))]}, "mapping of coefficient to .low"),
+    (errors.BoundsError, (2, 1), {"bounds": "a1>0"}, "bounds='a1>0'"),
     (errors.BoundsError, (2, 1), {"bounds": {"a0": (1, 0)}}, "low < high"),
     (errors.BoundsError, (2, 1), {"bounds": {"a0": 3}}, "low < high"),
     (errors.BoundsError, (2, 1), {"bounds": {"a0": (0, "x")}}, "low < high"),
@@ -210,6 +214,16 @@ def test_senseless_structures_are_refused(error: type, orders, options, words: s
     assert type(caught.value) is error
     assert "\n" not in str(caught.value)
     assert "expected" in str(caught.value)
+
+
+def test_a_single_channel_shares_its_denominator() -> None:
+    nested = Structure([[2]], [[1]], fixed={"a0": 3.0})
+    assert nested.shared
+    assert nested.common_poles == Structure(2, 1).common_poles == 2
+    separate = Structure([[2, 2]], 1)
+    assert not separate.shared
+    with pytest.raises(errors.ChannelCountError, match="separate denominators"):
+        _ = separate.common_poles
 
 
 def test_nested_orders_must_fit_the_record() -> None:

@@ -112,8 +112,17 @@ def _number(value: object) -> float:
         return math.nan
 
 
+def _check_mapping(label: str, given: object, wanted: str, example: str) -> None:
+    if given is not None and not isinstance(given, Mapping):
+        raise BoundsError(
+            f"found {label}={shown(given)}; expected a mapping of coefficient to {wanted}; write "
+            f"for example {label}={example}"
+        )
+
+
 def checked_fixed(fixed: Mapping[str, float] | None) -> dict[str, float]:
     """Give finite numbers by name."""
+    _check_mapping("fixed", fixed, "value", '{"a0": 3.0}')
     values = {str(name): _number(value) for name, value in (fixed or {}).items()}
     for name, value in values.items():
         if not math.isfinite(value):
@@ -126,6 +135,7 @@ def checked_fixed(fixed: Mapping[str, float] | None) -> dict[str, float]:
 
 def checked_bounds(bounds: Mapping[str, Bounds] | None) -> dict[str, Bounds]:
     """Give (low, high) by name, None where there is no limit."""
+    _check_mapping("bounds", bounds, "(low, high)", '{"a0": (0.0, None)}')
     pairs: dict[str, Bounds] = {}
     given: Mapping[str, object] = bounds or {}
     for name, pair in given.items():

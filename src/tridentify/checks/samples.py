@@ -275,7 +275,7 @@ def _step_and_time(dt: object, n_samples: int) -> tuple[float, FloatArray]:
 
 
 def check_lengths(u: FloatArray, y: FloatArray, t: FloatArray) -> None:
-    """Refuse arrays of different length, or of fewer than two samples."""
+    """Refuse arrays of different length, of fewer than two samples, or with time along a row."""
     if not len(u) == len(y) == len(t):
         raise LengthMismatchError(
             f"found {len(u)} samples of u, {len(y)} of y and {len(t)} of t; expected equal lengths "
@@ -286,6 +286,12 @@ def check_lengths(u: FloatArray, y: FloatArray, t: FloatArray) -> None:
             f"found {len(u)} samples; expected at least 2; record for longer"
             + (", or transpose if time runs along a row" if u.shape[1] > 1 else "")
         )
+    for label, samples in (("u", u), ("y", y)):
+        if samples.shape[1] > len(samples):
+            raise ShapeError(
+                f"found {label} of shape {samples.shape}, more channels than samples; expected "
+                f"time along the first axis; transpose it, as in {label}.T"
+            )
 
 
 def check_band_limited(step: float | None, n_samples: int) -> None:
@@ -396,8 +402,9 @@ def warn_if_input_moves(u: FloatArray, factor: int, intersample: Intersample) ->
         moves = bool(np.any(bend > 1e-9 * np.abs(u).max()))
     if moves:
         warnings.warn(
-            f"found an input that changes between every {factor}th sample; expected it to be "
-            f"described by '{intersample}' at the new step; keep the finer step, or use decimate",
+            f"found an input that changes between the samples that are kept, one in {factor}; "
+            f"expected it to be described by '{intersample}' at the new step; keep the finer step, "
+            "or use decimate",
             DataWarning,
             stacklevel=3,
         )

@@ -25,10 +25,9 @@ from tridentify.errors import (
 )
 from tridentify.formats.assemble import JITTER, Instants, Wanted, find_channel, record_from
 from tridentify.formats.channels import SECONDS, Channel, OpenFile
-from tridentify.formats.read import opened
+from tridentify.formats.read import TIME_NAMES, opened
 from tridentify.record import Record
 
-TIME_NAMES = ("t", "time")
 COMPARE: Mapping[str, Callable[[Any, float], Any]] = {
     ">=": operator.ge,
     "<=": operator.le,

@@ -29,6 +29,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.structure import Structure
+from tridentify.text import format_sum
 
 Array = NDArray[np.float64]
 Rows = list[tuple[dict[int, float], float]]
@@ -121,7 +122,6 @@ def known_of(
     """
     refuse_structure(structure)
     names = structure.names(input_names, output_names)
-    assert isinstance(structure.poles, int)
     _refuse_unknown(structure, names)
     size = np.ones(len(names)) if scale is None else scale
     values, rows = _substituted(_equalities(structure, names, input_names, output_names), names)
@@ -132,7 +132,7 @@ def known_of(
         mean[names.index(name)], spread[names.index(name)] = middle, width
     alone = ~np.any(directions, axis=1)
     spread[alone] = np.inf
-    n = structure.poles
+    n = structure.common_poles
     integrators = 0
     while integrators < n and alone[n - 1 - integrators] and origin[n - 1 - integrators] == 0.0:
         integrators += 1
@@ -268,7 +268,7 @@ def _bounds(structure: Structure, names: tuple[str, ...]) -> tuple[Array, Array]
 
 
 def _in_words(weights: dict[int, float], value: float, names: tuple[str, ...]) -> str:
-    terms = " + ".join(f"{w:g} {names[k]}" for k, w in weights.items())
+    terms = format_sum({names[k]: w for k, w in weights.items()})
     return f"{terms} = {value:g} together with the other equalities"
 
 

@@ -424,8 +424,7 @@ def _scale(
     known: Known | None = None,
 ) -> Array:
     """(p,) sizes of the coefficients: powers of a typical rate, and ratios of the signals."""
-    assert isinstance(structure.poles, int)
-    n = structure.poles
+    n = structure.common_poles
     longest = max(float(record.t[-1] - record.t[0]) for record in records)
     shortest = min(float(np.median(np.diff(record.t))) for record in records)
     rate = (shortest * longest) ** -0.5

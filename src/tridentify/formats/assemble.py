@@ -255,7 +255,7 @@ def _no_time(
         )
     if clock is None:
         return SamplingError(
-            "found neither a time column nor dt; expected at least one, since "
+            "found neither a time column (t or time) nor dt; expected at least one, since "
             f"{shown(source.path.name)} does not say when {shown(channel.header)} was sampled; "
             "name the column of time or give dt [s]"
         )

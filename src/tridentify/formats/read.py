@@ -9,12 +9,12 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from tridentify.checks.samples import Intersample
-from tridentify.errors import UnreadableFileError, shown
-from tridentify.formats.assemble import Instants, Wanted, record_from
+from tridentify.errors import SamplingError, UnreadableFileError, shown
+from tridentify.formats.assemble import Instants, Wanted, find_channel, record_from
 from tridentify.formats.channels import Channel, OpenFile
 from tridentify.formats.csv import TextFile
 from tridentify.formats.isolation import IsolatedFile
@@ -74,6 +74,9 @@ FORMATS = (
 )
 """The formats beside delimited text, which is what everything else is taken for."""
 
+TIME_NAMES = ("t", "time")
+"""What a channel of time is called, in any case."""
+
 TEXT_SUFFIXES = (".dat",)
 """Suffixes of a binary format that text goes by as well."""
 
@@ -101,6 +104,8 @@ def read_record(
         ``ulog`` and ``mdf`` of this package.
     time : str, optional
         Name of the channel of time. Its unit is seconds unless the file or `units` say otherwise.
+        Without it and without `dt`, the channel that is called ``t`` or ``time``, in any case and
+        with or without a unit in brackets, is taken if there is exactly one.
         Not needed where the format has a time of its own: ULog, MDF4, and in MATLAB files
         timeseries, ``iddata`` and Simulink's structures with time.
     dt : float, optional
@@ -150,7 +155,30 @@ def read_record(
     """
     wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop, instants)
     with opened(path) as source:
+        if time is None and dt is None:
+            wanted = replace(wanted, time=_time_by_name(source, wanted))
         return record_from(source, wanted, source.path.stem)
+
+
+def time_channels(source: OpenFile) -> list[Channel]:
+    """Give the channels that are called t or time, in any case, without a time of their own."""
+    named = [channel for channel in source.channels if channel.name.casefold() in TIME_NAMES]
+    return [channel for channel in named if not channel.clock]
+
+
+def _time_by_name(source: OpenFile, wanted: Wanted) -> str | None:
+    """The one channel that is time by its name; None where it is asked for, or not needed."""
+    asked = [find_channel(source, name) for name in (*wanted.inputs, *wanted.outputs)]
+    found = time_channels(source)
+    if all(channel.clock for channel in asked) or not found:
+        return None
+    if len(found) > 1:
+        listed = " and ".join(shown(channel.header) for channel in found)
+        raise SamplingError(
+            f"found the columns {listed} in {shown(source.path.name)}, and neither time nor dt; "
+            "expected to know the sampling; name the column of time or give dt [s]"
+        )
+    return None if found[0] in asked else found[0].header
 
 
 def list_channels(path: str | os.PathLike[str]) -> tuple[Channel, ...]:

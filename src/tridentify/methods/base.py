@@ -15,6 +15,7 @@ from tridentify.errors import (
     ChannelCountError,
     ConstantOutputError,
     DataError,
+    DependentInputsError,
     OptionError,
     ScaleError,
     TooFewSamplesError,
@@ -36,6 +37,8 @@ Progress = Callable[[str], None]
 
 LARGEST = 1e100
 MOST_POLES = 20
+DEPENDENT = 1e-10
+"""Share of an input that the others do not hold, below which they hold all of it."""
 
 
 @runtime_checkable
@@ -65,6 +68,8 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
         About the records.
     ChannelCountError, UnsupportedError
         About the structure.
+    DependentInputsError
+        Inputs are linear combinations of each other.
     """
     if not records:
         raise DataError("found no record; expected at least one; pass a Record or a list of them")
@@ -96,6 +101,7 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
                 f"found output {name!r} constant throughout; expected a response to the input; "
                 "choose another channel, or excite the system"
             )
+    _check_dependence(records, structure)
     _check_outputs(records, structure)
     n_parameters = len(structure.names(first.input_names, first.output_names))
     samples = sum(int(np.isfinite(record.y).sum()) for record in records)
@@ -135,6 +141,36 @@ def _check_scale(records: Sequence[Record]) -> None:
                 f"found values of the order {largest if largest > LARGEST else smallest:.0e}; "
                 f"expected between {1 / LARGEST:.0e} and {LARGEST:.0e}; choose other units"
             )
+
+
+def _check_dependence(records: Sequence[Record], structure: Structure) -> None:
+    """Refuse inputs that are combinations of others, where nothing else tells them apart.
+
+    Delays of their own, denominators of their own, or knowledge of a numerator may do so.
+    """
+    first = records[0]
+    delays = structure.delay_matrix(first.n_outputs, first.n_inputs)
+    alike = structure.delay != "free" and all(len(set(row)) == 1 for row in delays)
+    told = structure.static_gain is not None or any(n.startswith("b") for n in structure.known)
+    if first.n_inputs == 1 or not structure.shared or not alike or told:
+        return
+    upper = np.zeros((0, first.n_inputs))
+    for record in records:
+        upper = np.asarray(np.linalg.qr(np.vstack([upper, record.u]), mode="r"))
+    _, s, vt = np.linalg.svd(upper / np.linalg.norm(upper, axis=0))
+    null = vt[np.sum(s > DEPENDENT * s[0]) :]
+    if len(null) == 0:
+        return
+    # where there are several relations, one is enough to act on
+    shares = np.abs(null[-1])
+    names = [n for n, w in zip(first.input_names, shares, strict=True) if w > DEPENDENT**0.5]
+    which = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
+    what = "proportional to each other" if len(names) == 2 else "linearly dependent"
+    raise DependentInputsError(
+        f"found the inputs {which} {what}, over all records together; expected inputs that move "
+        "independently, since the effects of these cannot be told apart; leave one of them out, or "
+        "excite them one after the other"
+    )
 
 
 def _check_outputs(records: Sequence[Record], structure: Structure) -> None:

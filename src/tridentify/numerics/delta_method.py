@@ -34,6 +34,8 @@ from tridentify.numerics.exponential import step_states
 Real = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
+ROUNDING = 1e-15
+
 
 def standard_deviation(jacobian: Real, cov: Real) -> Real:
     """Standard deviations of linear combinations of correlated coefficients.
@@ -46,7 +48,8 @@ def standard_deviation(jacobian: Real, cov: Real) -> Real:
     Returns
     -------
     ndarray, shape (...)
-        A variance that rounding made negative counts as zero.
+        A variance that is no more than the rounding of its terms counts as zero: that of a
+        combination which is known exactly, though its coefficients are not.
 
     Examples
     --------
@@ -57,7 +60,8 @@ def standard_deviation(jacobian: Real, cov: Real) -> Real:
         return np.zeros(jacobian.shape[:-1])
     with np.errstate(invalid="ignore", over="ignore"):
         variance = np.einsum("...i,ij,...j->...", jacobian, cov, jacobian, optimize=True)
-        std: Real = np.sqrt(np.where(variance < 0, 0.0, variance))
+        size = np.abs(jacobian) @ np.sqrt(np.maximum(np.diag(cov), 0.0))
+        std: Real = np.sqrt(np.where(variance <= ROUNDING * size**2, 0.0, variance))
     return std
 
 

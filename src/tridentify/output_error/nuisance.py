@@ -112,6 +112,12 @@ def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisanc
 def _refuse_constant(record: Record, structure: Structure, still: Sequence[bool]) -> None:
     """Refuse inputs that an offset and a free state, or an equilibrium, leave nothing of."""
     for j, name in enumerate(record.input_names):
+        if still[j] and (structure.fixed or {}).get("a0") == 0.0:
+            raise ConstantInputError(
+                f"found input {name!r} that stays at {record.u[0, j]:g} and an integrator "
+                "(a0 = 0), whose response to it is a ramp; expected an input that changes; leave "
+                "the channel out and state drift=True, which is such a ramp"
+            )
         if still[j]:
             raise ConstantInputError(
                 f"found input {name!r} that stays at {record.u[0, j]:g} while the initial state is "

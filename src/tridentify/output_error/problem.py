@@ -334,8 +334,7 @@ class Variant:
 
 def poles_of(structure: Structure) -> int:
     """Degree of the shared denominator."""
-    assert isinstance(structure.poles, int)
-    return structure.poles
+    return structure.common_poles
 
 
 def states_of(structure: Structure, n_outputs: int, n_inputs: int) -> tuple[int, ...]:

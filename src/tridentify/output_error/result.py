@@ -113,8 +113,11 @@ def _told(trace: Trace, problem: Problem) -> Trace:
         return trace
     which = "of every experiment " if len(late) > 1 else ""
     several = str(max(late)) if min(late) == max(late) else f"{min(late)} to {max(late)}"
+    one = several == "1"
+    samples = "first output sample" if one else f"first {several} output samples"
     told = (
-        f"the first {several} output samples {which}are not used: the inputs that reached them, "
+        f"the {samples} {which}{'is' if one else 'are'} not used: the inputs that reached "
+        f"{'it' if one else 'them'}, "
         "delayed, came before the record (initial_state='rest' or 'equilibrium' states them)"
     )
     return replace(trace, decisions=(*trace.decisions, told))

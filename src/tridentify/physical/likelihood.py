@@ -65,6 +65,8 @@ class Maximum:
 def directions(restriction: Restriction, z: Array, rank: int) -> Array:
     """(n_parameters, rank) steps of one standard error, independent of each other."""
     free = restriction.free
+    if rank == 0:
+        return np.zeros((z.size, 0))
     table = restriction.jacobian(z)[:, free]
     norms = np.linalg.norm(table, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
@@ -128,6 +130,8 @@ def _weighted(
     base = profile.at(restriction.model.theta_at(z))
     assert base is not None
     size = sum(r.size for r in base.residuals)
+    if root.shape[1] == 0:  # everything is known: there is nothing to search
+        return z, np.zeros((size, 0))
     steps = _steps(root)
 
     def value(w: Array) -> Array:
@@ -166,6 +170,8 @@ def _steps(root: Array) -> list[float]:
 
 def _inverse_root(table: Array) -> Array:
     """``(J' J)^{-1/2}``, by the SVD of ``J`` with unit columns."""
+    if table.shape[1] == 0:
+        return np.zeros((0, 0))
     norms = np.linalg.norm(table, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
     _, s, vt = np.linalg.svd(table / norms, full_matrices=False)

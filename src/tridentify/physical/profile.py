@@ -70,11 +70,15 @@ class Profile:
     def of(cls, records: Sequence[Record], estimate: Estimate) -> Profile:
         """The records as the estimate saw them."""
         shifted = []
-        for record, nuisance in zip(records, estimate.nuisance, strict=True):
+        places = estimate.outliers[:, :3].astype(int)
+        for e, (record, nuisance) in enumerate(zip(records, estimate.nuisance, strict=True)):
             moved = record.u - nuisance.input_reference
             # with delays the first samples are not explained
             early = record.t - record.t[0] < (1.0 - 1e-9) * nuisance.free_after
             y = np.where(early[:, None], np.nan, record.y)
+            # what a robust loss holds for outliers does not count here either
+            _, outputs, samples = places[places[:, 0] == e].T
+            y[samples, outputs] = np.nan
             shifted.append(Record(moved, y, t=record.t, intersample=record.intersample))
         return cls(tuple(shifted), estimate)
 

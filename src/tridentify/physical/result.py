@@ -61,7 +61,8 @@ class PhysicalEstimate:
         Coefficients that belong to the parameters, in the order of ``estimate.names``, and their
         covariance.
     fit : ndarray, shape (n_outputs,)
-        Normalised fit with these coefficients [percent].
+        Normalised fit with these coefficients [percent]; of the samples that ``estimate.fit``
+        counts, which under a robust loss are those that do not lie far off.
     statistic, p_value : float
         Test of the restrictions that the map puts on the coefficients: chi-square distributed with
         ``freedom`` degrees of freedom if they are true. ``nan`` where there is nothing to test.
@@ -150,7 +151,7 @@ class PhysicalEstimate:
         return model_of(kept.structure, self.theta, kept.input_names, kept.output_names)
 
     def summary(self) -> str:
-        """Fixed-width text: parameters, combinations, test of the restrictions, notes."""
+        """Fixed-width text: parameters, combinations, cautions, test of the restrictions, notes."""
         head = f"{self.model_name}: {len(self.names)} parameters from {self.estimate.n_samples}"
         lines = ["=" * _WIDTH, *textwrap.wrap(f"{head} samples", _WIDTH), "=" * _WIDTH]
         lines += format_table(_TITLES, [self._row(p) for p in self.parameters.values()])
@@ -160,6 +161,8 @@ class PhysicalEstimate:
         outputs = zip(self.estimate.output_names, self.fit, self.estimate.fit, strict=True)
         fits = [(n, f"{f:.2f}", f"{free:.2f}", "%") for n, f, free in outputs]
         lines += ["", *format_table(("output", "fit", "fit of free coefficients", ""), fits), ""]
+        for caution in self.estimate.cautions:
+            lines += textwrap.wrap(caution, _WIDTH, initial_indent="! ", subsequent_indent="  ")
         for note in (self.test_note(), *self.notes):
             if note:
                 lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
@@ -189,7 +192,8 @@ class PhysicalEstimate:
 
     def _repr_html_(self) -> str:
         rows = [self._row(p) for p in (*self.parameters.values(), *self.combinations)]
-        caption = "; ".join(filter(None, (self.model_name, self.test_note(), *self.notes)))
+        said = (self.model_name, *self.estimate.cautions, self.test_note(), *self.notes)
+        caption = "; ".join(filter(None, said))
         return html_table(_TITLES, rows, caption)
 
     def save(self, path: str | os.PathLike[str]) -> Path:

@@ -17,7 +17,7 @@ from tridentify.estimate import Estimate, Parameter, Start, Status
 from tridentify.files import write_atomically
 from tridentify.record import Record
 from tridentify.report.figures import draw_figures, inline_svg
-from tridentify.text import format_std, format_value
+from tridentify.text import format_std, format_sum, format_value
 from tridentify.uncertainty import DerivedQuantity, derived
 
 Row = Sequence[str]
@@ -270,8 +270,7 @@ def _bound_text(name: str, low: float | None, high: float | None) -> str:
 
 
 def _equality_text(weights: Mapping[str, float], value: float) -> str:
-    terms = " + ".join(f"{weight:g} {name}" for name, weight in weights.items())
-    return f"{terms} = {value:g}".replace("+ -", "- ")
+    return f"{format_sum(weights)} = {value:g}"
 
 
 def _loss_text(estimate: Estimate) -> str:
