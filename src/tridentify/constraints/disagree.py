@@ -46,6 +46,7 @@ from tridentify.structure import Structure
 Array = NDArray[np.float64]
 
 LEVEL = 1e-3
+LEVEL_SHORT = 1e-6
 FAR = 3.3
 FEWEST_FREE = 30.0
 FEWEST_COLOURED = 150.0
@@ -122,7 +123,8 @@ def disagreement(
         return ()
     fall = max(within.cost - free.cost, 0.0)
     chance = _chance(fall, total, left, degrees)
-    if not chance < LEVEL:
+    # too few samples to tell coloured noise from white: only gross contradictions count
+    if not chance < (LEVEL if left >= FEWEST_COLOURED else LEVEL_SHORT):
         return ()
     return (_told(pieces, free.fit.theta, spread.cov, known.n_poles, chance),)
 
