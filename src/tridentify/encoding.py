@@ -3,16 +3,86 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+import os
 from collections.abc import Callable, Mapping
-from typing import Any
+from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 
+from tridentify.errors import DataError, UnreadableFileError
+from tridentify.files import write_atomically
 from tridentify.parameter import Nuisance
 from tridentify.structure import Structure
 from tridentify.trace import Pass, Start, Status, Step, Trace
 from tridentify.transfer_function import TransferFunction
+
+T = TypeVar("T")
+
+
+def save_document(path: str | os.PathLike[str], key: str, schema: int, value: object) -> Path:
+    """Write a dataclass as JSON that names its schema: to a temporary name first, then renamed.
+
+    Raises
+    ------
+    OutputPathError
+        The file cannot be written.
+    """
+    text = json.dumps({key: schema, **encode(value)}, indent=1, allow_nan=False)
+    return write_atomically(path, text + "\n")
+
+
+def load_document(
+    path: str | os.PathLike[str],
+    key: str,
+    schema: int,
+    build: Callable[[dict[str, Any]], T],
+    what: str,
+    writer: str,
+) -> T:
+    """Read what `save_document` wrote.
+
+    Parameters
+    ----------
+    path : str or path
+    key : str
+        Under which the schema stands.
+    schema : int
+        The one that can be read.
+    build : callable
+        Makes the object of the document without its schema.
+    what, writer : str
+        In words, for the messages.
+
+    Raises
+    ------
+    UnreadableFileError
+        There is no such file, or it is not JSON.
+    DataError
+        It is of another schema version, or damaged.
+    """
+    try:
+        document = json.loads(Path(path).read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UnreadableFileError(
+            f"found no readable {what} in {path} ({error}); expected a JSON file written by "
+            f"{writer}.save; check the path"
+        ) from error
+    found = document.pop(key, None) if isinstance(document, dict) else None
+    if found != schema:
+        raise DataError(
+            f"found {key.replace('_', ' ')} {found!r} in {path}; expected {schema}; identify the "
+            "record again with this version and save it"
+        )
+    try:
+        return build(document)
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        raise DataError(
+            f"found a damaged {what} in {path} ({error!r}); expected the fields that {writer}.save "
+            "wrote; identify the record again and save it"
+        ) from error
 
 
 def encode(value: Any) -> Any:

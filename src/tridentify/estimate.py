@@ -8,20 +8,19 @@ gain, confidence bands) is propagated to first order, see `tridentify.numerics.d
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import re
 import textwrap
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.encoding import decode, encode
-from tridentify.errors import DataError, UnreadableFileError
-from tridentify.files import write_atomically
+from tridentify.encoding import decode, load_document, save_document
+from tridentify.errors import DataError
 from tridentify.numerics import delta_method
 from tridentify.numerics.root_draws import pole_values
 from tridentify.parameter import Nuisance, Parameter
@@ -473,8 +472,7 @@ class Estimate:
         OutputPathError
             The file cannot be written.
         """
-        document = {"schema": SCHEMA, **encode(self)}
-        return write_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+        return save_document(path, "schema", SCHEMA, self)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Estimate:
@@ -487,26 +485,9 @@ class Estimate:
         DataError
             It is of another schema version, or damaged.
         """
-        try:
-            document = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise UnreadableFileError(
-                f"found no readable estimate in {path} ({error}); expected a JSON file written by "
-                "Estimate.save; check the path"
-            ) from error
-        schema = document.pop("schema", None) if isinstance(document, dict) else None
-        if schema != SCHEMA:
-            raise DataError(
-                f"found schema {schema!r} in {path}; expected {SCHEMA}; identify the record again "
-                "with this version and save it"
-            )
-        try:
-            estimate: Estimate = decode(cls, document)
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise DataError(
-                f"found a damaged estimate in {path} ({error!r}); expected the fields that "
-                "Estimate.save wrote; identify the record again and save it"
-            ) from error
+        estimate: Estimate = load_document(
+            path, "schema", SCHEMA, partial(decode, cls), "estimate", "Estimate"
+        )
         return estimate
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import os
 import textwrap
 from collections.abc import Mapping
@@ -14,15 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.encoding import decode, encode
+from tridentify.encoding import decode, load_document, save_document
 from tridentify.errors import (
-    DataError,
     PhysicalParameterError,
     UndeterminedError,
-    UnreadableFileError,
 )
 from tridentify.estimate import Estimate
-from tridentify.files import write_atomically
 from tridentify.parameter import Parameter
 from tridentify.physical.model import model_of
 from tridentify.text import format_std, format_table, format_value, html_table
@@ -204,8 +200,7 @@ class PhysicalEstimate:
         OutputPathError
             The file cannot be written.
         """
-        document = {"physical_schema": SCHEMA, **encode(self)}
-        return write_atomically(path, json.dumps(document, indent=1, allow_nan=False) + "\n")
+        return save_document(path, "physical_schema", SCHEMA, self)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> PhysicalEstimate:
@@ -218,26 +213,9 @@ class PhysicalEstimate:
         DataError
             It is of another schema version, or damaged.
         """
-        try:
-            document = json.loads(Path(path).read_text(encoding="utf-8"))
-        except (OSError, ValueError) as error:
-            raise UnreadableFileError(
-                f"found no readable physical estimate in {path} ({error}); expected a JSON file "
-                "written by PhysicalEstimate.save; check the path"
-            ) from error
-        schema = document.pop("physical_schema", None) if isinstance(document, dict) else None
-        if schema != SCHEMA:
-            raise DataError(
-                f"found physical schema {schema!r} in {path}; expected {SCHEMA}; estimate again "
-                "with this version and save it"
-            )
-        try:
-            return _decoded(document)
-        except (AttributeError, KeyError, TypeError, ValueError) as error:
-            raise DataError(
-                f"found a damaged physical estimate in {path} ({error!r}); expected the fields "
-                "that PhysicalEstimate.save wrote; estimate again and save it"
-            ) from error
+        return load_document(
+            path, "physical_schema", SCHEMA, _decoded, "physical estimate", "PhysicalEstimate"
+        )
 
 
 def _decoded(document: Mapping[str, Any]) -> PhysicalEstimate:
