@@ -72,7 +72,11 @@ def test_channels_are_listed_with_units_and_samples(tmp_path: Path, name: str) -
     [
         (errors.MissingColumnError, {"inputs": ["v"]}, "expected one of t, u, y "),
         (errors.NotFiniteError, {"inputs": ["y"], "outputs": ["u"]}, "2 of|row 2|sample 2"),
-        (errors.SamplingError, {"time": None}, "name the column of time or give dt"),
+        (
+            errors.SamplingError,
+            {"time": None, "inputs": ["t"]},
+            "name the column of time or give dt",
+        ),
     ],
 )
 def test_refusals(tmp_path: Path, name: str, error: type[Exception], options, words: str) -> None:
@@ -257,7 +261,7 @@ def test_the_index_of_a_pandas_frame_is_its_time() -> None:
     assert record_from_frame(frame, inputs=["u"], outputs=["y"]).dt == pytest.approx(0.02)
     named = pd.DataFrame({"u": [0, 1, 1], "y": [0, 1, 2]}, index=pd.Index([0, 1, 2], name="t"))
     assert record_from_frame(named, time="t", inputs=["u"], outputs=["y"]).dt == 1.0
-    with pytest.raises(errors.SamplingError, match="neither a time column nor dt"):
+    with pytest.raises(errors.SamplingError, match="neither a time column .t or time. nor dt"):
         record_from_frame(frame.reset_index(drop=True), inputs=["u"], outputs=["y"])
 
 

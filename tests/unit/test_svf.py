@@ -18,7 +18,7 @@ from tridentify import (
     identify,
     simulate,
 )
-from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
+from tridentify.errors import DependentInputsError, OptionError, UnsupportedError
 from tridentify.methods.filtered import (
     backward,
     filter_cascade,
@@ -288,7 +288,7 @@ def test_missing_outputs_are_refused(method):
 def test_inputs_in_step_are_refused(method):
     data = record()
     both = Record(np.hstack([data.u, 2.0 * data.u]), data.y, dt=data.dt)
-    with pytest.raises(UnsupportedOrderError):
+    with pytest.raises(DependentInputsError):
         identify(both, Structure(2, 0, offset=False, initial_state="rest"), method())
 
 
