@@ -261,7 +261,7 @@ def test_the_index_of_a_pandas_frame_is_its_time() -> None:
     assert record_from_frame(frame, inputs=["u"], outputs=["y"]).dt == pytest.approx(0.02)
     named = pd.DataFrame({"u": [0, 1, 1], "y": [0, 1, 2]}, index=pd.Index([0, 1, 2], name="t"))
     assert record_from_frame(named, time="t", inputs=["u"], outputs=["y"]).dt == 1.0
-    with pytest.raises(errors.SamplingError, match="neither a time column .t or time. nor dt"):
+    with pytest.raises(errors.SamplingError, match="neither a time column"):
         record_from_frame(frame.reset_index(drop=True), inputs=["u"], outputs=["y"])
 
 
