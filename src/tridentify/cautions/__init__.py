@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
+from tridentify.cautions.beginning import beginning
 from tridentify.cautions.outliers import outlier_cautions
 from tridentify.cautions.sensors import sensor_cautions
 from tridentify.estimate import Estimate
@@ -163,7 +164,7 @@ def coloured_outputs(
     is no more than rounding is not judged. Where the noise has a model, the residual is whitened
     first.
     """
-    record = _beginning(record)
+    record = beginning(record, LONGEST)
     residual = estimate.residual(record, experiment=experiment)
     n_lags = min(MOST_LAGS, record.n_samples // 4)
     found = []
@@ -202,7 +203,7 @@ def missed_outputs(estimate: Estimate, record: Record, experiment: int) -> list[
     """
     if not any(a.size for a in estimate.noise_model):
         return []
-    record = _beginning(record)
+    record = beginning(record, LONGEST)
     residual = estimate.residual(record, experiment=experiment)
     found = []
     for i, name in enumerate(estimate.output_names):
@@ -212,14 +213,6 @@ def missed_outputs(estimate: Estimate, record: Record, experiment: int) -> list[
         if statistic > chdtri(float(dimension), MISSED):
             found.append(name)
     return found
-
-
-def _beginning(record: Record) -> Record:
-    """The first 20,000 samples, or all where an output has none among them."""
-    seen = np.isfinite(record.y[:LONGEST]).any(axis=0).all()
-    if record.n_samples > LONGEST and seen:
-        return record.slice(None, float(record.t[LONGEST - 1]))
-    return record
 
 
 def _nothing_explained(estimate: Estimate, records: Sequence[Record]) -> list[str]:

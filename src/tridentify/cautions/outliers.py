@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from tridentify.cautions.beginning import beginning
 from tridentify.estimate import Estimate
 from tridentify.numerics.robust import median_scale
 from tridentify.record import Record
@@ -29,6 +30,7 @@ SHARE = 0.5
 QUANTILE = 0.8
 ROUNDING = 1e-9
 FEWEST = 12
+LONGEST = 100_000
 
 
 def outlier_cautions(estimate: Estimate, records: Sequence[Record]) -> list[str]:
@@ -38,7 +40,7 @@ def outlier_cautions(estimate: Estimate, records: Sequence[Record]) -> list[str]
     ----------
     estimate : Estimate
     records : sequence of Record
-        Those that were identified.
+        Those that were identified; the first 100,000 samples of each are looked at.
 
     Notes
     -----
@@ -46,6 +48,7 @@ def outlier_cautions(estimate: Estimate, records: Sequence[Record]) -> list[str]
     """
     if estimate.loss != "squared" or not estimate.status.ok:
         return []
+    records = [beginning(record, LONGEST) for record in records]
     residuals = [estimate.residual(record, experiment=e) for e, record in enumerate(records)]
     found = []
     for i, name in enumerate(estimate.output_names):

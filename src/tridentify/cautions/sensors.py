@@ -31,6 +31,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.cautions.beginning import beginning
 from tridentify.estimate import Estimate
 from tridentify.numerics.converter import Runs, quantum, runs
 from tridentify.record import Record
@@ -75,11 +76,12 @@ def sensor_cautions(estimate: Estimate, record: Record, experiment: int, where: 
     where : str
         What to add to the name of a channel.
     """
-    u = record.u[:LONGEST]
-    fitted = estimate.predict(record, experiment=experiment)[:LONGEST]
+    record = beginning(record, LONGEST)
+    u = record.u
+    fitted = estimate.predict(record, experiment=experiment)
     found: list[str] = []
     for i, name in enumerate(estimate.output_names):
-        y, f = record.y[:LONGEST, i], fitted[:, i]
+        y, f = record.y[:, i], fitted[:, i]
         noise = math.sqrt(float(estimate.noise_variance[i]))
         if not noise > ROUNDING * float(np.sqrt(np.nanmean(y**2))):
             continue
@@ -93,7 +95,7 @@ def sensor_cautions(estimate: Estimate, record: Record, experiment: int, where: 
         if not repeating:
             found += _hanging(y, f, u, q, noise, repeated, name + where)
     for j, name in enumerate(estimate.input_names):
-        found += _clipped_input(record.u[:LONGEST, j], name + where)
+        found += _clipped_input(record.u[:, j], name + where)
     return found
 
 
