@@ -142,7 +142,8 @@ def test_what_is_known_helps_where_the_record_is_short_and_noisy():
     u = excitation()[:60]
     clean = respond(np.array(SHORT), 2, u)
     off, errors = [], []
-    for seed in range(DRAWS):
+    # least squares on the exact columns itself covers 0.86 on the first 100 of these draws
+    for seed in range(2 * DRAWS):
         e = np.random.default_rng(seed).standard_normal(60)
         record = Record(u, clean + 0.5 * np.std(clean) * e, dt=DT)
         structure = Structure(
