@@ -69,8 +69,8 @@ CONSTANTS = 8
 (
     LAST, REPEATS, AT_FIRST, HIGHEST, LOWEST, SCALE, SQUARES, WEIGHT, WEIGHT2, MEAN, SPREAD, TAKEN,
     REFUSED, STANDS, LIMITS, INSIDE, IDLE, INNOVATION, FITTED, MOVED,
-    BLOCKS, DOUBLES,
-) = range(22)  # fmt: skip
+    BLOCKS, DOUBLES, FLOOR,
+) = range(23)  # fmt: skip
 SCORES = 24
 
 # bits of the flags (`online.flags.Flag`)
@@ -88,6 +88,8 @@ RARE = 0.01
 MOST_REFUSED = 25
 LARGEST = 1e100
 TRACE = 1e-5
+FLOOR_PACE = 16.0
+TO_SCALE = 1.4826022185056018  # of a normal's median modulus
 BLOCKS_USUAL = 200.0
 LEVEL = 40.0
 SCALES, PER_SCALE, SUMS = 3, 16, 4
@@ -147,8 +149,7 @@ def count(ints: Ints, x: Array) -> None:
 @compiled("float64(float64[::1], int64)")
 def noise_scale(x: Array, w: int) -> float:
     """Standard deviation of the noise, but no less than a trace of the output's."""
-    size = np.sqrt(x[w + SPREAD] / max(x[w + WEIGHT], 1.0) + x[w + MEAN] ** 2)
-    return max(float(x[w + SCALE]), TRACE * float(size))
+    return max(float(x[w + SCALE]), float(x[w + FLOOR]))
 
 
 @compiled("boolean(float64[::1], int64, float64, float64, float64, int64)")
@@ -213,14 +214,17 @@ def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
     step = y - x[w + MEAN]
     x[w + MEAN] += step / x[w + WEIGHT]
     x[w + SPREAD] = factor * x[w + SPREAD] + step * (y - x[w + MEAN])
-    size = abs(v) / 0.6744897501960817
+    if taken % FLOOR_PACE == 1.0:
+        size = np.sqrt(x[w + SPREAD] / x[w + WEIGHT] + x[w + MEAN] ** 2)
+        x[w + FLOOR] = TRACE * size
+    size = abs(v) * TO_SCALE
     if not (size >= 0.0):
         return
     if x[w + SCALE] == 0.0:
         x[w + SCALE] = size
     else:
         pace = max(4.0 / (taken + 8.0), 0.01)
-        x[w + SCALE] *= np.exp(pace if size > x[w + SCALE] else -pace)
+        x[w + SCALE] *= 1.0 + pace if size > x[w + SCALE] else 1.0 / (1.0 + pace)
 
 
 @compiled("boolean(int64[::1], float64[::1], int64, int64, boolean)")
