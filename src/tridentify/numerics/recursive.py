@@ -124,26 +124,28 @@ def innovate(x: Array, at: int, n: int, first: int, row: int, work: int) -> tupl
     work : int
         Room for ``n`` numbers; on return the coordinates of the row on the triangle.
     """
+    w, z = x[work : work + n], x[row : row + n]
+    d, t, largest = x[at : at + n], x[at + n : at + 2 * n], x[at + 2 * n : at + 3 * n]
     for i in range(first, n):
-        x[work + i] = x[row + i]
+        w[i] = z[i]
     fitted = 0.0
     leverage = 0.0
     u = at + 4 * n + first * (n - 1) - first * (first - 1) // 2
     for i in range(first, n):
-        xi = x[work + i]
-        if abs(xi) <= NEGLIGIBLE * x[at + 2 * n + i]:
-            xi = 0.0
-            x[work + i] = 0.0
-        if xi != 0.0:
-            for m in range(i + 1, n):
-                x[work + m] -= xi * x[u + m - i - 1]
-            d = x[at + i]
-            if d > 0.0:
-                fitted += xi * x[at + n + i]
-                leverage += xi * xi / d
+        xi = w[i]
+        k = n - 1 - i
+        if abs(xi) <= NEGLIGIBLE * largest[i]:
+            w[i] = 0.0
+        else:
+            right, upper = x[work + i + 1 : work + n], x[u : u + k]
+            for m in range(k):
+                right[m] -= xi * upper[m]
+            if d[i] > 0.0:
+                fitted += xi * t[i]
+                leverage += xi * xi / d[i]
             else:
                 leverage = np.inf
-        u += n - 1 - i
+        u += k
     return fitted, leverage
 
 
@@ -152,32 +154,35 @@ def rotate(
     x: Array, at: int, n: int, first: int, row: int, work: int, target: float, weight: float
 ) -> None:
     """Turn a row of some weight into the triangle."""
+    now, z = x[work : work + n], x[row : row + n]
+    d, t, largest = x[at : at + n], x[at + n : at + 2 * n], x[at + 2 * n : at + 3 * n]
     for i in range(first, n):
-        x[work + i] = x[row + i]
+        now[i] = z[i]
     left = target
     w = weight
     u = at + 4 * n + first * (n - 1) - first * (first - 1) // 2
     for i in range(first, n):
-        xi = x[work + i]
-        large = at + 2 * n + i
-        if weight > 0.0 and abs(x[row + i]) > x[large]:
-            x[large] = abs(x[row + i])
-        if w != 0.0 and abs(xi) > NEGLIGIBLE * x[large]:
-            d = x[at + i]
-            new = d + w * xi * xi
+        xi = now[i]
+        k = n - 1 - i
+        if weight > 0.0 and abs(z[i]) > largest[i]:
+            largest[i] = abs(z[i])
+        if w != 0.0 and abs(xi) > NEGLIGIBLE * largest[i]:
+            new = d[i] + w * xi * xi
             if new > TINY:
-                c = d / new
-                s = w * xi / new
-                x[at + i] = new
+                share = 1.0 / new
+                s = w * xi * share
+                c = d[i] * share
                 w = w * c
-                for m in range(i + 1, n):
-                    old = x[work + m]
-                    x[work + m] = old - xi * x[u + m - i - 1]
-                    x[u + m - i - 1] = c * x[u + m - i - 1] + s * old
+                d[i] = new
+                right, upper = x[work + i + 1 : work + n], x[u : u + k]
+                for m in range(k):
+                    old = right[m]
+                    right[m] = old - xi * upper[m]
+                    upper[m] = c * upper[m] + s * old
                 old = left
-                left = old - xi * x[at + n + i]
-                x[at + n + i] = c * x[at + n + i] + s * old
-        u += n - 1 - i
+                left = old - xi * t[i]
+                t[i] = c * t[i] + s * old
+        u += k
 
 
 @compiled("void(float64[::1], int64, int64, int64, int64, float64, float64, float64)")

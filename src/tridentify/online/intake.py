@@ -129,7 +129,8 @@ def count(ints: Ints, x: Array) -> None:
     """The sample is done with."""
     x[COUNT] += 1.0
     x[SINCE] += 1.0
-    x[SEEN] = float(int(x[SEEN]) | int(x[FLAGS]))
+    if x[FLAGS] != 0.0:
+        x[SEEN] = float(int(x[SEEN]) | int(x[FLAGS]))
     if x[COUNT] == x[TICK]:
         x[EVENT] += TICKED
 
@@ -194,8 +195,8 @@ def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
     if x[w + SCALE] == 0.0:
         x[w + SCALE] = size
     else:
-        pace = max(4.0 / (taken + 8.0), 0.01)
-        x[w + SCALE] *= np.exp(pace if size > x[w + SCALE] else -pace)
+        factor = 1.0 + max(4.0 / (taken + 8.0), 0.01)
+        x[w + SCALE] *= factor if size > x[w + SCALE] else 1.0 / factor
 
 
 @compiled("boolean(int64[::1], float64[::1], int64, int64, boolean)")
@@ -281,16 +282,21 @@ def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: b
     g = w + SCORES
     scores = g + k
     m = scores + k
-    maps = ints[C_MAPS] + ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
+    maps = ints[C_MAPS]
+    if w != ints[AT_WATCH]:
+        maps += ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
+    # views: an index that cannot be negative is quicker
+    z, gathered = x[row + first : row + n], x[g : g + k]
     for i in range(k):
         value = 0.0
-        for s in range(first, n):
-            value += c[maps + i * n + s] * x[row + s]
-        x[g + i] = value
+        one, products = c[maps + i * n + first : maps + i * n + n], x[m : m + i + 1]
+        for s in range(n - first):
+            value += one[s] * z[s]
+        gathered[i] = value
         x[scores + i] += value * v
         for s in range(i + 1):
-            x[m] += value * x[g + s]
-            m += 1
+            products[s] += value * gathered[s]
+        m += i + 1
     x[w + INSIDE] += 1.0
     if x[w + INSIDE] >= ints[BLOCK]:
         x[w + INSIDE] = 0.0

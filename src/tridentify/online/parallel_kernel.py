@@ -114,13 +114,16 @@ def advance(ints: Ints, c: Array, x: Array) -> None:
         own = row + first + j * q
         late = ints[AT_LINE] + j * line + int(c[ints[C_EXTRA] + j])
         g = taps + 3 * j * q
+        now, new = x[own : own + q], x[work : work + q]
+        arrived, before, earlier = x[late], x[late + 1], x[late + 2]
         for i in range(q):
-            total = c[g + i] * x[late] + c[g + q + i] * x[late + 1] + c[g + 2 * q + i] * x[late + 2]
+            total = c[g + i] * arrived + c[g + q + i] * before + c[g + 2 * q + i] * earlier
+            transition = c[f + i * q : f + (i + 1) * q]
             for s in range(min(i + 1 + upper, q)):
-                total += c[f + i * q + s] * x[own + s]
-            x[work + i] = total
+                total += transition[s] * now[s]
+            new[i] = total
         for i in range(q):
-            x[own + i] = x[work + i]
+            now[i] = new[i]
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1])")
