@@ -22,7 +22,7 @@ def run():
     y[400:460] = np.nan
     names = {"input_names": ["valve"], "output_names": ["level"]}
     record = Record(u, y, dt=0.05, units={"valve": "V", "level": "m"}, **names)
-    method = online.RecursiveLeastSquares(forgetting=0.998, filter=(1.0, 4.0, 4.0))
+    method = online.ThreeModel(forgetting=0.998, on_change="flag")
     return online.run(method, record, Structure(2, 0, offset=False, initial_state="rest"))
 
 
@@ -31,13 +31,12 @@ def made_up(**changes):
     time = np.arange(1.0, 101.0)
     flags = [online.Flag(0)] * 100
     theta = np.column_stack([np.full(100, 4.0), np.full(100, 3.0), np.full(100, 3.0)])
-    state = SimpleNamespace(changes=(), dt=0.5)
-    run = SimpleNamespace(
+    found = SimpleNamespace(
         time=time, names=NAMES, theta=theta, std=np.full((100, 3), 0.1), flags=flags,
-        state=state, estimate=None,
+        changes=np.zeros(0), units=(),
     )  # fmt: skip
-    vars(run).update(changes)
-    return run
+    vars(found).update(changes)
+    return found
 
 
 def lines(ax):
@@ -93,7 +92,7 @@ def test_a_truth_that_does_not_fit_is_refused():
 
 
 def test_changes_stand_at_their_instants_on_all_axes():
-    run = made_up(state=SimpleNamespace(changes=(40, 90), dt=0.5))
+    run = made_up(changes=np.array([20.0, 45.0]))
     for ax in plots.plot_trajectory(run):
         upright = [line for line in ax.get_lines() if line.get_linestyle() not in ("-", "None")]
         assert [line.get_xdata()[0] for line in upright] == [20.0, 45.0]

@@ -69,13 +69,13 @@ def plot_trajectory(
     flagged = _flagged(run)
     heights = [1.3] * len(run.names) + [0.45 + 0.17 * max(len(flagged), 1)]
     drawn = make_axes(axes, heights, sharex=True)
-    units = _units(run)
+    units = dict(zip(run.names, run.units, strict=False))
     for k, name in enumerate(run.names):
         _draw_coefficient(drawn[k], run, k, known.get(name))
         dress(drawn[k], ylabel=labelled(name, units))
     _draw_flags(drawn[-1], run, flagged)
     for ax in drawn:
-        for at, when in enumerate(_change_times(run)):
+        for at, when in enumerate(run.changes):
             ax.axvline(
                 when,
                 color=BLACK,
@@ -161,13 +161,3 @@ def _draw_flags(ax: Axes, run: Run, flagged: Sequence[Flag]) -> None:
         ax.set_yticks([])
         ax.text(0.5, 0.5, "none", transform=ax.transAxes, ha="center", va="center", color=GREY)
     ax.grid(False, axis="y")
-
-
-def _change_times(run: Run) -> Real:
-    """Instants [s] of the changes that were found."""
-    return np.array([k * run.state.dt for k in run.state.changes], dtype=np.float64)
-
-
-def _units(run: Run) -> dict[str, str]:
-    estimate = run.estimate
-    return {} if estimate is None else {n: p.unit for n, p in estimate.parameters.items()}
