@@ -26,10 +26,10 @@ from tridentify import Record, Structure, online
 from tridentify.plots.style import BLACK, BLUE, ORANGE, SKY, dress
 
 Array = NDArray[np.float64]
-SETTLED = 50.0
+SETTLED, EVERY = 50.0, 5.0
 MEMORIES = (2.0, 5.0, 10.0, 25.0)
 DRIFTS = (0.003, 0.01, 0.03, 0.1)
-TRACKING_DRAWS, BIAS_DRAWS = 10, 200
+TRACKING_DRAWS, BIAS_DRAWS = 5, 200
 SPAN = 1.959964
 
 
@@ -51,7 +51,6 @@ def trackers() -> dict[str, Any]:
         )
     for drift in DRIFTS:
         found[f"Kalman, drift {drift:g}"] = online.Kalman(drift=drift)
-    found["Gradient"] = online.Gradient()
     found |= {
         "ThreeModel, memory 10 s, directional": online.ThreeModel(
             forgetting=1.0 - TIME_STEP / 10.0, forget="directional", on_change="flag"
@@ -77,7 +76,7 @@ def tracking(quick: bool) -> dict[str, Any]:
         noise = np.sqrt(VARIANCE) * np.random.default_rng(draw).standard_normal(u.size)
         one = Record(u, clean + noise, dt=TIME_STEP)
         for name, method in trackers().items():
-            run = online.run(method, one, rest, every=0.5)
+            run = online.run(method, one, rest, every=EVERY)
             truth = np.column_stack([TRUTH[key](run.time) for key in run.names])
             late = run.time >= SETTLED
             error = (run.theta - truth)[late] / truth[late]
@@ -187,7 +186,6 @@ def unbiased() -> dict[str, Any]:
         "ThreeModel": online.ThreeModel(),
         "RecursiveLeastSquares": online.RecursiveLeastSquares(),
         "Kalman, drift 0.001": online.Kalman(drift=0.001),
-        "Gradient": online.Gradient(),
     }
 
 

@@ -64,7 +64,7 @@ RENEWED = 0.2
 TINY = 1e-250
 
 
-def compiled(signature: str) -> Callable[[Function], Function]:
+def compiled(signature: str, *, inline: bool = False) -> Callable[[Function], Function]:
     """Decorator: machine code for a signature, kept on disk where that is possible.
 
     The code of a function contains that of the functions it calls, and what is kept would survive
@@ -75,14 +75,17 @@ def compiled(signature: str) -> Callable[[Function], Function]:
     ----------
     signature : str
         As numba writes it.
+    inline : bool
+        Whether its code is put into that of its callers: a call hands over every array in seven
+        pieces, which takes longer than a small function does.
     """
 
     def wrap(function: Function) -> Function:
         try:
-            found: Any = numba.njit(cache=True)(function)
+            found: Any = numba.njit(cache=True, forceinline=inline)(function)
             found._cache._cache_file._source_stamp = _stamp()
         except (AttributeError, RuntimeError):  # no folder can hold it, or another numba
-            found = numba.njit(function)
+            found = numba.njit(forceinline=inline)(function)
         found.compile(signature)
         found.disable_compile()
         return cast(Function, found)
@@ -107,7 +110,7 @@ def size(n: int) -> int:
     return 4 * n + n * (n - 1) // 2
 
 
-@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)")
+@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)", inline=True)
 def innovate(x: Array, at: int, n: int, first: int, row: int, work: int) -> tuple[float, float]:
     """Prediction ``z' theta`` and ``z' P z`` of a row, before it is absorbed.
 
@@ -149,7 +152,7 @@ def innovate(x: Array, at: int, n: int, first: int, row: int, work: int) -> tupl
     return fitted, leverage
 
 
-@compiled("void(float64[::1], int64, int64, int64, int64, int64, float64, float64)")
+@compiled("void(float64[::1], int64, int64, int64, int64, int64, float64, float64)", inline=True)
 def rotate(
     x: Array, at: int, n: int, first: int, row: int, work: int, target: float, weight: float
 ) -> None:
@@ -226,7 +229,7 @@ def solve_triangle(x: Array, at: int, n: int, out: int) -> None:
         x[out + i] = value if x[at + i] > 0.0 else 0.0
 
 
-@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)")
+@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)", inline=True)
 def predict(x: Array, theta: int, at: int, n: int, row: int, work: int) -> tuple[float, float]:
     """``z' theta`` and ``z' P z`` with ``P = V D V'``; ``V' z`` is left in ``work``.
 

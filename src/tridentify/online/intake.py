@@ -89,7 +89,7 @@ IDLE_SHARE = 0.01
 IDLE_BLOCKS = 8.0
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1], float64)")
+@compiled("void(int64[::1], float64[::1], float64[::1], float64)", inline=True)
 def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
     """Count, keep the time, put the input into the delay line and the sample into the chunk."""
     m, p = ints[INPUTS], ints[OUTPUTS]
@@ -126,7 +126,7 @@ def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
     x[FLAGS] = float(flags)
 
 
-@compiled("void(int64[::1], float64[::1])")
+@compiled("void(int64[::1], float64[::1])", inline=True)
 def count(ints: Ints, x: Array) -> None:
     """The sample is done with."""
     x[COUNT] += 1.0
@@ -137,16 +137,19 @@ def count(ints: Ints, x: Array) -> None:
         x[EVENT] += TICKED
 
 
-@compiled("float64(float64[::1], int64)")
+@compiled("float64(float64[::1], int64)", inline=True)
 def noise_scale(x: Array, w: int) -> float:
     """Standard deviation of the noise, but no less than a trace of the output's."""
-    size = np.sqrt(x[w + SPREAD] / max(x[w + WEIGHT], 1.0) + x[w + MEAN] ** 2)
-    return max(float(x[w + SCALE]), TRACE * float(size))
+    scale, weight = x[w + SCALE], max(x[w + WEIGHT], 1.0)
+    least = TRACE * TRACE * (x[w + SPREAD] + weight * x[w + MEAN] ** 2)
+    if scale * scale * weight >= least:
+        return float(scale)
+    return float(np.sqrt(least / weight))
 
 
-@compiled("boolean(float64[::1], int64, float64, float64, float64, int64)")
-def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, n: int) -> bool:
-    """Whether a sample is to be left out; says why in the flags."""
+@compiled("boolean(float64[::1], int64, float64, float64, float64, float64, int64)", inline=True)
+def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, own: float, n: int) -> bool:
+    """Whether a sample is to be left out; says why in the flags. ``own``: of the innovation."""
     if not (abs(y) < LARGEST):
         x[FLAGS] = float(int(x[FLAGS]) | MISSING_OUTPUT)
         x[w + REPEATS] = 0.0
@@ -161,12 +164,9 @@ def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, n: int) ->
         x[w + HIGHEST] = y
     if y < x[w + LOWEST]:
         x[w + LOWEST] = y
-    scale = x[w + SCALE]
-    if x[w + TAKEN] < 3.0 * n + 20.0 or not (leverage < 1.0) or not (scale > 0.0):
+    if x[w + TAKEN] < 3.0 * n + 20.0 or not (leverage < 1.0) or not (x[w + SCALE] > 0.0):
         return False
-    scale = noise_scale(x, w)
     error = y - fitted
-    own = scale * np.sqrt(1.0 + leverage)
     if x[w + REPEATS] >= 5.0 and abs(fitted - x[w + AT_FIRST]) > 4.0 * own:
         x[FLAGS] = float(int(x[FLAGS]) | STUCK)
         return True
@@ -181,7 +181,7 @@ def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, n: int) ->
     return False
 
 
-@compiled("void(float64[::1], int64, float64, float64, float64)")
+@compiled("void(float64[::1], int64, float64, float64, float64)", inline=True)
 def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
     """Follow scale, mean and spread of an output with a sample that was taken."""
     x[w + TAKEN] += 1.0
@@ -267,7 +267,9 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     return scale + 1 < SCALES
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)")
+@compiled(
+    "void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)", inline=True
+)
 def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: bool) -> None:
     """Gather the scores of a block; at its end, judge change and excitation.
 
