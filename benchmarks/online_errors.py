@@ -26,10 +26,10 @@ from tridentify import Record, Structure, online
 from tridentify.plots.style import BLACK, BLUE, ORANGE, SKY, dress
 
 Array = NDArray[np.float64]
-SETTLED, EVERY = 50.0, 5.0
+SETTLED, EVERY = 50.0, 10.0
 MEMORIES = (2.0, 5.0, 10.0, 25.0)
 DRIFTS = (0.003, 0.01, 0.03, 0.1)
-TRACKING_DRAWS, BIAS_DRAWS = 5, 200
+TRACKING_DRAWS, BIAS_DRAWS = 4, 200
 SPAN = 1.959964
 
 
