@@ -53,7 +53,7 @@ from tridentify.numerics.realization import (
     side_by_side,
 )
 from tridentify.output_error.problem import Problem, Variant
-from tridentify.regression import Regression, regress, response_of
+from tridentify.regression import LONG, Regression, regress, response_of
 
 Array = NDArray[np.float64]
 
@@ -293,17 +293,21 @@ class Point:
         """
         found = []
         for e, experiment in enumerate(self.problem.experiments):
-            layout = self.regressions[e].layout
+            layout, bank = self.regressions[e].layout, self.bank
+            if experiment.n_samples > LONG and len(self.branches) == 1:
+                # the outputs use the poles once
+                bank = self.branches[0].inner
+                layout = replace(layout, order=bank.order)
             rows = np.zeros((self.problem.n_outputs, layout.n_signals))
             for i, fit in enumerate(self.fits):
                 for j in range(layout.n_inputs):
-                    rows[i, layout.input_states(j)] = self.response.rows[i, j]
+                    rows[i, layout.input_states(j)] = self.response.rows[i, j, : bank.order]
                     rows[i, layout.direct(j)] = self.response.direct[i, j]
                 if layout.free:
-                    rows[i, : layout.order] = self.response.free[e, i]
+                    rows[i, : layout.order] = self.response.free[e, i, : bank.order]
                 terms = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
                 rows[i, layout.nuisance] = terms
-            found.append(experiment.y[:most] - response_of(experiment, self.bank, rows, most))
+            found.append(experiment.y[:most] - response_of(experiment, bank, rows, most))
         return tuple(found)
 
     def sensitivities(self, combinations: Array, output: int) -> tuple[Array, ...]:

@@ -100,10 +100,14 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Triangles of the whole record at poles, for whoever begins there."""
+    """Triangles of the whole record at poles, for whoever begins there, and if it ends there too.
+
+    ``white`` says that the residual there passed for white noise.
+    """
 
     poles: Complex
     whole: tuple[Regression, ...]
+    white: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +165,7 @@ class Search:
         first = self.follow(piece, [free_variant(piece)], "window of the record: ")
         near = self.move(first, "window of the record: ")
         passes = list(self.recorder.passes)
-        if first.settled and self._suffices(base, variants[-1], near, passes):
+        if first.settled and self._suffices(base, variants, near, passes):
             return
         if first.settled:
             second = self.begin(whole, variants, "record averaged: ", most=1)
@@ -172,7 +176,7 @@ class Search:
         self._choose(base, near.poles, far.poles, passes, blind)
 
     def _suffices(
-        self, base: Problem, variant: Variant, near: Point, passes: Sequence[Pass]
+        self, base: Problem, variants: Sequence[Variant], near: Point, passes: Sequence[Pass]
     ) -> bool:
         """Whether the window's poles leave nothing but white noise on the whole record.
 
@@ -181,15 +185,27 @@ class Search:
         """
         if explained(near) < WORTHWHILE or base.noise:
             return False
-        poles = _sharpened(base, near.poles)
+        poles, variant = _sharpened(base, near.poles), variants[-1]
         bank = bank_of(base, poles, 2)[0]
         whole = tuple(regress(e, bank) for e in base.experiments)
         point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
-        if at_rounding(point) or not _is_white(point):
+        if at_rounding(point):
+            return False
+        passes, alone = list(passes), len(variants) == 1 and _is_all_of(variant, base)
+        if alone:
+            own = Recorder(passes)
+            point = finish(partial(evaluate, variant.problem(base)), point, own)[0]
+            poles, whole = point.poles, point.regressions
+        if not _is_white(point):
             return False
         self._keep(poles, passes)
-        self.known = Known(poles, whole)
+        self.known = Known(poles, whole, alone)
         return True
+
+    def saw_white(self, point: Point) -> bool:
+        """Whether the search saw that the residual of this very point passes for white noise."""
+        known = self.known
+        return known is not None and known.white and np.array_equal(known.poles, point.poles)
 
     def again(self, base: Problem, variant: Variant, poles: Complex) -> Complex:
         """Another way in, after the end turned out to lie at a limit: runaway poles put back.
@@ -384,6 +400,13 @@ class Search:
             name = where + "numerators of full degree first"
             best = self._adapted(base, variant, point.poles, reachable, best, name)
         return best
+
+
+def _is_all_of(variant: Variant, base: Problem) -> bool:
+    """Whether a choice of nuisance terms leaves out none that the problem has, and adds none."""
+    own = (variant.free, variant.offset, variant.drift)
+    same = all((e.free, e.offset, e.drift) == own for e in base.experiments)
+    return same and all(constants is None for constants in variant.constants)
 
 
 def _sharpened(base: Problem, poles: Complex) -> Complex:
