@@ -6,7 +6,9 @@ Two of them complement each other.
 edges. The whole record in little, good for dynamics slower than a block.
 
 *Window*: a stretch at the full rate, where the output moves most, with a free initial state.
-Good for dynamics that are shorter than the window.
+Good for dynamics that are shorter than the window. A record that starts at rest, or in equilibrium,
+gives its beginning, if the output moves there too: the initial state is known, which halves the
+columns.
 
 Delays stay what they are, in seconds. Where time is not uniform the averages are weighted by the
 time between the samples.
@@ -25,6 +27,7 @@ from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Experiment
 
 LARGE = 5_000
+AS_GOOD = 0.5
 SMALL = 2_000
 
 
@@ -85,7 +88,9 @@ def _averaged(e: Experiment, block: int) -> Experiment:
 
 
 def window(problem: Problem, samples: int = SMALL) -> Problem:
-    """A stretch of the longest experiment where the output moves most, initial state free.
+    """A stretch of the longest experiment where the output moves most.
+
+    The initial state is free, but at the beginning of a record where it is known.
 
     Parameters
     ----------
@@ -108,17 +113,20 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
         float(weights @ (second[k : k + 2].sum(0) - first[k : k + 2].sum(0) ** 2 / length))
         for k in range(len(starts))
     ]
-    start = starts[int(np.argmax(movement))]
+    most = int(np.argmax(movement))
+    known = not e.free and movement[0] >= AS_GOOD * movement[most]
+    start = 0 if known else starts[most]
     part = slice(start, start + length)
     since = e.instants[part] - e.instants[start]
     arrived = int(np.searchsorted(since, longest - 1e-6 * e.dt)) if longest else 0
+    arrived = e.start if known else arrived
     y = e.y[part].copy()
     y[:arrived] = np.nan
     piece = replace(
         e,
         u=np.ascontiguousarray(e.u[part]),
         y=y,
-        free=True,
+        free=not known,
         t=None if e.t is None else since,
         start=arrived,
     )
