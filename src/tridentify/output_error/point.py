@@ -286,6 +286,31 @@ class Point:
             delays = np.clip(moved, floors, self.problem.limits)
         return Proposal(np.concatenate(roots), decrease, delays)
 
+    @property
+    def looseness(self) -> float:
+        """The largest standard error of a pole over the pole's own decay rate.
+
+        With ``A r = z r``, ``l A = z l`` and ``l r = 1`` a change of ``alpha`` moves the pole ``z``
+        by ``- (l B) (alpha r)``. Poles that nearly meet are loose, and those that only follow the
+        noise.
+        """
+        found = self._decomposition
+        if not found.s[-1] > 0:
+            return float("inf")
+        root = np.zeros((found.n_scores, found.s.size))
+        root[found.kept] = found.vt.T / found.s / found.scale[:, None]
+        worst = 0.0
+        for one in self.branches:
+            z, right = np.linalg.eig(one.inner.a)
+            try:
+                drive = np.linalg.solve(right, one.inner.b.astype(np.complex128))
+            except np.linalg.LinAlgError:
+                return float("inf")
+            moved = drive[:, None] * (right.T @ root[one.poles])
+            errors = np.sqrt(np.sum(np.abs(moved) ** 2, axis=1))
+            worst = max(worst, float(np.max(errors / np.abs(z.real))))
+        return worst
+
     def residuals(self, most: int | None = None) -> tuple[Array, ...]:
         """Recorded minus fitted outputs over time, (n_samples, n_outputs) per experiment.
 

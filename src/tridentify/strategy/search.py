@@ -77,6 +77,8 @@ NEAR = 20.0
 HELPED = 0.005
 WORTHWHILE = 50.0
 TESTED = 200_000
+CERTAIN = 0.1
+WINDOW = "window of the record: "
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,14 +160,22 @@ class Search:
         if not is_large(base):
             self._keep(self.move(self.follow(base, variants)).poles)
             return
-        piece, whole = window(base), averaged(base)
-        if not (is_usable(piece) and is_usable(whole)):
+        piece = window(base)
+        passes: list[Pass] = []
+        first: Found | None = None
+        near: Point | None = None
+        if is_usable(piece):
+            first = self.follow(piece, [free_variant(piece)], WINDOW)
+            passes = list(self.recorder.passes)
+            if first.settled and self._suffices(base, variants, first.point, passes, CERTAIN):
+                return
+            near = self.move(first, WINDOW)
+            passes = list(self.recorder.passes)
+            if first.settled and self._suffices(base, variants, near, passes):
+                return
+        whole = averaged(base)
+        if first is None or near is None or not is_usable(whole):
             self._keep(self.move(self.follow(base, variants)).poles)
-            return
-        first = self.follow(piece, [free_variant(piece)], "window of the record: ")
-        near = self.move(first, "window of the record: ")
-        passes = list(self.recorder.passes)
-        if first.settled and self._suffices(base, variants, near, passes):
             return
         if first.settled:
             second = self.begin(whole, variants, "record averaged: ", most=1)
@@ -176,12 +186,20 @@ class Search:
         self._choose(base, near.poles, far.poles, passes, blind)
 
     def _suffices(
-        self, base: Problem, variants: Sequence[Variant], near: Point, passes: Sequence[Pass]
+        self,
+        base: Problem,
+        variants: Sequence[Variant],
+        near: Point,
+        passes: Sequence[Pass],
+        loosest: float = np.inf,
     ) -> bool:
         """Whether the window's poles leave nothing but white noise on the whole record.
 
         Then there is nothing for the averaged record to find. Slow dynamics that the window cannot
         show are looked for in block means of the residual.
+
+        A pole or pair at the wrong place has next to nothing to explain, and is loose. Where all
+        poles are much less loose than ``loosest`` none of them needs to be looked for elsewhere.
         """
         if explained(near) < WORTHWHILE or base.noise:
             return False
@@ -196,7 +214,7 @@ class Search:
             own = Recorder(passes)
             point = finish(partial(evaluate, variant.problem(base)), point, own)[0]
             poles, whole = point.poles, point.regressions
-        if not _is_white(point):
+        if point.looseness > loosest or not _is_white(point):
             return False
         self._keep(poles, passes)
         self.known = Known(poles, whole, alone)

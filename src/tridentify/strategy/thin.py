@@ -67,22 +67,26 @@ def _averaged(e: Experiment, block: int) -> Experiment:
     if count < 2:
         return e
     kept = count * block
-    edges = e.instants[:kept:block]
-    # in the last block the input is held to its end
-    spans = np.diff(e.instants[: kept + 1])
-    spans = np.append(spans, spans[-1:])[:kept].reshape(count, block, 1)
-    u = (e.u[:kept].reshape(count, block, -1) * spans).sum(axis=1) / spans.sum(axis=1)
+    u = e.u[:kept].reshape(count, block, -1)
+    if e.t is None:
+        u = u.mean(axis=1)
+    else:
+        # in the last block the input is held to its end
+        spans = np.diff(e.t[: kept + 1])
+        spans = np.append(spans, spans[-1:])[:kept].reshape(count, block, 1)
+        u = (u * spans).sum(axis=1) / spans.sum(axis=1)
     start = -(-e.start // block)
     y = e.y[:kept:block].copy()
     y[:start] = np.nan
+    t = None if e.t is None else e.t[:kept:block]
     return replace(
         e,
         u=np.ascontiguousarray(u),
         y=y,
-        dt=e.dt * block if e.t is None else typical_step(edges),
+        dt=e.dt * block if t is None else typical_step(t),
         intersample="zoh",
         noise=(),
-        t=None if e.t is None else edges,
+        t=t,
         start=start,
     )
 
@@ -117,9 +121,11 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
     known = not e.free and movement[0] >= AS_GOOD * movement[most]
     start = 0 if known else starts[most]
     part = slice(start, start + length)
-    since = e.instants[part] - e.instants[start]
-    arrived = int(np.searchsorted(since, longest - 1e-6 * e.dt)) if longest else 0
-    arrived = e.start if known else arrived
+    since = None if e.t is None else e.t[part] - e.t[start]
+    arrived = e.start
+    if not known:
+        late = np.arange(length) * e.dt if since is None else since
+        arrived = int(np.searchsorted(late, longest - 1e-6 * e.dt)) if longest else 0
     y = e.y[part].copy()
     y[:arrived] = np.nan
     piece = replace(
@@ -127,7 +133,7 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
         u=np.ascontiguousarray(e.u[part]),
         y=y,
         free=not known,
-        t=None if e.t is None else since,
+        t=since,
         start=arrived,
     )
     return problem.over([piece])
