@@ -48,6 +48,7 @@ from tridentify.strategy.passes import adapt
 from tridentify.strategy.starts import (
     SLOW_EDGE,
     ParallelStart,
+    best_laguerre,
     discrete_poles,
     enriched_starts,
     laguerre_starts,
@@ -165,10 +166,9 @@ class Search:
         first: Found | None = None
         near: Point | None = None
         if is_usable(piece):
-            first = self.follow(piece, [free_variant(piece)], WINDOW)
-            passes = list(self.recorder.passes)
-            if first.settled and self._suffices(base, variants, first.point, passes, CERTAIN):
+            if self._at_once(base, variants, piece):
                 return
+            first = self.follow(piece, [free_variant(piece)], WINDOW)
             near = self.move(first, WINDOW)
             passes = list(self.recorder.passes)
             if first.settled and self._suffices(base, variants, near, passes):
@@ -184,6 +184,16 @@ class Search:
         far = self.move(second, "record averaged: ")
         blind = explained(far) < WORTHWHILE <= explained(near)
         self._choose(base, near.poles, far.poles, passes, blind)
+
+    def _at_once(self, base: Problem, variants: Sequence[Variant], piece: Problem) -> bool:
+        """Whether the window's best Laguerre model leads to an end that leaves no doubt."""
+        variant = free_variant(piece)
+        start = best_laguerre(piece, variant)
+        reachable = start.criterion + ALLOWANCE
+        point = self._best_of([start], reachable, None, WINDOW)
+        if criterion(point) > reachable:
+            return False
+        return self._suffices(base, variants, point, self.recorder.passes, CERTAIN)
 
     def _suffices(
         self,

@@ -21,10 +21,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Experiment
+
+Array = NDArray[np.float64]
 
 LARGE = 5_000
 AS_GOOD = 0.5
@@ -119,6 +122,7 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
     ]
     most = int(np.argmax(movement))
     known = not e.free and movement[0] >= AS_GOOD * movement[most]
+    known = known and _is_driven(e.u[:length], e.u[starts[most] : starts[most] + length])
     start = 0 if known else starts[most]
     part = slice(start, start + length)
     since = None if e.t is None else e.t[part] - e.t[start]
@@ -137,6 +141,13 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
         start=arrived,
     )
     return problem.over([piece])
+
+
+def _is_driven(begun: Array, other: Array) -> bool:
+    """Whether inputs from rest do about as much in the one stretch as in the other."""
+    moved = other - other.mean(axis=0)
+    energy = np.einsum("ij,ij->j", begun, begun)
+    return bool(np.all(energy >= AS_GOOD * np.einsum("ij,ij->j", moved, moved)) and np.all(energy))
 
 
 def free_variant(problem: Problem) -> Variant:
