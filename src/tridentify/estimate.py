@@ -389,8 +389,9 @@ class Estimate:
         response = simulate(self.model, shifted, free_response=free, free_after=terms.free_after)
         if terms.free_after:
             response[record.t - record.t[0] < (1.0 - 1e-9) * terms.free_after] = np.nan
-        ramp = np.outer(record.t - terms.t0, terms.drift)
-        fitted: Array = response + terms.offset + ramp
+        fitted: Array = response + terms.offset if np.any(terms.offset) else response
+        if np.any(terms.drift):
+            fitted = fitted + np.outer(record.t - terms.t0, terms.drift)
         return fitted
 
     def residual(self, record: Record, *, experiment: int = 0) -> Array:

@@ -44,7 +44,7 @@ from tridentify.output_error.point import Point, bank_of, evaluate, evaluate_var
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress
 from tridentify.strategy.moves import Move, moved_poles
-from tridentify.strategy.passes import adapt
+from tridentify.strategy.passes import MOST_ADAPTED, adapt
 from tridentify.strategy.starts import (
     SLOW_EDGE,
     ParallelStart,
@@ -79,6 +79,10 @@ HELPED = 0.005
 WORTHWHILE = 50.0
 TESTED = 200_000
 CERTAIN = 0.1
+FEW_ADAPTED = 4
+PLAUSIBLE = 30.0
+HOPELESS = 2.0
+ALIKE = 0.02
 WINDOW = "window of the record: "
 
 
@@ -114,6 +118,21 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
+class End:
+    """Where the poles of a window led on the whole record.
+
+    ``alone`` says that there is one choice of nuisance terms, and that it was finished.
+    """
+
+    near: Complex
+    poles: Complex
+    point: Point
+    whole: tuple[Regression, ...]
+    alone: bool
+    passes: tuple[Pass, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Scan:
     """The last places looked at, and for what."""
 
@@ -145,6 +164,8 @@ class Search:
         The last places looked at.
     known : Known, optional
         Triangles of the whole record, where they were made.
+    end : End, optional
+        Where the window's poles led on the whole record.
     """
 
     n_starts: int
@@ -155,6 +176,7 @@ class Search:
     variant: Variant | None = None
     scan: Scan | None = None
     known: Known | None = None
+    end: End | None = None
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
@@ -189,9 +211,14 @@ class Search:
         """Whether the window's best Laguerre model leads to an end that leaves no doubt."""
         variant = free_variant(piece)
         start = best_laguerre(piece, variant)
-        reachable = start.criterion + ALLOWANCE
-        point = self._best_of([start], reachable, None, WINDOW)
-        if criterion(point) > reachable:
+        reachable = start.criterion + PLAUSIBLE
+        poles = start.reduced_poles()
+        poles = start.filtered_poles() if poles is None else poles
+        if poles is None:
+            return False
+        name = WINDOW + start.name
+        point = self._adapted(piece, variant, poles, reachable, None, name, FEW_ADAPTED)
+        if criterion(point) >= reachable:
             return False
         return self._suffices(base, variants, point, self.recorder.passes, CERTAIN)
 
@@ -213,21 +240,16 @@ class Search:
         """
         if explained(near) < WORTHWHILE or base.noise:
             return False
-        poles, variant = _sharpened(base, near.poles), variants[-1]
-        bank = bank_of(base, poles, 2)[0]
-        whole = tuple(regress(e, bank) for e in base.experiments)
-        point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
-        if at_rounding(point):
+        shown = np.sqrt(near.counts.sum() / sum(e.n_samples for e in base.experiments))
+        if near.looseness * shown > HOPELESS * loosest:
             return False
-        passes, alone = list(passes), len(variants) == 1 and _is_all_of(variant, base)
-        if alone:
-            own = Recorder(passes)
-            point = finish(partial(evaluate, variant.problem(base)), point, own)[0]
-            poles, whole = point.poles, point.regressions
-        if point.looseness > loosest or not _is_white(point):
+        end = self.end
+        if end is None or not np.allclose(end.near, near.poles, rtol=ALIKE, atol=0.0):
+            end = self.end = _end_of(base, variants, near, loosest)
+        if end is None or end.point.looseness > loosest or not _is_white(end.point):
             return False
-        self._keep(poles, passes)
-        self.known = Known(poles, whole, alone)
+        self._keep(end.poles, [*passes, *end.passes])
+        self.known = Known(end.poles, end.whole, end.alone)
         return True
 
     def saw_white(self, point: Point) -> bool:
@@ -393,10 +415,11 @@ class Search:
         reachable: float,
         best: Point | None,
         name: str,
+        most: int = MOST_ADAPTED,
     ) -> Point:
         """Adapted passes and, where they do not reach the criterion, steps on the cost."""
         own = Recorder()
-        point = adapt(base, variant, poles, own)
+        point = adapt(base, variant, poles, own, most)
         if criterion(point) >= reachable:
             at = partial(evaluate_variant, base, variant)
             point = finish(at, evaluate_variant(base, variant, point.poles), own, MOST_TRIED)[0]
@@ -428,6 +451,24 @@ class Search:
             name = where + "numerators of full degree first"
             best = self._adapted(base, variant, point.poles, reachable, best, name)
         return best
+
+
+def _end_of(
+    base: Problem, variants: Sequence[Variant], near: Point, loosest: float
+) -> End | None:
+    """Where a window's poles lead on the whole record; None where that is no end of use."""
+    poles, variant = _sharpened(base, near.poles), variants[-1]
+    bank = bank_of(base, poles, 2)[0]
+    whole = tuple(regress(e, bank) for e in base.experiments)
+    point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
+    if at_rounding(point) or point.looseness > HOPELESS * loosest:
+        return None
+    alone = len(variants) == 1 and _is_all_of(variant, base)
+    own = Recorder()
+    if alone:
+        point = finish(partial(evaluate, variant.problem(base)), point, own)[0]
+        poles, whole = point.poles, point.regressions
+    return End(near.poles, poles, point, whole, alone, tuple(own.passes))
 
 
 def _is_all_of(variant: Variant, base: Problem) -> bool:
