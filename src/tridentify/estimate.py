@@ -375,16 +375,8 @@ class Estimate:
                 f"{expected[0]} and {expected[1]} as identified; select its channels first"
             )
         terms = self.nuisance[experiment]
-        shifted = record
-        if np.any(terms.input_reference):
-            shifted = Record(
-                record.u - terms.input_reference,
-                record.y,
-                t=record.t,
-                intersample=record.intersample,
-                input_names=record.input_names,
-                output_names=record.output_names,
-            )
+        moved = np.any(terms.input_reference)
+        shifted = record._on_its_times(record.u - terms.input_reference if moved else record.u)
         free = terms.free_response if np.any(terms.free_response) else None
         response = simulate(self.model, shifted, free_response=free, free_after=terms.free_after)
         if terms.free_after:

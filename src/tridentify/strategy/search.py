@@ -453,9 +453,7 @@ class Search:
         return best
 
 
-def _end_of(
-    base: Problem, variants: Sequence[Variant], near: Point, loosest: float
-) -> End | None:
+def _end_of(base: Problem, variants: Sequence[Variant], near: Point, loosest: float) -> End | None:
     """Where a window's poles lead on the whole record; None where that is no end of use."""
     poles, variant = _sharpened(base, near.poles), variants[-1]
     bank = bank_of(base, poles, 2)[0]
