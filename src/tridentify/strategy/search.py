@@ -213,7 +213,6 @@ class Search:
         start = best_laguerre(piece, variant)
         reachable = start.criterion + PLAUSIBLE
         poles = start.reduced_poles()
-        poles = start.filtered_poles() if poles is None else poles
         if poles is None:
             return False
         name = WINDOW + start.name

@@ -296,13 +296,18 @@ def best_laguerre(base: Problem, variant: Variant) -> ParallelStart:
     base : Problem
     variant : Variant
         Choice of nuisance terms.
+
+    Returns
+    -------
+    ParallelStart
+        To be reduced by balanced truncation: its bank has no filters for Step 2.
     """
     rates = _rates(base)
-    found = {k: _laguerre(base, [variant], rates[k])[0] for k in range(0, len(rates), 2)}
+    found = {k: _laguerre(base, [variant], rates[k], False)[0] for k in range(0, len(rates), 2)}
     best = min(found, key=lambda k: found[k].criterion)
     for k in (best - 1, best + 1):
         if 0 <= k < len(rates):
-            found[k] = _laguerre(base, [variant], rates[k])[0]
+            found[k] = _laguerre(base, [variant], rates[k], False)[0]
     return min(found.values(), key=lambda start: start.criterion)
 
 
@@ -313,10 +318,13 @@ def _rates(base: Problem) -> Array:
     return np.geomspace(low, high, count)
 
 
-def _laguerre(base: Problem, variants: Sequence[Variant], gamma: float) -> list[ParallelStart]:
-    """One point of the grid."""
+def _laguerre(
+    base: Problem, variants: Sequence[Variant], gamma: float, filtered: bool = True
+) -> list[ParallelStart]:
+    """One point of the grid, with the filters of Step 2 or without."""
     poles = np.full(_most(base, MOST_FUNCTIONS), -gamma, dtype=np.complex128)
-    filters = tuple(np.full(g.order + 1, -gamma, dtype=np.complex128) for g in base.groups)
+    groups = base.groups if filtered else ()
+    filters = tuple(np.full(g.order + 1, -gamma, dtype=np.complex128) for g in groups)
     return _starts(f"Laguerre {gamma:.3g} rad/s", base, variants, poles, filters, gamma)
 
 
