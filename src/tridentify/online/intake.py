@@ -95,6 +95,7 @@ LEVEL = 40.0
 SCALES, PER_SCALE, SUMS = 3, 16, 4
 IDLE_SHARE = 0.01
 IDLE_BLOCKS = 8.0
+HELD_BLOCKS = 2.0
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], float64)", inline=True)
@@ -247,7 +248,9 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     width = k + k * (k + 1) // 2
     own = w + SCORES + k + scale * (width + SUMS)
     state = own + width
-    if scale + 1 < SCALES:
+    # while the input rests there is nothing to judge by
+    resting = scale == 0 and x[w + IDLE] > 0.0
+    if scale + 1 < SCALES and not resting:
         for i in range(width):
             x[own + width + SUMS + i] += x[own + i]
     usual = w + SCORES + k + SCALES * (width + SUMS)
@@ -287,7 +290,7 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
         x[w + IDLE] = x[w + IDLE] + 1.0 if idle else 0.0
     for i in range(width):
         x[own + i] = 0.0
-    if ready and directions > 0:
+    if ready and directions > 0 and not (resting or idle):
         ratio = total / directions
         norm = 1.0 + x[state + 1]
         x[state + 3] += 1.0

@@ -63,7 +63,9 @@ def calm(x: Array, stage: Stage) -> None:
     """Forget what led to an alarm."""
     for i in range(stage.setting.n_outputs):
         w = watch_of(stage.blueprint, i)
-        end = w + int(stage.blueprint.ints[intake.WATCH])
+        # what is usual of the excitation stays
+        ints = stage.blueprint.ints
+        end = w + int(ints[intake.WATCH] - ints[intake.DIRECTIONS])
         x[w + intake.SCORES : end] = 0.0
         x[w + intake.INSIDE] = 0.0
         x[w + intake.MOVED] = 0.0
