@@ -39,7 +39,7 @@ rate`` seconds. The mean over many time constants is as good as least squares (P
 1992). Step 2's coefficients are averaged over periods of six time constants. If ``rate`` is not
 given the clock slows down: when there are sixteen periods they are joined two by two, the period
 doubles and the rate is halved, so that the gain falls like ``1 / t`` and the estimate, the mean over
-all but the oldest quarter, converges. A ``rate`` that is given stays, and the mean is over the last
+all but the oldest quarter (and the first two periods), converges. A ``rate`` that is given stays, and the mean is over the last
 eight periods: that is for coefficients that move.
 
 *Standard errors* are those of the scatter of ten or more periods (batch means), widened by Student's
@@ -112,11 +112,12 @@ Array = NDArray[np.float64]
 
 MOST_KEPT = 2000
 ALARM_LASTS = 200
-PER_UNKNOWN = 5
+PER_UNKNOWN, SLOWER = 10, 4.0
 WARM_UP = 10
 MOST_PERIODS, FIXED_PERIODS = 16, 8
 SCATTERED = 10
 SURE = 4
+FIRST = 2
 SMALL = 0.1
 SETTLING = 2
 DEGENERATE = 1e-13
@@ -241,7 +242,7 @@ class Gradient(Estimator):
         """With nothing known of the input."""
         setting = basis.setting
         blueprint = plan(basis)
-        rate = self.rate or 1.0 / (2.0 * WARM_UP * basis.unknowns * setting.dt)
+        rate = self.rate or _rate(basis, 0.0)
         models = _models(basis, unknowns)
         tables = Tables(
             models, models, np.ones(setting.n_outputs), None, self.orthogonal,
@@ -289,7 +290,7 @@ class Gradient(Estimator):
         setting, blueprint = stage.setting, plan(basis)
         rows = self._rows(old, stage, basis, samples)
         unknowns, models = _fitted(basis, rows, samples)
-        rate = self.rate or 1.0 / (max(PER_UNKNOWN * basis.unknowns, len(rows) / 4) * setting.dt)
+        rate = self.rate or _rate(basis, float(len(rows)))
         moments = rows.T @ rows / len(rows)
         weights = 1.0 / np.where(noise > 0, noise, 1.0) ** 2
         tables = Tables(
@@ -315,7 +316,7 @@ class Gradient(Estimator):
             extra=_extra(first[None, :], rate, 0),
         )  # fmt: skip
         calm(x, found)
-        _new_period(x, setting, rate, rested=True)
+        _new_period(x, setting, rate, rested=False)
         return State(x, found)
 
     def _rows(self, old: Array, stage: Stage, basis: Basis, samples: Array) -> Array:
@@ -344,6 +345,9 @@ class Gradient(Estimator):
         if not blueprint.constants[kernel.KNOWN]:
             _new_period(x, setting, rate, rested=False)
             return self._again(State(x, stage), basis, batches, rate, 0)
+        if x[kernel.FROM] == np.inf:
+            _new_period(x, setting, rate, rested=True)
+            return self._again(State(x, stage), basis, batches, rate, periods)
         if x[kernel.SUMMED] < 0.5 * _share(setting, rate):
             x[intake.TICK] = x[intake.COUNT] + np.ceil(0.5 * _share(setting, rate))
             return state
@@ -482,7 +486,7 @@ class Gradient(Estimator):
         basis = Basis.of(stage.setting, stage.blueprint)
         if not stage.blueprint.constants[kernel.KNOWN]:
             return state
-        rate = self.rate or 1.0 / (2.0 * WARM_UP * basis.unknowns * stage.setting.dt)
+        rate = self.rate or _rate(basis, 0.0)
         _new_period(x, stage.setting, rate, rested=False)
         with one_blas_thread():
             return self._again(State(x, stage), basis, np.zeros((0, 0)), rate, 0)
@@ -535,16 +539,25 @@ class Gradient(Estimator):
 
 
 # ------------------------------------------------------------------------------------ the periods
+def _rate(basis: Basis, searched: float) -> float:
+    """Where the rate begins [1/s]: slower than the slowest pole, with samples for each unknown."""
+    dt = basis.setting.dt
+    few = PER_UNKNOWN * basis.unknowns * dt
+    slow = SLOWER / float(np.min(np.abs(basis.filter_poles)))
+    most = max(searched, 2.0 * PER_UNKNOWN * basis.unknowns) * dt
+    return 1.0 / max(few, 0.25 * searched * dt, min(slow, most))
+
+
 def _share(setting: Setting, rate: float) -> float:
     """Samples of a period."""
     return max(float(np.ceil(MEMORY / (rate * setting.dt))), 8.0)
 
 
 def _new_period(x: Array, setting: Setting, rate: float, *, rested: bool) -> None:
-    """Begin to average: at once, or where models begin anew after half of the period."""
+    """Begin to average: at once, or where models begin anew after half of a period."""
     length = _share(setting, rate)
-    x[intake.TICK] = x[intake.COUNT] + np.ceil(length if rested else 1.5 * length)
-    x[kernel.FROM] = x[intake.COUNT] + (0.0 if rested else np.ceil(0.5 * length))
+    x[intake.TICK] = x[intake.COUNT] + np.ceil(length if rested else 0.5 * length)
+    x[kernel.FROM] = x[intake.COUNT] if rested else np.inf
     x[kernel.SUMMED] = 0.0
 
 
@@ -557,8 +570,8 @@ def _mean(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Array]:
 
 
 def _used(batches: Array) -> Array:
-    """All periods but the oldest quarter."""
-    return batches[len(batches) // 4 :]
+    """All periods but the oldest quarter, and the first two."""
+    return batches[max(len(batches) // 4, min(FIRST, len(batches) - 1)) :]
 
 
 def _average(batches: Array) -> Array:
