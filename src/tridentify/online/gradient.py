@@ -59,7 +59,7 @@ L. Ljung, T. Soderstrom, Theory and Practice of Recursive Identification, MIT Pr
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -118,6 +118,7 @@ MOST_PERIODS, FIXED_PERIODS = 16, 8
 SCATTERED = 10
 SURE = 4
 FIRST = 2
+LINEAR = 0.1
 SMALL = 0.1
 SETTLING = 2
 DEGENERATE = 1e-13
@@ -244,11 +245,9 @@ class Gradient(Estimator):
         blueprint = plan(basis)
         rate = self.rate or _rate(basis, 0.0)
         models = _models(basis, unknowns)
-        tables = Tables(
-            models, models, np.ones(setting.n_outputs), None, self.orthogonal,
-            max(rate, 1.0 / (WARM_UP * setting.dt)), False,
-        )  # fmt: skip
-        blueprint = tables.written(basis, blueprint)
+        tables = self._tables(basis, models, models, None, np.ones(setting.n_outputs))
+        quick = max(rate, 1.0 / (WARM_UP * setting.dt))
+        blueprint = replace(tables, rate=quick).written(basis, blueprint)
         x = fresh(blueprint)
         x[kernel.FROM] = np.inf
         x[intake.TICK] = setting.late + WARM_UP * (basis.unknowns + setting.n_inputs)
@@ -276,32 +275,46 @@ class Gradient(Estimator):
         samples = kept_samples(state)
         begun_anew = x[intake.COUNT] > len(samples)
         found = search(setting, samples, begun_anew)
+        if found is not None:
+            for i in range(setting.n_outputs):
+                x[watch_of(stage.blueprint, i) + intake.SCALE] = found.noise_std[i]
         full = len(samples) >= MOST_KEPT
         if found is None or not (found.certain or full):
             x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
             return shortened(state, samples) if full else state
         poles = admissible(setting, found.poles, samples)
         basis = Basis.on_model(setting, _nuisance(setting, begun_anew), poles)
-        return self._taken_up(state, basis, samples, found.noise_std)
+        rows = self._rows(x, stage, basis, samples)
+        unknowns, models = _fitted(basis, rows, samples)
+        constant, matrix = basis.physical
+        theta = constant + matrix @ unknowns
+        moments = rows.T @ rows / len(rows)
+        cov = _expected_covariance(basis, models, moments, found.noise_std**2, len(rows))[0]
+        a = slice(0, setting.n_poles)
+        near = np.all(np.isfinite(cov)) and np.all(
+            np.sqrt(np.diagonal(cov)[a]) < LINEAR * np.abs(theta[a])
+        )
+        if not near and not full:
+            x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
+            return state
+        tables = self._tables(basis, models, models, moments, found.noise_std**2)
+        return self._taken_up(state, basis, samples, tables, unknowns)
 
-    def _taken_up(self, state: State, basis: Basis, samples: Array, noise: Array) -> State:
+    def _taken_up(
+        self, state: State, basis: Basis, samples: Array, tables: Tables, unknowns: Array
+    ) -> State:
         """The kept samples on the bank of the model that was found in them."""
         old, stage = state
-        setting, blueprint = stage.setting, plan(basis)
-        rows = self._rows(old, stage, basis, samples)
-        unknowns, models = _fitted(basis, rows, samples)
-        rate = self.rate or _rate(basis, float(len(rows)))
-        moments = rows.T @ rows / len(rows)
-        weights = 1.0 / np.where(noise > 0, noise, 1.0) ** 2
-        tables = Tables(
-            models, models, weights / weights.mean(), moments, self.orthogonal, rate, False
-        )
-        blueprint = tables.written(basis, blueprint)
+        setting, count = stage.setting, float(len(samples))
+        rate = self.rate or _rate(basis, count)
+        assert tables.moments is not None
+        blueprint = replace(tables, rate=rate).written(basis, plan(basis))
         x = fresh(blueprint)
         _refer(old, x, blueprint)
         for i in range(setting.n_outputs):
-            x[watch_of(blueprint, i) + intake.SCALE] = noise[i]
-        write_moments(blueprint, x, moments, float(len(rows)))
+            was = watch_of(stage.blueprint, i) + intake.SCALE
+            x[watch_of(blueprint, i) + intake.SCALE] = old[was]
+        write_moments(blueprint, x, tables.moments, count)
         _put_unknowns(blueprint, x, unknowns)
         x[kernel.FROM] = np.inf
         run_kept(self, setting, blueprint, x, samples)
@@ -310,7 +323,7 @@ class Gradient(Estimator):
         _put_unknowns(blueprint, x, unknowns)
         _still_series(basis, blueprint, x)
         constant, matrix = basis.physical
-        first = np.concatenate([[float(len(samples))], constant + matrix @ unknowns])
+        first = np.concatenate([[count], constant + matrix @ unknowns])
         found = stage.but(
             blueprint=blueprint, poles=basis.filter_poles, past=(), searching=False,
             extra=_extra(first[None, :], rate, 0),
@@ -382,14 +395,13 @@ class Gradient(Estimator):
         return np.hstack([total, (weights * pairs[:, :, 1:]).sum(axis=1) / total]), 0.5 * rate
 
     def _tables(
-        self, basis: Basis, blueprint: Blueprint, x: Array, models: Array, signals: Array,
-        batches: Array, rate: float,
-    ) -> Tables:  # fmt: skip
-        weights = 1.0 / np.maximum(noise_of(blueprint, x), 1e-300)
+        self, basis: Basis, models: Array, signals: Array, moments: Array | None, noise: Array
+    ) -> Tables:
+        """Tables with neither a rate nor readiness yet."""
+        weights = 1.0 / np.maximum(noise, 1e-12 * max(float(noise.max()), 1e-280))
         return Tables(
-            models, signals, weights / weights.mean(), moments_of(blueprint, x), self.orthogonal,
-            rate, basis.adapted and len(batches) >= SURE,
-        )  # fmt: skip
+            models, signals, weights / weights.mean(), moments, self.orthogonal, 0.0, False
+        )
 
     def _again(
         self, state: State, basis: Basis, batches: Array, rate: float, periods: int
@@ -399,9 +411,12 @@ class Gradient(Estimator):
         blueprint = stage.blueprint
         models = models_of(basis, blueprint)
         signals = signals_of(basis, blueprint, x)[1]
-        tables = self._tables(basis, blueprint, x, models, signals, batches, rate)
+        tables = self._tables(
+            basis, models, signals, moments_of(blueprint, x), noise_of(blueprint, x)
+        )
+        ready = basis.adapted and len(batches) >= SURE
+        found = replace(tables, rate=rate, ready=ready).written(basis, blueprint)
         _expected(blueprint, x)
-        found = tables.written(basis, blueprint)
         return State(x, stage.but(blueprint=found, extra=_extra(batches, rate, periods)))
 
     def _moved(
@@ -423,9 +438,8 @@ class Gradient(Estimator):
         found[to : to + new.width] = move @ x[at : at + old.width]
         if found[intake.FIRST]:
             found[intake.FIRST] = new.poles.size
-        write_moments(
-            blueprint, found, move @ moments_of(was, x) @ move.T, float(x[kernel.MOMENTS])
-        )
+        moments = move @ moments_of(was, x) @ move.T
+        write_moments(blueprint, found, moments, float(x[kernel.MOMENTS]))
         parallel, working = (one @ move.T for one in signals_of(old, was, x))
         unknowns = new.unknowns_of(theta)
         models = _models(new, unknowns)
@@ -436,11 +450,8 @@ class Gradient(Estimator):
             models[:, -1] = working[:, -1]
         _put_parallel(new, blueprint, found, parallel)
         _put_unknowns(blueprint, found, unknowns)
-        tables = self._tables(new, blueprint, found, models, models, batches, rate)
-        tables = Tables(
-            tables.models, tables.signals, tables.weights, moments_of(blueprint, found),
-            self.orthogonal, rate, tables.ready,
-        )  # fmt: skip
+        tables = self._tables(new, models, models, moments, noise_of(was, x))
+        tables = replace(tables, rate=rate, ready=len(batches) >= SURE)
         blueprint = tables.written(new, blueprint)
         _expected(blueprint, found)
         _new_period(found, setting, rate, rested=False)
@@ -525,7 +536,10 @@ class Gradient(Estimator):
         used = _used(batches)
         theta = _average(batches)
         with one_blas_thread():
-            cov, condition = _expected_covariance(basis, blueprint, x, float(used[:, 0].sum()))
+            cov, condition = _expected_covariance(
+                basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x),
+                noise_of(blueprint, x), float(used[:, 0].sum()),
+            )  # fmt: skip
         if not np.all(np.isfinite(cov)) or not np.all(np.isfinite(theta)):
             raise not_ready(count, "do not determine the coefficients")
         if len(used) >= SCATTERED:
@@ -716,11 +730,9 @@ def _columns(old: Basis, new: Basis) -> Array:
 
 
 def _expected_covariance(
-    basis: Basis, blueprint: Blueprint, x: Array, count: float
+    basis: Basis, signals: Array, moments: Array, noise: Array, count: float
 ) -> tuple[Array, float]:
     """Covariance of least squares over so many samples, and the condition of its columns."""
-    moments, noise = moments_of(blueprint, x), noise_of(blueprint, x)
-    signals = signals_of(basis, blueprint, x)[1]
     p, k, offset = basis.setting.n_outputs, basis.unknowns, basis.nuisance.offset
     size = k + p * offset
     noise = np.maximum(noise, 1e-300)
