@@ -167,8 +167,9 @@ def rotate(
             d = x[at + i]
             new = d + w * xi * xi
             if new > TINY:
-                c = d / new
-                s = w * xi / new
+                inverse = 1.0 / new
+                c = d * inverse
+                s = w * xi * inverse
                 x[at + i] = new
                 w = w * c
                 for m in range(i + 1, n):
