@@ -98,12 +98,13 @@ from tridentify.online.result import assembled
 from tridentify.online.seam import Estimator, check_choice, kept_samples, not_ready
 from tridentify.online.search import (
     checked_start,
+    far_off,
     first_try,
     next_try,
     poles_of_start,
     search,
 )
-from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks
+from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
 from tridentify.online.state import Stage, State
 from tridentify.online.summary import carried, transfer
 from tridentify.transfer_function import TransferFunction
@@ -259,9 +260,9 @@ class Gradient(Estimator):
         """Length of the vector that goes with a blueprint."""
         return size_of(blueprint) if blueprint.poles.size else collecting(setting).size
 
-    def constants_for(self, blueprint: Blueprint, setting: Setting, interval: float) -> Array:
-        """``c`` for a sample that comes after another interval."""
-        return constants_for(blueprint, setting, interval)
+    def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
+        """``c`` for samples that come after other intervals."""
+        return constants_for(blueprint, setting, intervals)
 
     # ------------------------------------------------------------------------------- the slow clock
     def tick(self, state: State) -> State:
@@ -272,12 +273,9 @@ class Gradient(Estimator):
     def _search(self, state: State) -> State:
         x, stage = state
         setting = stage.setting
-        samples = kept_samples(state)
+        samples = far_off(setting, kept_samples(state))
         begun_anew = x[intake.COUNT] > len(samples)
         found = search(setting, samples, begun_anew)
-        if found is not None:
-            for i in range(setting.n_outputs):
-                x[watch_of(stage.blueprint, i) + intake.SCALE] = found.noise_std[i]
         full = len(samples) >= MOST_KEPT
         if found is None or not (found.certain or full):
             x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
@@ -298,12 +296,19 @@ class Gradient(Estimator):
             x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
             return state
         tables = self._tables(basis, models, models, moments, found.noise_std**2)
-        return self._taken_up(state, basis, samples, tables, unknowns)
+        begun = self._replayed(state, basis, samples, tables, unknowns, found.noise_std)
+        cleaned = without(samples, begun[1], setting.n_inputs)
+        if cleaned is None:
+            return begun[0]
+        unknowns, models = _fitted(basis, rows, cleaned)
+        tables = replace(tables, models=models, signals=models)
+        return self._replayed(state, basis, cleaned, tables, unknowns, found.noise_std)[0]
 
-    def _taken_up(
-        self, state: State, basis: Basis, samples: Array, tables: Tables, unknowns: Array
-    ) -> State:
-        """The kept samples on the bank of the model that was found in them."""
+    def _replayed(
+        self, state: State, basis: Basis, samples: Array, tables: Tables, unknowns: Array,
+        noise: Array,
+    ) -> tuple[State, NDArray[np.int64]]:  # fmt: skip
+        """The kept samples on the bank of the model that was found in them, and their flags."""
         old, stage = state
         setting, count = stage.setting, float(len(samples))
         rate = self.rate or _rate(basis, count)
@@ -312,12 +317,11 @@ class Gradient(Estimator):
         x = fresh(blueprint)
         _refer(old, x, blueprint)
         for i in range(setting.n_outputs):
-            was = watch_of(stage.blueprint, i) + intake.SCALE
-            x[watch_of(blueprint, i) + intake.SCALE] = old[was]
+            x[watch_of(blueprint, i) + intake.SCALE] = noise[i]
         write_moments(blueprint, x, tables.moments, count)
         _put_unknowns(blueprint, x, unknowns)
         x[kernel.FROM] = np.inf
-        run_kept(self, setting, blueprint, x, samples)
+        flags = run_kept(self, setting, blueprint, x, samples)
         take_clocks(old, stage.blueprint, x, blueprint, len(samples))
         x[intake.FILLED] = 0.0
         _put_unknowns(blueprint, x, unknowns)
@@ -330,7 +334,7 @@ class Gradient(Estimator):
         )  # fmt: skip
         calm(x, found)
         _new_period(x, setting, rate, rested=False)
-        return State(x, found)
+        return State(x, found), flags
 
     def _rows(self, old: Array, stage: Stage, basis: Basis, samples: Array) -> Array:
         """The row of each kept sample."""
@@ -342,7 +346,7 @@ class Gradient(Estimator):
         for k, after in enumerate(samples[:, 0].tolist()):
             c = blueprint.constants
             if k and abs(after - setting.dt) > 1e-9 * setting.dt:
-                c = constants_for(blueprint, setting, after)
+                c = constants_for(blueprint, setting, np.array([after]))[0]
             x[intake.INBOX : intake.INBOX + m] = samples[k, 1 : 1 + m]
             x[intake.INBOX + m : intake.INBOX + samples.shape[1] - 1] = samples[k, 1 + m :]
             gradient_step(blueprint.ints, c, x, after)
@@ -477,19 +481,21 @@ class Gradient(Estimator):
             return State(x, changed)
         if self.fixed or self.start is not None:
             return self._refreshed(State(x, changed))
-        blueprint = collecting(stage.setting)
-        anew = carried(stage.blueprint, x, blueprint)
-        for slot in (intake.FILLED, intake.SINCE, intake.FIRST, intake.EVENT, kernel.SUMMED):
-            anew[slot] = 0.0
-        anew[kernel.MOMENTS] = 0.0
+        if not stage.blueprint.poles.size:
+            return State(x, changed)
+        basis = Basis.of(stage.setting, stage.blueprint)
+        blueprint = replace(plan(basis, True), constants=stage.blueprint.constants.copy())
+        blueprint.constants[kernel.READY] = 0.0
+        blueprint.constants[kernel.RATE] = self.rate or _rate(basis, 0.0)
+        anew = fresh(blueprint)
+        head = int(blueprint.ints[intake.AT_CHUNK])
+        a, b = int(stage.blueprint.ints[intake.AT_WATCH]), int(blueprint.ints[intake.AT_WATCH])
+        anew[:head], anew[b:] = x[:head], x[a:]
+        anew[intake.FILLED] = anew[kernel.SUMMED] = 0.0
+        anew[kernel.FROM] = np.inf
         anew[intake.BORN] = x[intake.TIME] + stage.setting.dt
         anew[intake.TICK] = here + first_try(stage.setting)
-        return State(
-            anew,
-            changed.but(
-                blueprint=blueprint, past=(), searching=True, poles=blueprint.poles, extra=()
-            ),
-        )
+        return State(anew, changed.but(blueprint=blueprint, past=(), searching=True))
 
     def _refreshed(self, state: State) -> State:
         """From the present model, at the rate of the beginning."""
@@ -527,7 +533,9 @@ class Gradient(Estimator):
         setting, blueprint = stage.setting, stage.blueprint
         basis = Basis.of(setting, blueprint)
         batches = _read(stage)[0]
-        if x[kernel.SUMMED] > 0:
+        if not len(batches) and x[kernel.SUMMED] < basis.unknowns:
+            batches = _present(basis, blueprint, x)
+        elif x[kernel.SUMMED] > 0:
             theta, _ = _mean(basis, blueprint, x)
             row = np.concatenate([[x[kernel.SUMMED]], theta])[None, :]
             batches = np.vstack([batches.reshape(-1, row.size), row])
@@ -581,6 +589,17 @@ def _mean(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Array]:
     mean = x[at + k + 1 : at + 2 * k + 1] / max(float(x[kernel.SUMMED]), 1.0)
     constant, matrix = basis.physical
     return constant + matrix @ mean, mean
+
+
+def _present(basis: Basis, blueprint: Blueprint, x: Array) -> Array:
+    """The coefficients as they are, as one period; none before the step lengths are known."""
+    constant, matrix = basis.physical
+    if not blueprint.constants[kernel.KNOWN]:
+        return np.zeros((0, constant.size + 1))
+    at = int(blueprint.ints[kernel.X_SECOND])
+    remembered = 2.0 / float(blueprint.constants[kernel.RATE] * basis.setting.dt)
+    row = [min(float(x[intake.COUNT]), remembered)], constant + matrix @ x[at : at + basis.unknowns]
+    return np.concatenate(row)[None, :]
 
 
 def _used(batches: Array) -> Array:

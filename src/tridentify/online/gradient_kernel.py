@@ -31,7 +31,6 @@ from tridentify.online.intake import (
     COLUMNS,
     COUNT,
     EVENT,
-    FAR,
     FIRST,
     FITTED,
     FLAGS,
@@ -41,6 +40,7 @@ from tridentify.online.intake import (
     INBOX,
     INNOVATION,
     INPUTS,
+    LARGE,
     MOST_REFUSED,
     MOVED,
     NOT_EXCITED,
@@ -54,6 +54,7 @@ from tridentify.online.intake import (
     SINCE,
     SQUARES,
     TAKEN,
+    TOLD,
     WATCH,
     count,
     doubt,
@@ -77,9 +78,10 @@ Ints = NDArray[np.int64]
 RATE, KNOWN, READY, PACE = range(4, 8)
 
 # slots of x
-FROM, MOMENTS, SUMMED = 11, 12, 13
+FROM, MOMENTS, SUMMED = 13, 14, 15
 
 MEMORY = 6.0
+WHITE = 0.25
 
 
 @compiled("int64(int64[::1])")
@@ -194,12 +196,12 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
     x[w + INNOVATION] = error
     leverage = min(0.5 * step * k, 0.9)
     taken = x[w + TAKEN]
-    ready = c[READY] > 0.0 and taken > 5.0 * n + 30.0
+    ready = c[READY] > 0.0 and taken > 10.0 * n + 30.0 and leverage < WHITE
     known = x[w + SCALE] > 0.0
     if doubt(x, w, y, fitted, leverage, n):
         if int(x[FLAGS]) & OUTLIER:
             x[w + REFUSED] += 1.0
-            watch(ints, c, x, w, first, FAR if error > 0.0 else -FAR, ready)
+            watch(ints, c, x, w, first, TOLD if error > 0.0 else -TOLD, ready)
             if x[w + REFUSED] > MOST_REFUSED:
                 x[w + MOVED] = 1.0
         return error
@@ -207,7 +209,7 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
     v = error / np.sqrt(1.0 + leverage)
     if known:
         z = v / noise_scale(x, w)
-        watch(ints, c, x, w, first, min(max(z, -FAR), FAR), ready)
+        watch(ints, c, x, w, first, min(max(z, -LARGE), LARGE), ready)
     move(c, x, theta1, k1, phi1, t1 + k1 * n, taken, step, 1.0, y - parallel)
     if ints[SERIES]:
         move(c, x, theta3, k3, phi3, t3 + k3 * n, taken, step, 1.0, error)

@@ -308,10 +308,10 @@ def _reciprocal(values: Array) -> Array:
     return np.where(live, 1.0 / np.where(live, values, 1.0), 0.0)
 
 
-def plan(basis: Basis) -> Blueprint:
-    """The plan of the vector, with no tables yet."""
+def plan(basis: Basis, keep: bool = False) -> Blueprint:
+    """The plan of the vector, with no tables yet; ``keep``: samples are kept."""
     setting, nuisance = basis.setting, basis.nuisance
-    base = parallel(setting, basis.poles, nuisance, False, 1.0, 0)
+    base = parallel(setting, basis.poles, nuisance, keep, 1.0, 0)
     p, n = setting.n_outputs, base.n_columns
     ints = base.ints
     k1 = basis.parallel.shape[0]
