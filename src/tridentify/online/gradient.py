@@ -38,15 +38,17 @@ their members do are left slow.
 rate`` seconds. The mean over many time constants is as good as least squares (Polyak & Juditsky
 1992). Step 2's coefficients are averaged over periods of six time constants. If ``rate`` is not
 given the clock slows down: when there are sixteen periods they are joined two by two, the period
-doubles and the rate is halved, so that the gain falls like ``1 / t`` and the estimate, the mean over
-all but the oldest quarter (and the first two periods), converges. A ``rate`` that is given stays, and the mean is over the last
-eight periods: that is for coefficients that move.
+doubles and the rate is halved, so that the gain falls like ``1 / t`` and the estimate, the mean
+over all but the oldest quarter (and the first two periods), converges. A ``rate`` that is given
+stays, and the mean is over the last six periods: that is for coefficients that move. One over the
+rate should be many samples for each unknown; a rate near one over the sampling interval is stable
+but biased, as Step 2 then works on the noise that Step 3 has followed.
 
-*Standard errors* are those of the scatter of ten or more periods (batch means), widened by Student's
-distribution; with fewer they are those of least squares over the samples averaged, for white noise.
-Neither tells of a bias or a lag: what a convergence that is not complete leaves, or coefficients
-that move. The regressors of Step 2 hold what noise the weights of Step 3 carry: a bias of second
-order, which shrinks with the rate.
+*Standard errors* are those of the scatter of ten or more periods (batch means), widened by
+Student's distribution; with fewer they are those of least squares over the samples averaged, for
+white noise. Neither tells of a bias or a lag: what a convergence that is not complete leaves, or
+coefficients that move. The regressors of Step 2 hold what noise the weights of Step 3 carry: a bias
+of second order, which shrinks with the rate.
 
 References
 ----------
@@ -63,13 +65,12 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, UnsupportedError, shown
 from tridentify.estimate import Estimate, Status, Trace
 from tridentify.methods.filtered import checked_filter
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.realization import denominator, sort_poles
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online import gradient_kernel as kernel
 from tridentify.online import intake
@@ -82,16 +83,41 @@ from tridentify.online.blueprint import (
     fresh,
     watch_of,
 )
-from tridentify.online.gradient_kernel import MEMORY, gradient_run, gradient_step
+from tridentify.online.gradient_kernel import gradient_run, gradient_step
+from tridentify.online.gradient_periods import (
+    SURE,
+    average,
+    begin_period,
+    coefficients_of,
+    columns_between,
+    expected_covariance,
+    first_rate,
+    fitted_to,
+    mean_of,
+    near_enough,
+    outputs_of,
+    present,
+    samples_of_period,
+    scatter,
+    stable_poles,
+    used_of,
+)
 from tridentify.online.gradient_plan import (
     Basis,
     Tables,
-    inverse_of,
-    moments_of,
     plan,
-    signals_of,
     size_of,
-    without_constant,
+)
+from tridentify.online.gradient_vector import (
+    as_expected,
+    models_of,
+    moments_of,
+    noise_of,
+    put_parallel,
+    put_unknowns,
+    refer,
+    signals_of,
+    still_series,
     write_moments,
 )
 from tridentify.online.result import assembled
@@ -106,25 +132,18 @@ from tridentify.online.search import (
 )
 from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
 from tridentify.online.state import Stage, State
-from tridentify.online.summary import carried, transfer
+from tridentify.online.summary import carried
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 
 MOST_KEPT = 2000
 ALARM_LASTS = 200
-PER_UNKNOWN, SLOWER = 10, 4.0
 WARM_UP = 10
 MOST_PERIODS, FIXED_PERIODS = 16, 8
 SCATTERED = 10
-SURE = 4
-FIRST = 2
 LINEAR = 0.1
-SMALL = 0.1
 SETTLING = 2
-DEGENERATE = 1e-13
-FASTEST, BELOW_NYQUIST, LEAST_DAMPED = 20.0, 0.98, 1e-6
-ROUNDING = 1e-12
 
 
 @dataclass(frozen=True)
@@ -222,7 +241,7 @@ class Gradient(Estimator):
             return self._begun(basis, np.zeros(basis.unknowns))
         poles = poles_of_start(self.start, setting)
         basis = Basis.on_model(setting, nuisance, poles)
-        return self._begun(basis, basis.unknowns_of(_coefficients(self.start, setting)))
+        return self._begun(basis, basis.unknowns_of(coefficients_of(self.start, setting)))
 
     def _paper_basis(self, setting: Setting, nuisance: Nuisance) -> Basis:
         n, gamma = setting.n_poles, self.gamma
@@ -244,15 +263,15 @@ class Gradient(Estimator):
         """With nothing known of the input."""
         setting = basis.setting
         blueprint = plan(basis)
-        rate = self.rate or _rate(basis, 0.0)
-        models = _models(basis, unknowns)
+        rate = self.rate or first_rate(basis, 0.0)
+        models = outputs_of(basis, unknowns)
         tables = self._tables(basis, models, models, None, np.ones(setting.n_outputs))
         quick = max(rate, 1.0 / (WARM_UP * setting.dt))
         blueprint = replace(tables, rate=quick).written(basis, blueprint)
         x = fresh(blueprint)
         x[kernel.FROM] = np.inf
         x[intake.TICK] = setting.late + WARM_UP * (basis.unknowns + setting.n_inputs)
-        _put_unknowns(blueprint, x, unknowns)
+        put_unknowns(blueprint, x, unknowns)
         stage = Stage(self, setting, blueprint, basis.filter_poles, searching=False)
         return State(x, stage.but(extra=_extra(np.zeros((0, 0)), rate, 0)))
 
@@ -283,11 +302,11 @@ class Gradient(Estimator):
         poles = admissible(setting, found.poles, samples)
         basis = Basis.on_model(setting, _nuisance(setting, begun_anew), poles)
         rows = self._rows(x, stage, basis, samples)
-        unknowns, models = _fitted(basis, rows, samples)
+        unknowns, models = fitted_to(basis, rows, samples)
         constant, matrix = basis.physical
         theta = constant + matrix @ unknowns
         moments = rows.T @ rows / len(rows)
-        cov = _expected_covariance(basis, models, moments, found.noise_std**2, len(rows))[0]
+        cov = expected_covariance(basis, models, moments, found.noise_std**2, len(rows))[0]
         a = slice(0, setting.n_poles)
         near = np.all(np.isfinite(cov)) and np.all(
             np.sqrt(np.diagonal(cov)[a]) < LINEAR * np.abs(theta[a])
@@ -300,7 +319,7 @@ class Gradient(Estimator):
         cleaned = without(samples, begun[1], setting.n_inputs)
         if cleaned is None:
             return begun[0]
-        unknowns, models = _fitted(basis, rows, cleaned)
+        unknowns, models = fitted_to(basis, rows, cleaned)
         tables = replace(tables, models=models, signals=models)
         return self._replayed(state, basis, cleaned, tables, unknowns, found.noise_std)[0]
 
@@ -311,21 +330,21 @@ class Gradient(Estimator):
         """The kept samples on the bank of the model that was found in them, and their flags."""
         old, stage = state
         setting, count = stage.setting, float(len(samples))
-        rate = self.rate or _rate(basis, count)
+        rate = self.rate or first_rate(basis, count)
         assert tables.moments is not None
         blueprint = replace(tables, rate=rate).written(basis, plan(basis))
         x = fresh(blueprint)
-        _refer(old, x, blueprint)
+        refer(old, x, blueprint)
         for i in range(setting.n_outputs):
             x[watch_of(blueprint, i) + intake.SCALE] = noise[i]
         write_moments(blueprint, x, tables.moments, count)
-        _put_unknowns(blueprint, x, unknowns)
+        put_unknowns(blueprint, x, unknowns)
         x[kernel.FROM] = np.inf
         flags = run_kept(self, setting, blueprint, x, samples)
         take_clocks(old, stage.blueprint, x, blueprint, len(samples))
         x[intake.FILLED] = 0.0
-        _put_unknowns(blueprint, x, unknowns)
-        _still_series(basis, blueprint, x)
+        put_unknowns(blueprint, x, unknowns)
+        still_series(basis, blueprint, x)
         constant, matrix = basis.physical
         first = np.concatenate([[count], constant + matrix @ unknowns])
         found = stage.but(
@@ -333,14 +352,14 @@ class Gradient(Estimator):
             extra=_extra(first[None, :], rate, 0),
         )  # fmt: skip
         calm(x, found)
-        _new_period(x, setting, rate, rested=False)
+        begin_period(x, setting, rate, rested=False)
         return State(x, found), flags
 
     def _rows(self, old: Array, stage: Stage, basis: Basis, samples: Array) -> Array:
         """The row of each kept sample."""
         setting, blueprint = stage.setting, plan(basis)
         x = fresh(blueprint)
-        _refer(old, x, blueprint)
+        refer(old, x, blueprint)
         n, at, m = blueprint.n_columns, int(blueprint.ints[intake.AT_ROW]), setting.n_inputs
         rows = np.zeros((len(samples), n))
         for k, after in enumerate(samples[:, 0].tolist()):
@@ -360,31 +379,31 @@ class Gradient(Estimator):
         batches, rate, periods = _read(stage)
         basis = Basis.of(setting, blueprint)
         if not blueprint.constants[kernel.KNOWN]:
-            _new_period(x, setting, rate, rested=False)
+            begin_period(x, setting, rate, rested=False)
             return self._again(State(x, stage), basis, batches, rate, 0)
         if x[kernel.FROM] == np.inf:
-            _new_period(x, setting, rate, rested=True)
+            begin_period(x, setting, rate, rested=True)
             return self._again(State(x, stage), basis, batches, rate, periods)
-        if x[kernel.SUMMED] < 0.5 * _share(setting, rate):
-            x[intake.TICK] = x[intake.COUNT] + np.ceil(0.5 * _share(setting, rate))
+        if x[kernel.SUMMED] < 0.5 * samples_of_period(setting, rate):
+            x[intake.TICK] = x[intake.COUNT] + np.ceil(0.5 * samples_of_period(setting, rate))
             return state
-        theta, mean = _mean(basis, blueprint, x)
+        theta, mean = mean_of(basis, blueprint, x)
         if not basis.adapted and periods + 1 < SETTLING:
-            _new_period(x, setting, rate, rested=False)
+            begin_period(x, setting, rate, rested=False)
             return self._again(state, basis, batches, rate, periods + 1)
         if basis.adapted:
             row = np.concatenate([[x[kernel.SUMMED]], theta])[None, :]
             batches = np.vstack([batches.reshape(-1, row.size), row])
             batches, rate = self._joined(batches, rate)
-        target = theta if len(batches) < 2 * SURE else _average(batches)
+        target = theta if len(batches) < 2 * SURE else average(batches)
         if not np.all(np.isfinite(target)):
             target = theta
-        poles = _stable(target[: setting.n_poles], setting)
-        if poles is None or (basis.adapted and _near(poles, basis, batches)):
-            _new_period(x, setting, rate, rested=True)
+        poles = stable_poles(target[: setting.n_poles], setting)
+        if poles is None or (basis.adapted and near_enough(poles, basis, batches)):
+            begin_period(x, setting, rate, rested=True)
             return self._again(state, basis, batches, rate, periods + 1)
         new = Basis.on_model(setting, blueprint.nuisance, poles)
-        target = np.concatenate([_polynomial(poles), target[setting.n_poles :]])
+        target = np.concatenate([denominator(poles)[1:], target[setting.n_poles :]])
         return self._moved(state, basis, new, target, mean, (batches, rate, periods + 1))
 
     def _joined(self, batches: Array, rate: float) -> tuple[Array, float]:
@@ -420,7 +439,7 @@ class Gradient(Estimator):
         )
         ready = basis.adapted and len(batches) >= SURE
         found = replace(tables, rate=rate, ready=ready).written(basis, blueprint)
-        _expected(blueprint, x)
+        as_expected(blueprint, x)
         return State(x, stage.but(blueprint=found, extra=_extra(batches, rate, periods)))
 
     def _moved(
@@ -437,7 +456,7 @@ class Gradient(Estimator):
             a, b = int(was.ints[intake.AT_WATCH]), int(blueprint.ints[intake.AT_WATCH])
             size = setting.n_outputs * int(was.ints[intake.WATCH])
             found[b : b + size] = x[a : a + size]
-        move = _columns(old, new)
+        move = columns_between(old, new)
         at, to = int(was.ints[intake.AT_ROW]), int(blueprint.ints[intake.AT_ROW])
         found[to : to + new.width] = move @ x[at : at + old.width]
         if found[intake.FIRST]:
@@ -446,19 +465,19 @@ class Gradient(Estimator):
         write_moments(blueprint, found, moments, float(x[kernel.MOMENTS]))
         parallel, working = (one @ move.T for one in signals_of(old, was, x))
         unknowns = new.unknowns_of(theta)
-        models = _models(new, unknowns)
+        models = outputs_of(new, unknowns)
         if new.nuisance.free:
             impulse = slice(0, new.kept)
             models[:, impulse] = working[:, impulse]
         if new.nuisance.offset:
             models[:, -1] = working[:, -1]
-        _put_parallel(new, blueprint, found, parallel)
-        _put_unknowns(blueprint, found, unknowns)
+        put_parallel(new, blueprint, found, parallel)
+        put_unknowns(blueprint, found, unknowns)
         tables = self._tables(new, models, models, moments, noise_of(was, x))
         tables = replace(tables, rate=rate, ready=len(batches) >= SURE)
         blueprint = tables.written(new, blueprint)
-        _expected(blueprint, found)
-        _new_period(found, setting, rate, rested=False)
+        as_expected(blueprint, found)
+        begin_period(found, setting, rate, rested=False)
         return State(
             found,
             stage.but(
@@ -486,7 +505,7 @@ class Gradient(Estimator):
         basis = Basis.of(stage.setting, stage.blueprint)
         blueprint = replace(plan(basis, True), constants=stage.blueprint.constants.copy())
         blueprint.constants[kernel.READY] = 0.0
-        blueprint.constants[kernel.RATE] = self.rate or _rate(basis, 0.0)
+        blueprint.constants[kernel.RATE] = self.rate or first_rate(basis, 0.0)
         anew = fresh(blueprint)
         head = int(blueprint.ints[intake.AT_CHUNK])
         a, b = int(stage.blueprint.ints[intake.AT_WATCH]), int(blueprint.ints[intake.AT_WATCH])
@@ -503,8 +522,8 @@ class Gradient(Estimator):
         basis = Basis.of(stage.setting, stage.blueprint)
         if not stage.blueprint.constants[kernel.KNOWN]:
             return state
-        rate = self.rate or _rate(basis, 0.0)
-        _new_period(x, stage.setting, rate, rested=False)
+        rate = self.rate or first_rate(basis, 0.0)
+        begin_period(x, stage.setting, rate, rested=False)
         with one_blas_thread():
             return self._again(State(x, stage), basis, np.zeros((0, 0)), rate, 0)
 
@@ -534,91 +553,30 @@ class Gradient(Estimator):
         basis = Basis.of(setting, blueprint)
         batches = _read(stage)[0]
         if not len(batches) and x[kernel.SUMMED] < basis.unknowns:
-            batches = _present(basis, blueprint, x)
+            batches = present(basis, blueprint, x)
         elif x[kernel.SUMMED] > 0:
-            theta, _ = _mean(basis, blueprint, x)
+            theta, _ = mean_of(basis, blueprint, x)
             row = np.concatenate([[x[kernel.SUMMED]], theta])[None, :]
             batches = np.vstack([batches.reshape(-1, row.size), row])
         if not basis.adapted or not len(batches) or batches[:, 0].sum() < basis.unknowns:
             raise not_ready(count, "are too few for the gradient rule to come to rest")
-        used = _used(batches)
-        theta = _average(batches)
+        used = used_of(batches)
+        theta = average(batches)
         with one_blas_thread():
-            cov, condition = _expected_covariance(
+            cov, condition = expected_covariance(
                 basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x),
                 noise_of(blueprint, x), float(used[:, 0].sum()),
             )  # fmt: skip
         if not np.all(np.isfinite(cov)) or not np.all(np.isfinite(theta)):
             raise not_ready(count, "do not determine the coefficients")
         if len(used) >= SCATTERED:
-            cov = _scatter(used)
+            cov = scatter(used)
         noise = noise_of(blueprint, x)
         notes = (f"mean over {len(used)} periods", f"rate {blueprint.constants[kernel.RATE]:.3g}")
         trace = Trace((), (), notes, "gradient rule")
         return assembled(
             setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name, condition
         )
-
-
-# ------------------------------------------------------------------------------------ the periods
-def _rate(basis: Basis, searched: float) -> float:
-    """Where the rate begins [1/s]: slower than the slowest pole, with samples for each unknown."""
-    dt = basis.setting.dt
-    few = PER_UNKNOWN * basis.unknowns * dt
-    slow = SLOWER / float(np.min(np.abs(basis.filter_poles)))
-    most = max(searched, 2.0 * PER_UNKNOWN * basis.unknowns) * dt
-    return 1.0 / max(few, 0.25 * searched * dt, min(slow, most))
-
-
-def _share(setting: Setting, rate: float) -> float:
-    """Samples of a period."""
-    return max(float(np.ceil(MEMORY / (rate * setting.dt))), 8.0)
-
-
-def _new_period(x: Array, setting: Setting, rate: float, *, rested: bool) -> None:
-    """Begin to average: at once, or where models begin anew after half of a period."""
-    length = _share(setting, rate)
-    x[intake.TICK] = x[intake.COUNT] + np.ceil(length if rested else 0.5 * length)
-    x[kernel.FROM] = x[intake.COUNT] if rested else np.inf
-    x[kernel.SUMMED] = 0.0
-
-
-def _mean(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Array]:
-    """Mean of the coefficients, and of the unknowns, over the present period."""
-    at, k = int(blueprint.ints[kernel.X_SECOND]), basis.unknowns
-    mean = x[at + k + 1 : at + 2 * k + 1] / max(float(x[kernel.SUMMED]), 1.0)
-    constant, matrix = basis.physical
-    return constant + matrix @ mean, mean
-
-
-def _present(basis: Basis, blueprint: Blueprint, x: Array) -> Array:
-    """The coefficients as they are, as one period; none before the step lengths are known."""
-    constant, matrix = basis.physical
-    if not blueprint.constants[kernel.KNOWN]:
-        return np.zeros((0, constant.size + 1))
-    at = int(blueprint.ints[kernel.X_SECOND])
-    remembered = 2.0 / float(blueprint.constants[kernel.RATE] * basis.setting.dt)
-    row = [min(float(x[intake.COUNT]), remembered)], constant + matrix @ x[at : at + basis.unknowns]
-    return np.concatenate(row)[None, :]
-
-
-def _used(batches: Array) -> Array:
-    """All periods but the oldest quarter, and the first two."""
-    return batches[max(len(batches) // 4, min(FIRST, len(batches) - 1)) :]
-
-
-def _average(batches: Array) -> Array:
-    used = _used(batches)
-    return np.asarray(used[:, 0] @ used[:, 1:] / used[:, 0].sum())
-
-
-def _scatter(used: Array) -> Array:
-    """Covariance of the mean from the scatter of the periods."""
-    weights = used[:, 0] / used[:, 0].sum()
-    off = used[:, 1:] - weights @ used[:, 1:]
-    k = len(used)
-    widened = float(scipy.stats.t.ppf(0.975, k - 1) / scipy.stats.norm.ppf(0.975))
-    return np.asarray(widened**2 * (off.T * weights) @ off / (k - 1))
 
 
 def _extra(batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
@@ -630,208 +588,9 @@ def _read(stage: Stage) -> tuple[Array, float, int]:
     return flat.reshape(-1, len(stage.setting.names) + 1), float(rate), int(periods)
 
 
-# ------------------------------------------------------------------------------------- the model
-def _models(basis: Basis, unknowns: Array) -> Array:
-    outputs = range(basis.setting.n_outputs)
-    return np.array([basis.output_of(i, unknowns) for i in outputs])
-
-
-def models_of(basis: Basis, blueprint: Blueprint) -> Array:
-    """(n_outputs, n) the rows ``t_0`` of a blueprint."""
-    ints, n = blueprint.ints, blueprint.n_columns
-    k1 = int(ints[kernel.PARALLEL_UNKNOWNS])
-    found = np.zeros((basis.setting.n_outputs, n))
-    for i in range(len(found)):
-        at = int(ints[kernel.C_FITS]) + i * kernel.fits_stride(ints) + k1 * (n + k1)
-        found[i] = blueprint.constants[at : at + n]
-    return found
-
-
-def noise_of(blueprint: Blueprint, x: Array) -> Array:
-    """(n_outputs,) variance of the noise: of the innovations, less what the weights add."""
-    ints, c = blueprint.ints, blueprint.constants
-    p = int(ints[intake.OUTPUTS])
-    k = int(ints[kernel.SERIES_UNKNOWNS] if ints[kernel.SERIES] else ints[kernel.PARALLEL_UNKNOWNS])
-    added = 1.0 + min(0.5 * float(c[kernel.RATE] * c[intake.INTERVAL]) * k, 0.9)
-    found = np.zeros(p)
-    for i in range(p):
-        w = watch_of(blueprint, i)
-        found[i] = x[w + intake.SQUARES] / max(float(x[w + intake.WEIGHT]), 1.0) / added
-    return found
-
-
-def _fitted(basis: Basis, rows: Array, samples: Array) -> tuple[Array, Array]:
-    """``b``, free response and constant by least squares for given poles."""
-    setting = basis.setting
-    unknowns = np.zeros(basis.unknowns)
-    models = np.zeros((setting.n_outputs, basis.width))
-    for i in range(setting.n_outputs):
-        y = samples[:, 1 + setting.n_inputs + i]
-        good = (np.abs(y) < intake.LARGEST) & np.any(rows != 0, axis=1)
-        table = basis.numerators(i)
-        if basis.nuisance.offset:
-            table = np.vstack([table, basis.at(basis.width - 1)])
-        columns = rows[good] @ table.T
-        sizes = np.linalg.norm(columns, axis=0)
-        sizes = np.where(sizes > 0, sizes, 1.0)
-        weights = np.linalg.lstsq(columns / sizes, y[good], rcond=None)[0] / sizes
-        place = basis.n_poles + i * basis.own
-        unknowns[place : place + basis.own] = weights[: basis.own]
-        models[i] = weights @ table
-    return unknowns, models
-
-
-def _coefficients(start: TransferFunction, setting: Setting) -> Array:
-    """Coefficients of a model that was given, on the orders that are asked for."""
-    den = np.asarray(start.den[0][0], dtype=np.float64)
-    parts = [den[1:] / den[0]]
-    for i, row in enumerate(setting.zeros):
-        for j, m in enumerate(row):
-            try:
-                num = np.trim_zeros(np.asarray(start.num[i][j], dtype=np.float64), "f") / den[0]
-            except IndexError:
-                num = np.zeros(m + 2)
-            if num.size > m + 1:
-                raise OptionError(
-                    f"found a start with other channels or more than {m} zeros; expected those of "
-                    "the structure; give another model, or leave start out"
-                )
-            parts.append(np.pad(num, (m + 1 - num.size, 0)))
-    return np.concatenate(parts)
-
-
-def _stable(a: Array, setting: Setting) -> Complex | None:
-    """Roots of a denominator, reflected and held where samples can show them."""
-    if not np.all(np.isfinite(a)):
-        return None
-    n = a.size
-    unit = max(float(np.max(np.abs(a) ** (1.0 / np.arange(1, n + 1)))), 1e-300)
-    scaled = np.concatenate([[1.0], a / unit ** np.arange(1, n + 1)])
-    poles = unit * np.roots(scaled).astype(np.complex128)
-    if poles.size != n or not np.all(np.isfinite(poles)):
-        return None
-    poles = poles * np.minimum(1.0, FASTEST / setting.dt / np.maximum(np.abs(poles), 1e-300))
-    limit = BELOW_NYQUIST * np.pi / setting.dt
-    imag = np.clip(poles.imag, -limit, limit)
-    least = np.maximum(LEAST_DAMPED * np.abs(imag), 1e-6 * float(np.max(np.abs(poles))))
-    return sort_poles(-np.maximum(np.abs(poles.real), least) + 1j * imag)
-
-
-def _polynomial(poles: Complex) -> Array:
-    return np.asarray(np.poly(poles).real[1:], dtype=np.float64)
-
-
-def _near(poles: Complex, basis: Basis, batches: Array) -> bool:
-    """Whether a move of the poles may be left out: its square is far below the standard error."""
-    old = basis.filter_poles
-    rates = np.maximum(-old.real, LEAST_DAMPED * np.abs(old))
-    distance = float(np.max(np.abs(poles - old) / rates))
-    if distance < ROUNDING:
-        return True
-    used = _used(batches)
-    if len(used) < SURE:
-        return False
-    n = basis.n_poles
-    std = np.sqrt(np.diagonal(_scatter(used)))[:n]
-    sizes = np.maximum(np.abs(_average(batches)[:n]), 1e-300)
-    return distance**2 < SMALL * float(np.min(std / sizes))
-
-
-def _columns(old: Basis, new: Basis) -> Array:
-    """(n', n) what takes a row on the columns of one bank to those of another."""
-    move = transfer(old.bank, new.bank)
-    found = np.zeros((new.width, old.width))
-    for j in range(-int(old.nuisance.free), old.setting.n_inputs):
-        found[new.channel(j), old.channel(j)] = move
-    rest = old.width - old.direct(0)
-    found[new.width - rest :, old.width - rest :] = np.eye(rest)
-    return found
-
-
-def _expected_covariance(
-    basis: Basis, signals: Array, moments: Array, noise: Array, count: float
-) -> tuple[Array, float]:
-    """Covariance of least squares over so many samples, and the condition of its columns."""
-    p, k, offset = basis.setting.n_outputs, basis.unknowns, basis.nuisance.offset
-    size = k + p * offset
-    noise = np.maximum(noise, 1e-300)
-    total = np.zeros((size, size))
-    for i in range(p):
-        table = np.zeros((size, basis.width))
-        table[:k] = basis.second(i, without_constant(basis, signals[i]))
-        if offset:
-            table[k + i, -1] = 1.0
-        total += table @ moments @ table.T / noise[i]
-    means = np.diagonal(total)
-    live = means > 1e-24 * max(float(means.max()), 1e-300)
-    live &= means > 0
-    root = np.where(live, 1.0 / np.sqrt(np.where(live, means, 1.0)), 0.0)
-    scaled = (total * root[:, None] * root)[np.ix_(live, live)]
-    values = np.linalg.eigvalsh(scaled) if scaled.size else np.zeros(1)
-    if not live[: basis.n_poles].all() or values[0] < DEGENERATE:
-        return np.full((1, 1), np.nan), np.inf
-    inverse = np.zeros((k, k))
-    inside = np.flatnonzero(live)
-    whole = inverse_of(total[np.ix_(live, live)], DEGENERATE)
-    own = inside < k
-    inverse[np.ix_(inside[own], inside[own])] = whole[np.ix_(own, own)] / count
-    matrix = basis.physical[1]
-    return matrix @ inverse @ matrix.T, float(np.sqrt(values[-1] / values[0]))
-
-
-# ------------------------------------------------------------------------------------ the vector
 def _nuisance(setting: Setting, restarted: bool) -> Nuisance:
     found = Nuisance.of(setting.structure, restarted)
     return Nuisance(found.free, found.offset, False)
-
-
-def _refer(old: Array, x: Array, blueprint: Blueprint) -> None:
-    """The trim input, where samples begin in the middle."""
-    ints = blueprint.ints
-    if ints[intake.EQUILIBRIUM] and ints[intake.FREE]:
-        at, m = int(ints[intake.AT_REFERENCE]), int(ints[intake.INPUTS])
-        x[at : at + m] = old[at : at + m]
-        x[intake.COUNT] = 1.0
-
-
-def _put_unknowns(blueprint: Blueprint, x: Array, unknowns: Array) -> None:
-    """Step 2 begins at a model."""
-    at, k = int(blueprint.ints[kernel.X_SECOND]), unknowns.size
-    x[at : at + k] = unknowns
-    x[at + k : at + 2 * k + 1] = 0.0
-    _expected(blueprint, x)
-
-
-def _expected(blueprint: Blueprint, x: Array) -> None:
-    """The means of ``phi' P phi`` are what they ought to be; sums begin anew."""
-    ints = blueprint.ints
-    k1, k3 = int(ints[kernel.PARALLEL_UNKNOWNS]), int(ints[kernel.SERIES_UNKNOWNS])
-    p, at = int(ints[intake.OUTPUTS]), int(ints[kernel.X_FITS])
-    for i in range(p):
-        x[at + i * (k1 + k3 + 2) + k1] = k1
-        x[at + i * (k1 + k3 + 2) + k1 + k3 + 1] = k3
-    k = int(ints[kernel.POLES] + p * ints[kernel.OWN])
-    at = int(ints[kernel.X_SECOND])
-    x[at + k] = k / p
-    x[at + k + 1 : at + 2 * k + 1] = 0.0
-
-
-def _still_series(basis: Basis, blueprint: Blueprint, x: Array) -> None:
-    """``beta = (1, 0, ..., 0)``."""
-    ints = blueprint.ints
-    k1, k3 = int(ints[kernel.PARALLEL_UNKNOWNS]), int(ints[kernel.SERIES_UNKNOWNS])
-    for i in range(basis.setting.n_outputs):
-        at = int(ints[kernel.X_FITS]) + i * (k1 + k3 + 2) + k1 + 1
-        x[at : at + k3] = 0.0
-
-
-def _put_parallel(basis: Basis, blueprint: Blueprint, x: Array, signals: Array) -> None:
-    """The weights of the parallel model whose output is a row, as far as it can be."""
-    ints = blueprint.ints
-    k1, k3 = int(ints[kernel.PARALLEL_UNKNOWNS]), int(ints[kernel.SERIES_UNKNOWNS])
-    for i, signal in enumerate(signals):
-        at = int(ints[kernel.X_FITS]) + i * (k1 + k3 + 2)
-        x[at : at + k1] = basis.parallel @ signal
 
 
 def _check_above_zero(name: str, value: object, unit: str) -> None:

@@ -45,7 +45,6 @@ from tridentify.online.intake import (
     MOVED,
     NOT_EXCITED,
     NOT_READY,
-    OFFSET,
     ORDER,
     OUTLIER,
     OUTPUTS,
@@ -88,7 +87,7 @@ WHITE = 0.25
 def fits_stride(ints: Ints) -> int:
     """Numbers in ``c`` for the fits of one output."""
     n, k1, k3 = ints[COLUMNS], ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS]
-    return k1 * (n + k1) + n + k3 * (n + k3) + ints[OWN] * n + 1
+    return int(k1 * (n + k1) + n + k3 * (n + k3) + ints[OWN] * n + 1)
 
 
 @compiled("void(float64[::1], float64[::1], int64, int64, int64, int64, int64, int64)")
@@ -204,7 +203,7 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
             watch(ints, c, x, w, first, TOLD if error > 0.0 else -TOLD, ready)
             if x[w + REFUSED] > MOST_REFUSED:
                 x[w + MOVED] = 1.0
-        return error
+        return float(error)
     x[w + REFUSED] = 0.0
     v = error / np.sqrt(1.0 + leverage)
     if known:
@@ -216,7 +215,7 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
     kept = 1.0 - min(step / MEMORY, 0.5)
     x[w + SQUARES] = kept * x[w + SQUARES] + error * error
     learn(x, w, y, v, kept)
-    return error
+    return float(error)
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], int64)")
@@ -284,9 +283,7 @@ def second(
     regressors(c, x, t2, ints[OWN], n, first, row, psi + poles + output * ints[OWN])
     error = monic - inner(x, ints[X_SECOND], psi, unknowns)
     weight = c[t2 + ints[OWN] * n]
-    move(
-        c, x, ints[X_SECOND], unknowns, psi, drive + d * q, x[MOMENTS], step, weight, error
-    )
+    move(c, x, ints[X_SECOND], unknowns, psi, drive + d * q, x[MOMENTS], step, weight, error)
 
 
 @compiled("void(int64[::1], float64[::1], int64)")

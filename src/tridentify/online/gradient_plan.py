@@ -1,8 +1,8 @@
 """Where the three models of the gradient rule stand, and the tables that say what they are.
 
 All tables are rows on the columns of Step 1: states of the bank, inputs, constant
-(`online.parallel_kernel`). A basis is either the fixed one of the paper, ``n`` Laguerre functions
-and a filter ``c`` beside them, or the adapted one, the poles of the model three times with ``c = a``:
+(`online.parallel_kernel`). A basis is either the fixed one of the paper, Laguerre functions and a
+filter ``c`` beside them, or the adapted one, the poles of the model three times with ``c = a``:
 twice for the output of the parallel and of the series model, once more for the filter behind it.
 """
 
@@ -419,43 +419,3 @@ class Tables:
         if self.moments is None:
             return np.eye(len(table))
         return gains(table, self.moments, self.orthogonal)
-
-
-def moments_of(blueprint: Blueprint, x: Array) -> Array:
-    """(n, n) mean of ``z z'``."""
-    n, at = blueprint.n_columns, int(blueprint.ints[kernel.X_MOMENTS])
-    found = np.zeros((n, n))
-    found[np.tril_indices(n)] = x[at : at + n * (n + 1) // 2]
-    return found + np.tril(found, -1).T
-
-
-def write_moments(blueprint: Blueprint, x: Array, moments: Array, count: float) -> None:
-    """Put the mean of ``z z'`` over ``count`` samples into a vector."""
-    n, at = blueprint.n_columns, int(blueprint.ints[kernel.X_MOMENTS])
-    x[at : at + n * (n + 1) // 2] = moments[np.tril_indices(n)]
-    x[kernel.MOMENTS] = count
-
-
-def signals_of(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Array]:
-    """(n_outputs, n) rows of the parallel model and of the one that Step 2 works on, constants too.
-
-    Parameters
-    ----------
-    basis : Basis
-    blueprint : Blueprint
-    x : array
-    """
-    ints, c, n = blueprint.ints, blueprint.constants, blueprint.n_columns
-    k1, k3 = int(ints[kernel.PARALLEL_UNKNOWNS]), int(ints[kernel.SERIES_UNKNOWNS])
-    first = np.zeros((basis.setting.n_outputs, n))
-    working = np.zeros_like(first)
-    for i in range(len(first)):
-        base = int(ints[kernel.C_FITS]) + i * kernel.fits_stride(ints)
-        at = int(ints[kernel.X_FITS]) + i * (k1 + k3 + 2)
-        first[i] = x[at : at + k1] @ basis.parallel
-        working[i] = first[i]
-        if basis.adapted:
-            t0 = base + k1 * (n + k1)
-            table = c[t0 + n : t0 + n + k3 * n].reshape(k3, n)
-            working[i] = c[t0 : t0 + n] + x[at + k1 + 1 : at + k1 + 1 + k3] @ table
-    return first, working
