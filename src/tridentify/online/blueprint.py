@@ -209,6 +209,7 @@ def _blueprint(
     ints[intake.AT_LINE] = plan.take(m * int(ints[intake.LINE]))
     ints[intake.AT_REFERENCE] = plan.take(m)
     ints[intake.AT_FIRST_INPUT] = plan.take(m)
+    ints[intake.AT_LARGEST] = plan.take(2 * (m + p))
     ints[intake.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
     ints[intake.AT_CHUNK] = plan.take(int(ints[intake.CHUNK]) * (m + p + 1))
     judged = directions + directions * (directions + 1) // 2 + intake.SUMS
@@ -227,7 +228,7 @@ def _blueprint(
     ints[intake.C_MAPS] = constants.take(p * directions * columns)
     c = np.zeros(constants.at)
     c[intake.INTERVAL], c[intake.FORGETTING] = setting.dt, forgetting
-    c[intake.PACE] = min(1.0, max(10.0 * (1.0 - forgetting), 1e-3))
+    c[intake.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
     found = Blueprint(ints, c, plan.at, poles, nuisance)
     for j, (whole, _) in enumerate(setting.shifts):
         c[ints[intake.C_EXTRA] + j] = whole
