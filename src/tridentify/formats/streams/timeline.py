@@ -1,0 +1,169 @@
+"""From a column of time to intervals between samples, one pass, in constant memory.
+
+Time stamps of uniform sampling are rounded; taken as they are, no two intervals would be alike. A
+stamp within a thousandth of a step of where a raster of the nominal step expects it counts as on
+the raster, and the interval is the nominal step. One that is not is taken as it is recorded, and
+the raster goes on from there: no time is lost or gained in the long run.
+
+A stamp that stands still or goes back is refused. If `SET_BACK` of them in a row go forward among
+themselves, the clock was set back (a sender that started again, say): the stream then goes on from
+the new time, as if the refused samples had been a nominal step apart.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.checks.samples import TIME_TOLERANCE, uniform_step
+
+__all__ = ["OPENING", "SET_BACK", "Timeline", "nominal_step"]
+
+FloatArray = NDArray[np.float64]
+
+OPENING = 32
+"""Samples from which the nominal step is taken."""
+SET_BACK = 10
+"""Refused stamps in a row, in order among themselves, after which they are believed."""
+
+
+def nominal_step(t: FloatArray) -> float | None:
+    """Give the nominal step of the first stamps.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Time [s] as it came; stamps that do not go forward do not count.
+
+    Returns
+    -------
+    float or None
+        The mean step of a uniform axis, else the median step [s]; None without any.
+
+    Examples
+    --------
+    >>> nominal_step(np.array([0.0, 0.1, 0.1, 0.2, 0.5, 0.6]))
+    0.1
+    """
+    highest = np.maximum.accumulate(t)
+    forward = t[np.concatenate([[True], t[1:] > highest[:-1]])]
+    if len(forward) < 2:
+        return None
+    step = uniform_step(forward)
+    return float(np.median(np.diff(forward))) if step is None else float(step)
+
+
+@dataclass
+class Timeline:
+    """Where the stream is in time; plain numbers, to be saved and resumed.
+
+    Attributes
+    ----------
+    dt : float
+        Nominal step [s].
+    first, last : float
+        The first stamp, as it would be on the present clock, and the last one [s]; nan before.
+    anchor : float
+        Stamp from which the raster counts [s].
+    count : int
+        Steps of the raster since then.
+    behind : int
+        Refused stamps in a row that are in order among themselves.
+    behind_last : float
+        The last of them [s].
+    """
+
+    dt: float
+    first: float = math.nan
+    last: float = math.nan
+    anchor: float = math.nan
+    count: int = 0
+    behind: int = 0
+    behind_last: float = math.nan
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> Timeline:
+        """Make it of what `to_dict` gave."""
+        return cls(**{k: math.nan if v is None else v for k, v in document.items()})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give plain values, None for nan."""
+        values = dataclasses.asdict(self)
+        return {k: None if v != v else v for k, v in values.items()}
+
+    @property
+    def elapsed(self) -> float:
+        """Time since the first sample [s]."""
+        return self.last - self.first
+
+    def intervals(self, t: FloatArray) -> tuple[FloatArray, FloatArray, dict[int, str]]:
+        """Give the steps before samples.
+
+        Parameters
+        ----------
+        t : ndarray, shape (n,)
+            The next stamps [s].
+
+        Returns
+        -------
+        interval : ndarray, shape (n,)
+            Time since the sample before [s]; the nominal step at the first one; nan for a sample
+            that is refused.
+        elapsed : ndarray, shape (n,)
+            Time since the first sample [s].
+        remarks : dict of int to str
+            What is wrong with samples, or worth saying about them.
+        """
+        expected = self.anchor + self.dt * np.arange(self.count + 1, self.count + len(t) + 1)
+        if len(t) and not self.behind:
+            off = np.abs(t - expected) > TIME_TOLERANCE * self.dt
+            if not np.isnan(self.anchor) and not off.any():
+                self.count += len(t)
+                self.last = float(t[-1])
+                return np.full(len(t), self.dt), t - self.first, {}
+        remarks: dict[int, str] = {}
+        interval, elapsed = np.empty(len(t)), np.empty(len(t))
+        for k, stamp in enumerate(t.tolist()):
+            interval[k], remark = self._step(stamp)
+            elapsed[k] = self.elapsed
+            if remark:
+                remarks[k] = remark
+        return interval, elapsed, remarks
+
+    def _step(self, stamp: float) -> tuple[float, str]:
+        slack = TIME_TOLERANCE * self.dt
+        if math.isnan(self.anchor):
+            self.first = self.last = self.anchor = stamp
+            return self.dt, ""
+        if not stamp - self.last > slack:
+            return self._not_forward(stamp)
+        if not math.isfinite(stamp - self.last) or not math.isfinite(stamp - self.first):
+            return math.nan, f"found time {stamp:g}; expected seconds within the range of a float"
+        self.behind = 0
+        if abs(stamp - (self.anchor + self.dt * (self.count + 1))) <= slack:
+            self.count += 1
+            interval = self.dt
+        else:
+            interval = stamp - (self.anchor + self.dt * self.count)
+            self.anchor, self.count = stamp, 0
+        self.last = stamp
+        return interval, ""
+
+    def _not_forward(self, stamp: float) -> tuple[float, str]:
+        in_order = self.behind and stamp - self.behind_last > TIME_TOLERANCE * self.dt
+        self.behind = self.behind + 1 if in_order else 1
+        self.behind_last = stamp
+        if self.behind < SET_BACK:
+            return math.nan, f"found time {stamp!r} after {self.last!r}; expected a later one"
+        interval = self.behind * self.dt
+        remark = f"found the clock set back from {self.last!r} to {stamp!r}; going on from there"
+        self.first = stamp - (self.elapsed + interval)
+        self.last = self.anchor = stamp
+        self.count = self.behind = 0
+        return interval, remark
