@@ -145,7 +145,7 @@ def _source(text: str, follow: bool) -> Source:
                 "this source is waited for anyway"
             )
         if text == "-":
-            return PipeSource("standard input", lambda: getattr(sys.stdin, "buffer", sys.stdin))
+            return PipeSource("standard input", lambda: sys.stdin.buffer)
         source = UdpSource(*loopback_address(text))
         say(f"listening at {source.name}")
         return source
@@ -246,9 +246,7 @@ class _Run:
         if self.source.positioned:
             self.source.seek(found.mark)
             position = 0 if found.mark is None else found.mark.position
-        self.session.go_on_from(
-            found.state, found.reader, found.timeline, found.counts, position
-        )
+        self.session.go_on_from(found.state, found.reader, found.timeline, found.counts, position)
         where = f"byte {position:,}" if self.source.positioned else "what comes"
         say(
             f"going on from {self.checkpoint} at sample {found.state.n_samples:,}, with {where} of "

@@ -20,14 +20,6 @@ from tridentify.estimate import Estimate
 if TYPE_CHECKING:
     from tridentify.online import Estimator
 
-METHODS = {
-    "three-model": "ThreeModel",
-    "recursive-least-squares": "RecursiveLeastSquares",
-    "kalman": "Kalman",
-    "gradient": "Gradient",
-}
-"""What methods are called here and in `tridentify.online`."""
-
 method_option = partial(typer.Option, rich_help_panel="The method")
 
 
@@ -119,7 +111,7 @@ Idle = Annotated[
     record_option(metavar="SECONDS", help="End when nothing has come for so long."),
 ]
 Method = Annotated[
-    str, method_option(metavar="NAME", help=f"One of {', '.join(METHODS)}.")
+    str, method_option(metavar="NAME", help="On-line method; a wrong name lists them.")
 ]
 Forgetting = Annotated[
     float | None, method_option(metavar="X", help="Forgetting factor of a sample; 1 is none.")
@@ -193,7 +185,7 @@ def chosen_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
     Parameters
     ----------
     name : str
-        A key of `METHODS`.
+        A key of `tridentify.online.ESTIMATORS`.
     given : mapping
         Options by the names of their fields; None where one was left out.
 
@@ -206,14 +198,14 @@ def chosen_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
     OptionError
         There is no such method, or it has no such option, or refuses its value.
     """
-    from tridentify import online
+    from tridentify.online import ESTIMATORS
 
-    if name not in METHODS:
+    if name not in ESTIMATORS:
         raise OptionError(
-            f"found --method {shown(name)}; expected one of {', '.join(METHODS)}; choose one"
+            f"found --method {shown(name)}; expected one of {', '.join(ESTIMATORS)}; choose one"
         )
     options = {key: value for key, value in given.items() if value is not None}
-    fields = {key: _fields(getattr(online, kind)) for key, kind in METHODS.items()}
+    fields = {key: _fields(kind) for key, kind in ESTIMATORS.items()}
     for option in options:
         if option not in fields[name]:
             able = ", ".join(key for key, known in fields.items() if option in known)
@@ -222,7 +214,8 @@ def chosen_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
                 f"found {written} with --method {name}; expected one of {able}; leave {written} "
                 "out or choose another method"
             )
-    made: Estimator = getattr(online, METHODS[name])(**options)
+    kind: Any = ESTIMATORS[name]
+    made: Estimator = kind(**options)
     return made
 
 

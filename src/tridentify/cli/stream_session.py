@@ -269,7 +269,8 @@ class Session:
 
     def _block(self, rows: Rows) -> _Block:
         """Put rows in time."""
-        assert self.state is not None and self.timeline is not None
+        assert self.state is not None
+        assert self.timeline is not None
         asked, values = self.question.asked, rows.values
         n_inputs, first = len(asked.inputs), 0 if asked.uniform else 1
         u, y = values[:, first : first + n_inputs], values[:, first + n_inputs :]
@@ -280,7 +281,7 @@ class Session:
             keep[: int(np.argmax(whole)) if whole.any() else len(u)] = False
         if asked.uniform:
             n = self.state.n_samples
-            elapsed = self.timeline.dt * np.arange(n, n + int(keep.sum()))
+            elapsed = np.arange(n, n + int(keep.sum()), dtype=np.float64) * self.timeline.dt
             time, interval = elapsed, np.full(len(elapsed), self.timeline.dt)
         else:
             time = values[keep, 0]

@@ -144,6 +144,7 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
 
 
 def all_numbers(cells: Sequence[str]) -> bool:
+    """Whether all cells that are not blank are numbers."""
     return all(read_number(cell) is not None for cell in cells if cell)
 
 
@@ -469,7 +470,9 @@ def _text_in_column(
 ) -> TextInColumnError | ThousandsSeparatorError:
     text = cell.strip()
     where = f"in column {shown(table.names[column])}, line {line} of {shown(table.path.name)}"
-    if _GROUPED.fullmatch(text) or (decimal == "," and "." in text and read_number(text) is not None):
+    if _GROUPED.fullmatch(text) or (
+        decimal == "," and "." in text and read_number(text) is not None
+    ):
         return ThousandsSeparatorError(
             f"found {shown(cell)} {where}, where points and commas may be decimal signs or groups "
             "of thousands; expected numbers without groups, with one decimal sign; write the file "

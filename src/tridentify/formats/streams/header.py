@@ -174,8 +174,8 @@ def _clock(table: OpenFile, asked: Asked) -> Channel:
     if len(found) != 1:
         what = " and ".join(c.header for c in found) if found else "no column called t or time"
         raise SamplingError(
-            f"found {what} in {asked.name}, and no step stated; expected to know the sampling; name "
-            "the column of time (--time) or state the step (--dt SECONDS)"
+            f"found {what} in {asked.name}, and no step stated; expected to know the sampling; "
+            "name the column of time (--time) or state the step (--dt SECONDS)"
         )
     return found[0]
 

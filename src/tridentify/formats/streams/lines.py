@@ -39,7 +39,7 @@ class Lines:
 
 
 class LineCutter:
-    """Cuts whole lines out of pieces.
+    r"""Cuts whole lines out of pieces.
 
     Parameters
     ----------
@@ -49,8 +49,8 @@ class LineCutter:
     Examples
     --------
     >>> cutter = LineCutter()
-    >>> [lines.text for lines in cutter.cut(b"1,2\\n3")], [x.text for x in cutter.cut(b",4\\n")]
-    ([b'1,2\\n'], [b'3,4\\n'])
+    >>> [lines.text for lines in cutter.cut(b"1,2\n3")], [x.text for x in cutter.cut(b",4\n")]
+    ([b'1,2\n'], [b'3,4\n'])
     """
 
     def __init__(self, position: int = 0) -> None:

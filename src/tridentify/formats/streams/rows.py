@@ -86,7 +86,7 @@ class _BadLineError(Exception):
 
 
 class RowReader:
-    """Reads lines, of which the first say what the columns are.
+    r"""Reads lines, of which the first say what the columns are.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class RowReader:
     Examples
     --------
     >>> reader = RowReader(Asked(("u",), ("y",)))
-    >>> rows = reader.read(Lines(b"t,u,y\\n0,1,2\\nx,1,3\\n", 0, 20))
+    >>> rows = reader.read(Lines(b"t,u,y\n0,1,2\nx,1,3\n", 0, 20))
     >>> rows.values.tolist(), rows.problems[0].line
     ([[0.0, 1.0, 2.0]], 3)
     """
@@ -129,9 +129,9 @@ class RowReader:
             One of those that were read last.
         """
         names, columns = self._names, self._columns
-        for number, *former in reversed(self._former):
+        for number, former_names, former_columns in reversed(self._former):
             if line < number:
-                names, columns = former
+                names, columns = former_names, former_columns
         return {
             "lines": line,
             "form": self._form,
@@ -226,7 +226,9 @@ class RowReader:
 
     def _nothing(self, n_rows: int) -> FloatArray:
         asked = self.asked
-        return np.full((n_rows, len(asked.inputs) + len(asked.outputs) + (not asked.uniform)), np.nan)
+        return np.full(
+            (n_rows, len(asked.inputs) + len(asked.outputs) + (not asked.uniform)), np.nan
+        )
 
     # ------------------------------------------------------------------------------- the beginning
     @property
@@ -319,8 +321,7 @@ class RowReader:
             return None
         if inner:
             starts = np.concatenate([[0], ends[:-1]])
-            marks = marks.reshape(len(ends), inner)
-            if (marks[:, 0] < starts).any() or (marks[:, -1] >= ends).any():
+            if (marks[::inner] < starts).any() or (marks[inner - 1 :: inner] >= ends).any():
                 return None
         if self.asked.decimal == ",":
             if b"." in text:

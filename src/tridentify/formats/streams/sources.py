@@ -117,13 +117,15 @@ class PipeSource:
     name : str
     open_it : callable
         Gives the stream; called by the thread, since a named pipe opens when its writer does.
+    ours : bool
+        Whether to close the stream at its end.
     """
 
     positioned = False
 
-    def __init__(self, name: str, open_it: Callable[[], BinaryIO]) -> None:
+    def __init__(self, name: str, open_it: Callable[[], BinaryIO], *, ours: bool = False) -> None:
         self.name = name
-        self._open_it = open_it
+        self._open_it, self._ours = open_it, ours
         self._read: queue.Queue[bytes | OSError] = queue.Queue(maxsize=4)
 
     def pieces(self) -> Iterator[Piece | None]:
@@ -165,6 +167,8 @@ class PipeSource:
                 # no lock of the stream may be held when the process ends
                 data = stream.read(PIECE) if number < 0 else os.read(number, PIECE)
                 self._read.put(data)
+            if self._ours:
+                stream.close()
         except (OSError, ValueError) as error:
             self._read.put(error if isinstance(error, OSError) else OSError(str(error)))
 
@@ -325,7 +329,7 @@ def source_of_file(path: Path, follow: bool, tell: Tell) -> Source:
         raise _unreadable(str(path), IsADirectoryError(0, "a directory"))
     if stat.S_ISREG(mode):
         return FileSource(path, follow, tell)
-    return PipeSource(path.name, lambda: path.open("rb", buffering=0))
+    return PipeSource(path.name, lambda: path.open("rb", buffering=0), ours=True)
 
 
 def _unreadable(name: str, error: OSError | ValueError) -> UnreadableFileError:
