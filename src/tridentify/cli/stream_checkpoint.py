@@ -9,12 +9,20 @@ from __future__ import annotations
 import json
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tridentify.errors import DataError, OptionError, OutputPathError, UnreadableFileError, shown
+from tridentify.errors import (
+    DataError,
+    OptionError,
+    OutputPathError,
+    TridentifyError,
+    UnreadableFileError,
+    shown,
+)
 from tridentify.files import write_atomically
 from tridentify.formats.streams.sources import Mark
 
@@ -120,7 +128,7 @@ def read_checkpoint(path: Path, question: Mapping[str, Any]) -> Snapshot:
             f"found no checkpoint of version {SCHEMA} in {path}; expected a file written by this "
             "version of tridentify stream; begin anew with another --checkpoint"
         )
-    try:
+    with undamaged(path):
         _compare(path, question, document["question"])
         return Snapshot(
             question,
@@ -130,9 +138,21 @@ def read_checkpoint(path: Path, question: Mapping[str, Any]) -> Snapshot:
             None if document["mark"] is None else Mark(*map(int, document["mark"])),
             _state_of(document["state"]),
         )
-    except (AttributeError, KeyError, TypeError) as error:
-        if isinstance(error, OptionError):
-            raise
+
+
+@contextmanager
+def undamaged(path: Path) -> Iterator[None]:
+    """Turn what a damaged checkpoint leads to into one line.
+
+    Raises
+    ------
+    DataError
+    """
+    try:
+        yield
+    except TridentifyError:
+        raise
+    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
         raise DataError(
             f"found a damaged checkpoint in {path} ({error!r}); expected the fields that "
             "tridentify stream wrote; begin anew with another --checkpoint"

@@ -13,15 +13,17 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+import numpy as np
+
 from tridentify.cli import options
 from tridentify.cli import stream_options as own
 from tridentify.cli.ask import nested_delays, nested_poles, nested_zeros
 from tridentify.cli.load import rules_from, units_from
-from tridentify.cli.run import load_sample_loop
 from tridentify.cli.stream_checkpoint import (
     Snapshot,
     prove_writable,
     read_checkpoint,
+    undamaged,
     write_checkpoint,
 )
 from tridentify.cli.stream_session import Question, Session, check_every
@@ -121,14 +123,7 @@ def stream(
         rules = rules_from(missing or ())
         _check_rules([rule.channel for rule in rules], outputs)
         question = Question(asked, structure, chosen, dt, intersample.value, rules, every)
-        # what the method refuses is refused before anything is waited for
-        chosen.init(
-            structure,
-            1.0 if dt is None else dt,
-            input_names=inputs,
-            output_names=outputs,
-            intersample=intersample.value,
-        )
+        _try_out(question)
         run = _Run(question, origin, checkpoint, idle)
         if resume:
             run.go_on()
@@ -160,6 +155,23 @@ def _source(text: str, follow: bool) -> Source:
             f"found --follow with the pipe {shown(text)}; expected a file; leave --follow out"
         )
     return opened
+
+
+def _try_out(question: Question) -> None:
+    """Let the method refuse what it cannot do, and compile its loops, before anything comes."""
+    asked, method = question.asked, question.method
+    state = method.init(
+        question.structure,
+        1.0 if question.dt is None else question.dt,
+        input_names=asked.inputs,
+        output_names=asked.outputs,
+        intersample=question.intersample,
+    )
+    said = "loading the sample loop (compiled once per machine, which takes seconds)"
+    with Activity() as activity, activity.brief_stage(said):
+        u, y = np.zeros((1, len(asked.inputs))), np.zeros((1, len(asked.outputs)))
+        for intervals in (None, np.full(1, state.dt)):
+            method.feed(state, u, y, intervals)
 
 
 def _check_resumable(checkpoint: Path | None, resume: bool) -> None:
@@ -246,7 +258,10 @@ class _Run:
         if self.source.positioned:
             self.source.seek(found.mark)
             position = 0 if found.mark is None else found.mark.position
-        self.session.go_on_from(found.state, found.reader, found.timeline, found.counts, position)
+        with undamaged(self.checkpoint):
+            self.session.go_on_from(
+                found.state, found.reader, found.timeline, found.counts, position
+            )
         where = f"byte {position:,}" if self.source.positioned else "what comes"
         say(
             f"going on from {self.checkpoint} at sample {found.state.n_samples:,}, with {where} of "
@@ -261,8 +276,6 @@ class _Run:
         NotReadyError
             The samples did not determine the coefficients.
         """
-        with Activity() as activity:
-            load_sample_loop(activity)
         stack.enter_context(self.stop.on_signals())
         self.view = stack.enter_context(LiveView(live, self.source.name))
         session = self.session

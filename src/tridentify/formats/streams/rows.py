@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.errors import DataError, MissingHeaderError, UnreadableFileError, shown
+from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
 from tridentify.formats.streams.header import Asked, Columns, find_columns
 from tridentify.formats.streams.lines import LONGEST_LINE, Lines
 from tridentify.formats.text_table import (
@@ -271,8 +271,15 @@ class RowReader:
     def _read_units(self, text: str) -> bool:
         units = unit_cells(self._cells(text), len(self._names))
         self._units = {n: u for n, u in zip(self._names, units, strict=True) if u}
-        self._find(self._names)
-        return any(units)
+        try:
+            self._find(self._names)
+        except UnitError:
+            if not self._units:
+                raise
+            # text, but no units
+            self._units = {}
+            self._find(self._names)
+        return bool(self._units)
 
     def _find(self, names: Sequence[str]) -> None:
         units = [self._units.get(name, "") for name in names]
