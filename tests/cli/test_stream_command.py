@@ -193,6 +193,34 @@ def test_samples_that_do_not_count_are_missing(run, file):
     assert "missing-output" in last["flags"]
 
 
+def test_with_a_delay_gaps_are_missing_samples(run, file, tmp_path):
+    header, *rows = lines_of(file)
+    moved = [row.split(",") for row in rows]
+    late = np.concatenate([np.zeros(7), [float(q) for _, _, q in moved]])
+    rows = [f"{t},{u},{q!r}" for (t, u, _), q in zip(moved, late.tolist(), strict=False)]
+    rows[300] = "bad"
+    del rows[700:705]
+    rows[1100:1100] = [f"{1104 * DT + 0.007!r},1,1"]
+    file.write_text("\n".join([header, *rows]))
+    words = ["stream", file, *QUESTION, "--delay", 7 * DT]
+    outcome = run(*words)
+    last = objects(outcome.out)[-1]
+    assert (last["n_samples"], last["malformed"]) == (1500, 2)
+    assert "whole steps, as there is a delay" in outcome.err
+    assert {"missing-output", "missing-input"} <= set(last["seen"])
+    assert "jitter" not in last["seen"]
+    for name, item in last["coefficients"].items():
+        assert abs(item["value"] - TRUTH[name]) < 5 * item["std"]
+    # resumed right before, within and behind the gaps
+    for kept_rows in (302, 303, 700, 702):
+        kept, part = tmp_path / f"{kept_rows}.json", tmp_path / "part.csv"
+        part.write_text("\n".join([header, *rows[:kept_rows]]))
+        run("stream", part, *words[2:], "--checkpoint", kept)
+        part.write_text("\n".join([header, *rows]))
+        again = run("stream", part, *words[2:], "--checkpoint", kept, "--resume")
+        assert objects(again.out)[-1] == last
+
+
 def test_a_change_of_the_plant_is_told(run, held, write_table):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], 300), 10)

@@ -388,6 +388,18 @@ def test_a_gap_is_taken_as_it_is_and_the_raster_goes_on():
     assert elapsed == pytest.approx([0.0, 0.1, 0.2, 0.75, 0.85, 0.95])
 
 
+def test_where_only_whole_steps_will_do_others_are_refused_for_a_while():
+    line = Timeline(0.1, whole=True)
+    shifted = 1.05 + 0.1 * np.arange(30)
+    interval, _, remarks = line.intervals(
+        np.concatenate([[0.0, 0.1, 0.2, 0.404, 0.5, 0.55, 0.6], shifted])
+    )
+    steps = [1, 1, 1, 2, 1, np.nan, 1, *[np.nan] * SET_BACK]
+    assert interval[: 7 + SET_BACK] / 0.1 == pytest.approx(steps, nan_ok=True)
+    assert len(remarks) == SET_BACK + 1
+    assert (interval[8 + SET_BACK :] == 0.1).all()
+
+
 def test_time_that_stands_still_or_goes_back_is_refused():
     line = Timeline(0.1)
     interval, _, remarks = line.intervals(np.array([0.0, 0.1, 0.1, 0.05, 0.2, 1e308, -1e308]))

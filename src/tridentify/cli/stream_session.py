@@ -33,6 +33,8 @@ Ints = NDArray[np.int64]
 BLOCK = 8192
 """Most samples between two looks at whether to stop."""
 ROUNDING = 1e-9
+LONGEST_GAP = 10_000
+"""Most missing samples that stand in for a gap."""
 MOSTLY = 8
 """One in so many samples off the raster makes it not worth while to feed the others in blocks."""
 
@@ -101,6 +103,7 @@ class _Block:
     time: FloatArray
     lines: Ints
     stops: Ints
+    real: NDArray[np.bool_]
 
 
 @dataclass
@@ -231,7 +234,8 @@ class Session:
                 f"found {len(rows.lines)} sample of {asked.name}; expected at least 2 to know the "
                 "step; state it with --dt SECONDS, or record longer"
             )
-        self.timeline = Timeline(step)
+        shape = len(asked.outputs), len(asked.inputs)
+        self.timeline = Timeline(step, whole=bool(np.any(question.structure.delay_matrix(*shape))))
         self.state = question.method.init(
             question.structure,
             step,
@@ -260,7 +264,7 @@ class Session:
                 if ticks[end - 1] > before[end - 1]:
                     self.emit(self.line())
             begin = end
-            if self.stopped():
+            if self.stopped() and block.real[min(end, len(ticks)) - 1]:
                 return
 
     def _ticks(self, elapsed: FloatArray) -> FloatArray:
@@ -294,7 +298,7 @@ class Session:
             if not forward.all():
                 keep[keep] = forward
                 time, interval, elapsed = time[forward], interval[forward], elapsed[forward]
-        return _Block(
+        block = _Block(
             np.ascontiguousarray(u[keep]),
             self._without(np.array(y[keep], order="C")),
             interval,
@@ -302,6 +306,33 @@ class Session:
             time,
             rows.lines[keep],
             rows.stops[keep],
+            np.ones(len(time), dtype=np.bool_),
+        )
+        return self._filled(block) if self.timeline.whole else block
+
+    def _filled(self, block: _Block) -> _Block:
+        """Put missing samples into gaps of several steps, at the place of the row before."""
+        assert self.timeline is not None
+        missing = np.round(block.interval / self.timeline.dt).astype(np.int64) - 1
+        if not missing.any():
+            return block
+        missing = np.minimum(missing, LONGEST_GAP)
+        row = np.repeat(np.arange(len(missing)), missing + 1)
+        real = np.diff(row, append=len(missing)) > 0
+        u, y = block.u[row], block.y[row]
+        u[~real], y[~real] = np.nan, np.nan
+        # of the row before, so that nothing falls due and nothing is passed before the row itself
+        place = row - ~real
+        here, before = self.place, place < 0
+        return _Block(
+            u,
+            y,
+            np.full(len(row), self.timeline.dt),
+            np.where(before, here.elapsed, block.elapsed[place]),
+            np.where(before, here.time, block.time[place]),
+            np.where(before, here.line, block.lines[place]),
+            np.where(before, here.position, block.stops[place]),
+            real,
         )
 
     def _without(self, y: FloatArray) -> FloatArray:

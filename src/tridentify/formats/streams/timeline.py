@@ -11,6 +11,9 @@ and nothing else. The intervals are then wrong by a hundred-thousandth at most.)
 A stamp that stands still or goes back is refused. If `SET_BACK` of them in a row go forward among
 themselves, the clock was set back (a sender that started again, say): the stream then goes on from
 the new time, as if the refused samples had been a nominal step apart.
+
+Where only whole steps will do (``whole``), a stamp within `NEARLY` of one is moved there and others
+are refused, up to `SET_BACK` of them in a row: then the raster moves.
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ __all__ = ["OPENING", "SET_BACK", "Timeline", "nominal_step"]
 
 FloatArray = NDArray[np.float64]
 
+NEARLY = 0.05
+"""Largest departure from a whole number of steps, in steps, where only these will do."""
 OPENING = 32
 """Samples from which the nominal step is taken."""
 STEADY = 100
@@ -84,6 +89,10 @@ class Timeline:
         Refused stamps in a row that are in order among themselves.
     behind_last : float
         The last of them [s].
+    whole : bool
+        Whether only whole numbers of nominal steps will do.
+    between : int
+        Stamps in a row that were refused since they are none.
     """
 
     dt: float
@@ -93,6 +102,8 @@ class Timeline:
     count: int = 0
     behind: int = 0
     behind_last: float = math.nan
+    whole: bool = False
+    between: int = 0
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> Timeline:
@@ -148,7 +159,7 @@ class Timeline:
 
     def _regular(self, t: FloatArray) -> int:
         """Take the first of some stamps, as many as are on the raster; say how many."""
-        if self.behind or math.isnan(self.anchor):
+        if self.behind or self.between or math.isnan(self.anchor):
             return 0
         raster = self.anchor + self.dt * np.arange(self.count + 1, self.count + len(t) + 1)
         off = np.abs(t - raster) > TIME_TOLERANCE * self.dt
@@ -168,6 +179,8 @@ class Timeline:
         if not math.isfinite(stamp - self.last) or not math.isfinite(stamp - self.first):
             return math.nan, f"found time {stamp:g}; expected seconds within the range of a float"
         self.behind = 0
+        if self.whole:
+            return self._whole_step(stamp)
         if abs(stamp - (self.anchor + self.dt * (self.count + 1))) <= slack:
             self.count += 1
             interval = self.dt
@@ -179,6 +192,20 @@ class Timeline:
             self.anchor, self.count = stamp, 0
         self.last = stamp
         return interval, ""
+
+    def _whole_step(self, stamp: float) -> tuple[float, str]:
+        since = stamp - (self.anchor + self.dt * self.count)
+        steps = max(round(since / self.dt), 1)
+        if abs(since - steps * self.dt) > NEARLY * self.dt and self.between < SET_BACK:
+            self.between += 1
+            return math.nan, (
+                f"found time {stamp!r}, {since / self.dt:.6g} steps of {self.dt:g} s after the "
+                "sample before; expected whole steps, as there is a delay"
+            )
+        self.between = 0
+        self.last = self.anchor = stamp
+        self.count = 0
+        return steps * self.dt, ""
 
     def _not_forward(self, stamp: float) -> tuple[float, str]:
         in_order = self.behind and stamp - self.behind_last > TIME_TOLERANCE * self.dt
