@@ -221,6 +221,20 @@ def test_with_a_delay_gaps_are_missing_samples(run, file, tmp_path):
         assert objects(again.out)[-1] == last
 
 
+def test_a_clock_that_is_set_back_is_followed(run, file):
+    header, *rows = lines_of(file)
+    again = [row.split(",", 1) for row in rows[1000:]]
+    rows[1000:] = [f"{float(t) - 20.0!r},{rest}" for t, rest in again]
+    file.write_text("\n".join([header, *rows]))
+    outcome = run("stream", file, *QUESTION, "--every", "inf")
+    (last,) = objects(outcome.out)
+    assert (last["n_samples"], last["malformed"]) == (1491, 9)
+    (line,) = [text for text in outcome.err.splitlines() if "set back" in text]
+    assert line.endswith("going on from there")
+    for name, item in last["coefficients"].items():
+        assert abs(item["value"] - TRUTH[name]) < 5 * item["std"]
+
+
 def test_a_change_of_the_plant_is_told(run, held, write_table):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], 300), 10)

@@ -248,6 +248,33 @@ def test_the_quick_way_and_the_careful_one_give_the_same(lines, cuts, uniform):
     assert not np.isinf(values).any()
 
 
+VALUE = st.one_of(
+    st.floats(),
+    st.integers(),
+    st.none(),
+    st.booleans(),
+    st.text(max_size=3),
+    st.just(10**400),
+    st.lists(st.integers(), max_size=2),
+)
+OBJECT = st.one_of(
+    st.fixed_dictionaries({"t": VALUE, "u": VALUE, "y": VALUE}).map(json.dumps),
+    st.dictionaries(st.sampled_from("tuyz"), VALUE, max_size=4).map(json.dumps),
+    st.sampled_from(['{"t":1,"u":2', '"y":3}', "", " ", '{"t":1,"u":1,"y":1} x', "[]", "1\r"]),
+).map(lambda text: text.encode())
+
+
+@given(st.lists(OBJECT, max_size=40), st.lists(st.integers(0, 2000), max_size=5))
+def test_json_is_read_alike_in_blocks_and_line_by_line(lines, cuts):
+    data = b"".join(line + b"\n" for line in [b'{"t":0,"u":1,"y":2}', *lines])
+    values, _, problems, _ = read(data, PLAIN, tuple(cuts))
+    reader = RowReader(PLAIN)
+    found = [reader.read(Lines(line + b"\n", 0, 0)) for line in data.split(b"\n")[:-1]]
+    np.testing.assert_array_equal(values, np.concatenate([rows.values for rows in found]))
+    assert problems == [problem for rows in found for problem in rows.problems]
+    assert np.isfinite(values[:, 0]).all()
+
+
 @given(st.lists(st.text("0123456789.+-eEnaif ", min_size=1, max_size=7), min_size=1, max_size=6))
 def test_polars_reads_no_more_than_python_does(cells):
     cells = [cell for cell in cells if cell.strip()] or ["1"]

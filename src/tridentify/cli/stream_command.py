@@ -140,6 +140,8 @@ def _source(text: str, follow: bool) -> Source:
                 "this source is waited for anyway"
             )
         if text == "-":
+            if sys.stdin.isatty():
+                say("reading lines from this terminal; end them with Ctrl-D")
             return PipeSource("standard input", lambda: sys.stdin.buffer)
         source = UdpSource(*loopback_address(text))
         say(f"listening at {source.name}")

@@ -135,7 +135,7 @@ class Session:
         self.remarks = Remarks(self.tell)
         self._waiting: list[Rows] = []
         self._flags = 0
-        self._problems: list[tuple[int, str]] = []
+        self._problems: list[tuple[int, str, bool]] = []
         self._opening: tuple[Timeline, FloatArray, Ints] | None = None
 
     # -------------------------------------------------------------------------- saved and resumed
@@ -193,7 +193,7 @@ class Session:
         if self.state is None:
             self._wait(rows)
         else:
-            self._problems += [(problem.line, problem.text) for problem in rows.problems]
+            self._problems += [(problem.line, problem.text, True) for problem in rows.problems]
             self._advance(rows)
         if self.state is None or not self.stopped():
             self._pass(self.reader.lines)
@@ -201,7 +201,7 @@ class Session:
 
     def _wait(self, rows: Rows) -> None:
         """Keep the first rows until they tell the step."""
-        self._problems += [(problem.line, problem.text) for problem in rows.problems]
+        self._problems += [(problem.line, problem.text, True) for problem in rows.problems]
         if len(rows.lines):
             self._waiting.append(rows)
         known = self.question.dt is not None
@@ -292,10 +292,11 @@ class Session:
             numbers = rows.lines[keep]
             self._opening = (replace(self.timeline), time, numbers)
             interval, elapsed, remarks = self.timeline.intervals(time)
-            self._problems += [(int(numbers[k]), text) for k, text in remarks.items()]
+            refused = np.isnan(interval)
+            self._problems += [(int(numbers[k]), t, bool(refused[k])) for k, t in remarks.items()]
             self._problems.sort(key=lambda item: item[0])
-            forward = np.isfinite(interval)
-            if not forward.all():
+            if refused.any():
+                forward = ~refused
                 keep[keep] = forward
                 time, interval, elapsed = time[forward], interval[forward], elapsed[forward]
         block = _Block(
@@ -369,12 +370,13 @@ class Session:
         """Say what is wrong with the lines up to this one."""
         self.place.line = line
         done = 0
-        for number, text in self._problems:
+        for number, text, refused in self._problems:
             if number > line:
                 break
             done += 1
-            self.place.malformed += 1
-            self.remarks.remark(f"line {number:,}: {text}; {self._fate}")
+            self.place.malformed += refused
+            fate = f"; {self._fate}" if refused else ""
+            self.remarks.remark(f"line {number:,}: {text}{fate}")
         del self._problems[:done]
 
     @property

@@ -19,6 +19,8 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import chain
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -41,7 +43,7 @@ __all__ = ["Problem", "RowReader", "Rows"]
 FloatArray = NDArray[np.float64]
 
 _FEW = 16
-_MANY = 512
+_MANY = 256
 _AROUND = " \r\n\v\f"  # a tab may stand beside a blank cell
 _BOM = b"\xef\xbb\xbf"
 _EXCEL = re.compile(r"sep=.")
@@ -205,10 +207,9 @@ class RowReader:
                 opened += 1
                 self.lines += 1
         body = int(ends[opened - 1]) if opened else 0
-        read = self._csv if self._form == "csv" else self._json
         values = [self._nothing(opened)]
         if opened < len(ends):
-            values.append(read(text[body:], ends[opened:] - body, opened))
+            values.append(self._body(text[body:], ends[opened:] - body, opened))
             self.lines += len(ends) - opened
         return self._rows(np.concatenate(values), first, ends + lines.start)
 
@@ -303,20 +304,22 @@ class RowReader:
         except UnicodeDecodeError:
             return line.decode("latin-1").strip(_AROUND)
 
-    # ---------------------------------------------------------------------------------------- CSV
-    def _csv(self, text: bytes, ends: NDArray[np.int64], offset: int) -> FloatArray:
-        """Read lines of CSV; `offset` is the number of the first one in what is read now."""
-        values = self._quick(text, ends)
+    def _body(self, text: bytes, ends: NDArray[np.int64], offset: int) -> FloatArray:
+        """Read lines; `offset` is the number of the first one in what is read now."""
+        csv_lines = self._form == "csv"
+        values = (self._quick_csv if csv_lines else self._quick_json)(text, ends)
         if values is not None:
             return values
         if len(ends) <= _FEW:
-            return self._one_by_one(self._csv_line, text, ends, offset)
+            line = self._csv_line if csv_lines else self._json_line
+            return self._one_by_one(line, text, ends, offset)
         half = len(ends) // 2
         cut = int(ends[half - 1])
-        left = self._csv(text[:cut], ends[:half], offset)
-        return np.concatenate([left, self._csv(text[cut:], ends[half:] - cut, offset + half)])
+        left = self._body(text[:cut], ends[:half], offset)
+        return np.concatenate([left, self._body(text[cut:], ends[half:] - cut, offset + half)])
 
-    def _quick(self, text: bytes, ends: NDArray[np.int64]) -> FloatArray | None:
+    # ---------------------------------------------------------------------------------------- CSV
+    def _quick_csv(self, text: bytes, ends: NDArray[np.int64]) -> FloatArray | None:
         """Read lines that are as plain as can be, or give None."""
         columns, separator = self._columns, self._separator.encode()
         assert columns is not None
@@ -336,15 +339,16 @@ class RowReader:
             text = text.replace(b",", b".")
         read = _by_polars if len(ends) >= _MANY else _by_float
         values = read(text, separator.decode(), columns, len(ends))
-        if values is None and read is _by_polars:
-            values = _by_float(text, separator.decode(), columns, len(ends))
-        if values is None or np.isinf(values).any():
-            return None
+        return None if values is None else self._sound(values)
+
+    def _sound(self, values: FloatArray) -> FloatArray | None:
+        """Give rows with their time in seconds; None if any of them has to be refused."""
+        assert self._columns is not None
         if not self.asked.uniform:
+            values[:, 0] *= self._columns.scale
             if np.isnan(values[:, 0]).any():
                 return None
-            values[:, 0] *= columns.scale
-        return values
+        return None if np.isinf(values).any() else values
 
     def _one_by_one(
         self,
@@ -433,8 +437,23 @@ class RowReader:
             raise _BadLineError(f"found damaged quotes ({error}); expected numbers") from error
 
     # --------------------------------------------------------------------------------------- JSON
-    def _json(self, text: bytes, ends: NDArray[np.int64], offset: int) -> FloatArray:
-        return self._one_by_one(self._json_line, text, ends, offset)
+    def _quick_json(self, text: bytes, ends: NDArray[np.int64]) -> FloatArray | None:
+        """Read lines of numbers and null that are as plain as can be, or give None."""
+        if self._columns is None:
+            return None
+        wanted, lines = itemgetter(*self._columns.headers), []
+        try:
+            for line in text.replace(b"\r\n", b"\n").decode("utf-8").split("\n")[:-1]:
+                found, end = _SCAN(line)
+                if end != len(line):
+                    return None
+                lines.append(wanted(found))
+            if not set(map(type, chain.from_iterable(lines))) <= _NUMBERS:
+                return None
+            values = np.array(lines, dtype=np.float64)
+        except (ValueError, TypeError, KeyError, OverflowError, RecursionError):
+            return None
+        return self._sound(values)
 
     def _json_line(self, text: str) -> list[float] | None:
         if not text:
@@ -466,6 +485,8 @@ class RowReader:
 
 
 _DECODE = json.JSONDecoder().decode
+_SCAN = json.JSONDecoder().raw_decode
+_NUMBERS = {float, int, type(None)}
 
 
 def _plain_number(value: object) -> float | str:
@@ -518,6 +539,7 @@ def _by_polars(text: bytes, separator: str, columns: Columns, n_rows: int) -> Fl
             columns=order,
             schema_overrides=kinds,
             infer_schema_length=0,
+            null_values=[token.decode() for token in _BLANK if token],
         )
     except pl.exceptions.PolarsError:
         return None

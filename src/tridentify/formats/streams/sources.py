@@ -169,7 +169,7 @@ class PipeSource:
                 self._read.put(data)
             if self._ours:
                 stream.close()
-        except (OSError, ValueError) as error:
+        except Exception as error:  # whoever waits has to know
             self._read.put(error if isinstance(error, OSError) else OSError(str(error)))
 
 
