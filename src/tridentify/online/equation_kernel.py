@@ -48,7 +48,6 @@ from tridentify.online.intake import (
     COLLECTING,
     COLUMNS,
     EVENT,
-    FAR,
     FILTERING,
     FIRST,
     FITTED,
@@ -59,6 +58,7 @@ from tridentify.online.intake import (
     INBOX,
     INNOVATION,
     INPUTS,
+    LARGE,
     LARGEST,
     LINE,
     MOST_REFUSED,
@@ -73,6 +73,7 @@ from tridentify.online.intake import (
     SINCE,
     SQUARES,
     TAKEN,
+    TOLD,
     UPPER,
     WALKERS,
     WATCH,
@@ -236,13 +237,13 @@ def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
     if doubt(x, w, y, fitted, min(leverage, 0.9), n):
         if int(x[FLAGS]) & OUTLIER:
             x[w + REFUSED] += 1.0
-            watch(ints, c, x, w, int(x[FIRST]), FAR if error > 0.0 else -FAR, True)
+            watch(ints, c, x, w, int(x[FIRST]), TOLD if error > 0.0 else -TOLD, True)
             if x[w + REFUSED] > MOST_REFUSED:
                 x[w + MOVED] = 1.0
         return float(error)
     x[w + REFUSED] = 0.0
     if own > 0.0:
-        z = min(max(v / own, -FAR), FAR)
+        z = min(max(v / own, -LARGE), LARGE)
         watch(ints, c, x, w, int(x[FIRST]), z, True)
     correct(x, theta, at, n, work, ints[AT_GAIN], error, noise)
     x[w + SQUARES] += error * error / (1.0 + leverage)

@@ -22,8 +22,10 @@ the local approach, Basseville & Nikiforov 1993, section 8.2) an alarm is given 
 a chi-square ``exp(0.398 (T - 2 k))`` has the mean one, so a false one comes about once in
 ``exp(0.398 40)``, some eight million blocks.
 
-A small change adds to ``T`` in proportion to the length of the block. So blocks are judged on three
-scales, each sixteen times as long as the one before, each with a sum of its own.
+A small change adds to ``T`` in proportion to the length of the block. So blocks are judged on
+three scales, each sixteen times as long as the one before, each with a sum of its own. A sample
+that is left out as too far off counts as one of two standard deviations: a few of them are no
+change, many in a row are.
 
 The pivots of ``M``, in the order of the coefficients, say how much the block tells of a coefficient
 beyond those before it. Below a hundredth of their mean the input does not excite it.
@@ -45,7 +47,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 # slots of x
-COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN = range(11)
+COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA = range(12)
 INBOX = 16
 
 # places in ints
@@ -66,19 +68,23 @@ CONSTANTS = 8
 # places in the watch of an output
 (
     LAST, REPEATS, AT_FIRST, HIGHEST, LOWEST, SCALE, SQUARES, WEIGHT, WEIGHT2, MEAN, SPREAD, TAKEN,
-    REFUSED, SPARE, SPARE_2, INSIDE, IDLE, INNOVATION, FITTED, MOVED,
-    BLOCKS,
-) = range(21)  # fmt: skip
+    REFUSED, STANDS, LIMITS, INSIDE, IDLE, INNOVATION, FITTED, MOVED,
+    BLOCKS, DOUBLES,
+) = range(22)  # fmt: skip
 SCORES = 24
 
 # bits of the flags (`online.flags.Flag`)
 MISSING_OUTPUT, MISSING_INPUT, JITTER, OUTLIER = 1, 2, 4, 8
 STUCK, SATURATED, NOT_EXCITED, CHANGED, NOT_READY = 16, 32, 64, 128, 256
 
+DOUBTED = OUTLIER | STUCK | SATURATED
+
 # bits of the event
 CHUNK_FULL, TICKED, ALARMED = 1, 2, 4
 
 FAR = 6.0
+TOLD, LARGE = 2.0, 3.0
+RARE = 0.01
 MOST_REFUSED = 25
 LARGEST = 1e100
 TRACE = 1e-5
@@ -111,9 +117,11 @@ def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
                 x[ints[AT_REFERENCE] + j] = u
         x[own] = u - x[ints[AT_REFERENCE] + j]
     if x[COUNT] > 0.0:
-        x[TIME] += interval
-        if abs(interval - c[INTERVAL]) > 1e-6 * c[INTERVAL]:
-            flags |= JITTER
+        if interval != c[INTERVAL]:
+            x[EXTRA] += interval - c[INTERVAL]
+            if abs(interval - c[INTERVAL]) > 1e-6 * c[INTERVAL]:
+                flags |= JITTER
+        x[TIME] = x[COUNT] * c[INTERVAL] + x[EXTRA]
     if ints[CHUNK] > 0:
         width = m + p + 1
         here = ints[AT_CHUNK] + int(x[FILLED]) * width
@@ -131,7 +139,7 @@ def count(ints: Ints, x: Array) -> None:
     """The sample is done with."""
     x[COUNT] += 1.0
     x[SINCE] += 1.0
-    x[SEEN] = float(int(x[SEEN]) | int(x[FLAGS]))
+    x[SEEN] = float(int(x[SEEN]) | (int(x[FLAGS]) & ~NOT_READY))
     if x[COUNT] == x[TICK]:
         x[EVENT] += TICKED
 
@@ -152,27 +160,42 @@ def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, n: int) ->
         return True
     if y == x[w + LAST] and x[w + REPEATS] > 0.0:
         x[w + REPEATS] += 1.0
+        if x[w + REPEATS] == 2.0:
+            x[w + DOUBLES] += 1.0
     else:
         x[w + REPEATS] = 1.0
         x[w + AT_FIRST] = fitted
+        x[w + STANDS] = 0.0
     x[w + LAST] = y
+    limits = int(x[w + LIMITS])
     if y > x[w + HIGHEST]:
         x[w + HIGHEST] = y
+        limits &= ~1
     if y < x[w + LOWEST]:
         x[w + LOWEST] = y
+        limits &= ~2
+    x[w + LIMITS] = float(limits)
     scale = x[w + SCALE]
-    if x[w + TAKEN] < 3.0 * n + 20.0 or not (leverage < 1.0) or not (scale > 0.0):
+    if x[w + TAKEN] < 2.0 * n + 10.0 or not (leverage < 1.0) or not (scale > 0.0):
         return False
     scale = noise_scale(x, w)
     error = y - fitted
     own = scale * np.sqrt(1.0 + leverage)
-    if x[w + REPEATS] >= 5.0 and abs(fitted - x[w + AT_FIRST]) > 4.0 * own:
-        x[FLAGS] = float(int(x[FLAGS]) | STUCK)
-        return True
-    if x[w + REPEATS] >= 3.0 and (
-        (y >= x[w + HIGHEST] and error < -3.0 * own) or (y <= x[w + LOWEST] and error > 3.0 * own)
-    ):
+    if x[w + REPEATS] >= 3.0:
+        if y >= x[w + HIGHEST] and error < -3.0 * own:
+            limits |= 1
+        if y <= x[w + LOWEST] and error > 3.0 * own:
+            limits |= 2
+        x[w + LIMITS] = float(limits)
+    if (limits & 1 and y >= x[w + HIGHEST]) or (limits & 2 and y <= x[w + LOWEST]):
         x[FLAGS] = float(int(x[FLAGS]) | SATURATED)
+        return True
+    if x[w + REPEATS] >= 5.0 and abs(fitted - x[w + AT_FIRST]) > 4.0 * own:
+        x[w + STANDS] = 1.0
+    if x[w + REPEATS] >= 2.0 and x[w + DOUBLES] < RARE * x[w + TAKEN]:
+        x[w + STANDS] = 1.0
+    if x[w + STANDS] > 0.0:
+        x[FLAGS] = float(int(x[FLAGS]) | STUCK)
         return True
     if abs(error) > FAR * own:
         x[FLAGS] = float(int(x[FLAGS]) | OUTLIER)

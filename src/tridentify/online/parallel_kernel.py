@@ -35,7 +35,6 @@ from tridentify.online.intake import (
     DRIFT,
     EVENT,
     FACTOR,
-    FAR,
     FIRST,
     FITTED,
     FLAGS,
@@ -47,6 +46,7 @@ from tridentify.online.intake import (
     INNOVATION,
     INPUTS,
     KIND,
+    LARGE,
     LINE,
     MOST_REFUSED,
     MOVED,
@@ -63,6 +63,7 @@ from tridentify.online.intake import (
     SQUARES,
     TAKEN,
     TIME,
+    TOLD,
     UPPER,
     WATCH,
     WEIGHT,
@@ -151,11 +152,11 @@ def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, 
     x[w + INNOVATION] = error
     root = np.sqrt(1.0 + leverage)
     known = x[w + SCALE] > 0.0
-    ready = x[w + TAKEN] > 5.0 * n + 30.0
+    ready = x[w + TAKEN] > 10.0 * n + 30.0
     if doubt(x, w, y, fitted, leverage, n):
         if int(x[FLAGS]) & OUTLIER:
             x[w + REFUSED] += 1.0
-            v = FAR if error > 0.0 else -FAR
+            v = TOLD if error > 0.0 else -TOLD
             watch(ints, c, x, w, first, v, ready)
             if x[w + REFUSED] > MOST_REFUSED:
                 x[w + MOVED] = 1.0
@@ -164,7 +165,7 @@ def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, 
     v = error / root
     if known and leverage < 1.0:
         z = v / noise_scale(x, w)
-        z = min(max(z, -FAR), FAR)
+        z = min(max(z, -LARGE), LARGE)
         watch(ints, c, x, w, first, z, ready)
     factor = c[FORGETTING]
     kind = ints[KIND]

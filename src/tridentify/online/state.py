@@ -111,12 +111,12 @@ class State(NamedTuple):
     def flags(self) -> Flag:
         """What is the matter now."""
         waiting = _NOT_READY if self.stage.searching else 0
-        return Flag(int(self.values[intake.FLAGS]) | waiting)
+        return Flag((int(self.values[intake.FLAGS]) & ~_NOT_READY) | waiting)
 
     @property
     def seen(self) -> Flag:
-        """Everything that was the matter since the beginning."""
-        return Flag(int(self.values[intake.SEEN])) | self.flags
+        """Everything that was the matter since the beginning, but for not being ready."""
+        return Flag(int(self.values[intake.SEEN])) | (self.flags & ~Flag.NOT_READY)
 
     @property
     def changes(self) -> tuple[int, ...]:
