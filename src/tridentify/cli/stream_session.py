@@ -132,7 +132,7 @@ class Session:
 
     def __post_init__(self) -> None:
         self.reader = RowReader(self.question.asked)
-        self.remarks = Remarks(self.tell)
+        self.remarks, self.notes = Remarks(self.tell), Remarks(self.tell)
         self._waiting: list[Rows] = []
         self._flags = 0
         self._problems: list[tuple[int, str, bool]] = []
@@ -375,8 +375,11 @@ class Session:
                 break
             done += 1
             self.place.malformed += refused
-            fate = f"; {self._fate}" if refused else ""
-            self.remarks.remark(f"line {number:,}: {text}{fate}")
+            if refused:
+                self.remarks.remark(f"line {number:,}: {text}; {self._fate}")
+            else:
+                # not to be lost among those that it follows
+                self.notes.remark(f"line {number:,}: {text}")
         del self._problems[:done]
 
     @property
