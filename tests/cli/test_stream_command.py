@@ -284,7 +284,7 @@ def fed(data: bytes, size: int) -> tuple[dict[str, Any], list[str]]:
     return session.line(final=True), told
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.data_too_large])
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.data_too_large])
 @given(
     st.lists(st.tuples(st.integers(1, 120), garbage()), max_size=25),
     st.integers(1, 5000),
@@ -371,7 +371,9 @@ def test_a_run_that_was_killed_ends_as_one_that_was_not(run, file, tmp_path, mom
     assert objects(outcome.out)[-1] == whole[-1]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(
+    "number", [pytest.param(signal.SIGINT, marks=pytest.mark.slow), signal.SIGTERM]
+)
 def test_a_signal_ends_it_with_the_last_line_and_the_checkpoint(run, file, tmp_path, number):
     kept = tmp_path / "kept.json"
     with file.open("ab") as stream:
@@ -584,6 +586,13 @@ def test_a_stream_without_samples_is_one_line(run, tmp_path, content, says):
     assert (outcome.code, outcome.out) == (2, "")
     (line,) = outcome.error_lines
     assert says in line
+
+
+def test_a_standard_input_that_is_closed_is_one_line(run, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", None)
+    outcome = run("stream", *QUESTION)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "standard input closed" in outcome.error_lines[0]
 
 
 # --------------------------------------------------------------------------------------- the view

@@ -29,7 +29,13 @@ from tridentify.cli.stream_checkpoint import (
 from tridentify.cli.stream_session import Question, Session, check_every
 from tridentify.cli.stream_show import LiveView
 from tridentify.cli.terminal import Activity, say, show_json_line
-from tridentify.errors import ChannelNameError, OptionError, OutputPathError, shown
+from tridentify.errors import (
+    ChannelNameError,
+    OptionError,
+    OutputPathError,
+    UnreadableFileError,
+    shown,
+)
 from tridentify.formats.streams.header import Asked, split_columns
 from tridentify.formats.streams.lines import LineCutter
 from tridentify.formats.streams.sources import (
@@ -140,6 +146,11 @@ def _source(text: str, follow: bool) -> Source:
                 "this source is waited for anyway"
             )
         if text == "-":
+            if sys.stdin is None:
+                raise UnreadableFileError(
+                    "found standard input closed; expected lines of samples; name a file or "
+                    "udp://127.0.0.1:PORT"
+                )
             if sys.stdin.isatty():
                 say("reading lines from this terminal; end them with Ctrl-D")
             return PipeSource("standard input", lambda: sys.stdin.buffer)

@@ -409,7 +409,8 @@ class Session:
             estimate = self.question.method.estimate(self.state)
         except online.NotReadyError as error:
             self.refused = error
-        flags = online.Flag(self._flags) | self.state.flags
+        # whether it is ready is a matter of now
+        flags = (online.Flag(self._flags) & ~online.Flag.NOT_READY) | self.state.flags
         self._flags = 0
         at = {
             "time": self.place.time,

@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from rich.console import Group
 from rich.live import Live
-from rich.table import Table
 
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import error_console, say
@@ -198,12 +198,10 @@ class LiveView:
             say(plain_line(document, rate))
 
 
-def live_table(name: str, document: Mapping[str, Any], rate: float) -> Table:
-    """Make the table of one estimate."""
+def live_table(name: str, document: Mapping[str, Any], rate: float) -> Group:
+    """Make the table of one estimate, between where it is and what is the matter."""
     table = make_table(("coefficient", "value", "std error"), [_rows(document)])
-    table.title = f"{name}: {_where(document, rate)}"
-    table.caption = _state(document)
-    return table
+    return Group(f"{name}: {_where(document, rate)}", table, _state(document))
 
 
 def plain_line(document: Mapping[str, Any], rate: float) -> str:
