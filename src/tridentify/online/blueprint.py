@@ -227,7 +227,7 @@ def _blueprint(
     ints[intake.C_MAPS] = constants.take(p * directions * columns)
     c = np.zeros(constants.at)
     c[intake.INTERVAL], c[intake.FORGETTING] = setting.dt, forgetting
-    c[intake.PACE] = min(1.0, max(10.0 * (1.0 - forgetting), 1e-3))
+    c[intake.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
     found = Blueprint(ints, c, plan.at, poles, nuisance)
     for j, (whole, _) in enumerate(setting.shifts):
         c[ints[intake.C_EXTRA] + j] = whole

@@ -210,7 +210,7 @@ def equation_blueprint(
     c = np.zeros(constants.at)
     # a triangle that all outputs share takes a row of each
     c[intake.INTERVAL], c[intake.FORGETTING] = setting.dt, forgetting ** (1.0 / p)
-    c[intake.PACE] = min(1.0, max(10.0 * (1.0 - forgetting), 1e-3))
+    c[intake.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
     _write_filter(c, ints, setting, cascade(poles), weights)
     return Blueprint(ints, c, plan.at, poles, nuisance)
 
@@ -299,6 +299,15 @@ class EquationError(Estimator):
         return self.plan(
             setting, blueprint.poles, weights, restarted=restarted, filtering=filtering
         ).size
+
+    def is_ready(self, state: State) -> bool:
+        """Whether `estimate` would answer."""
+        x, stage = state
+        if stage.searching:
+            return False
+        k = int(stage.blueprint.ints[intake.COEFFICIENTS])
+        root = unknowns_of(stage.blueprint, x, stage.setting.n_outputs)[1]
+        return bool(np.all(np.isfinite(root[-k:])))
 
     def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
         """``c`` for samples that come after other intervals."""

@@ -6,11 +6,11 @@ itself needs (`online.blueprint`). ``ints`` says where things stand and ``c`` ho
 both are fixed between two events.
 
 *Doubt.* An innovation divided by its own standard deviation, ``v / sigma``, is of variance one
-whatever has been learnt so far (`numerics.recursive`). Beyond six it is no noise; the sample is
-left out. The scale of the noise is followed by its median, which a few far samples do not move.
-An output that repeats its value while the fit moves away by four standard deviations is stuck.
-One that stays at the largest or smallest value it ever had while the fit lies three beyond is
-saturated.
+whatever has been learnt so far (`numerics.recursive`). Beyond six it is no noise (more, as long
+as the scale is not well known); the sample is left out. The scale of the noise is followed by its
+median, which a few far samples do not move. An output that repeats its value while the fit moves
+away by four standard deviations is stuck. One that stays at the largest or smallest value it ever
+had while the fit lies three beyond is saturated.
 
 *Watch.* Let ``g = G' z`` be the sensitivities of the output to the coefficients, combinations of
 the row ``z``. As long as the coefficients stay, the scores ``S = sum g v`` over a block have the
@@ -69,8 +69,8 @@ CONSTANTS = 8
 (
     LAST, REPEATS, AT_FIRST, HIGHEST, LOWEST, SCALE, SQUARES, WEIGHT, WEIGHT2, MEAN, SPREAD, TAKEN,
     REFUSED, STANDS, LIMITS, INSIDE, IDLE, INNOVATION, FITTED, MOVED,
-    BLOCKS, DOUBLES,
-) = range(22)  # fmt: skip
+    BLOCKS, DOUBLES, FLOOR,
+) = range(23)  # fmt: skip
 SCORES = 24
 
 # bits of the flags (`online.flags.Flag`)
@@ -82,12 +82,14 @@ DOUBTED = OUTLIER | STUCK | SATURATED
 # bits of the event
 CHUNK_FULL, TICKED, ALARMED = 1, 2, 4
 
-FAR = 6.0
+FAR, UNSURE = 6.0, 8.0
 TOLD, LARGE = 2.0, 3.0
 RARE = 0.01
 MOST_REFUSED = 25
 LARGEST = 1e100
 TRACE = 1e-5
+FLOOR_PACE = 16.0
+TO_SCALE = 1.4826022185056018  # of a normal's median modulus
 BLOCKS_USUAL = 200.0
 LEVEL = 40.0
 SCALES, PER_SCALE, SUMS = 3, 16, 4
@@ -95,7 +97,7 @@ IDLE_SHARE = 0.01
 IDLE_BLOCKS = 8.0
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1], float64)")
+@compiled("void(int64[::1], float64[::1], float64[::1], float64)", inline=True)
 def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
     """Count, keep the time, put the input into the delay line and the sample into the chunk."""
     m, p = ints[INPUTS], ints[OUTPUTS]
@@ -134,26 +136,26 @@ def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
     x[FLAGS] = float(flags)
 
 
-@compiled("void(int64[::1], float64[::1])")
+@compiled("void(int64[::1], float64[::1])", inline=True)
 def count(ints: Ints, x: Array) -> None:
     """The sample is done with."""
     x[COUNT] += 1.0
     x[SINCE] += 1.0
-    x[SEEN] = float(int(x[SEEN]) | (int(x[FLAGS]) & ~NOT_READY))
+    if x[FLAGS] != 0.0:
+        x[SEEN] = float(int(x[SEEN]) | (int(x[FLAGS]) & ~NOT_READY))
     if x[COUNT] == x[TICK]:
         x[EVENT] += TICKED
 
 
-@compiled("float64(float64[::1], int64)")
+@compiled("float64(float64[::1], int64)", inline=True)
 def noise_scale(x: Array, w: int) -> float:
     """Standard deviation of the noise, but no less than a trace of the output's."""
-    size = np.sqrt(x[w + SPREAD] / max(x[w + WEIGHT], 1.0) + x[w + MEAN] ** 2)
-    return max(float(x[w + SCALE]), TRACE * float(size))
+    return max(float(x[w + SCALE]), float(x[w + FLOOR]))
 
 
-@compiled("boolean(float64[::1], int64, float64, float64, float64, int64)")
-def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, n: int) -> bool:
-    """Whether a sample is to be left out; says why in the flags."""
+@compiled("boolean(float64[::1], int64, float64, float64, float64, float64, int64)", inline=True)
+def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, own: float, n: int) -> bool:
+    """Whether a sample is to be left out; says why in the flags. ``own``: of the innovation."""
     if not (abs(y) < LARGEST):
         x[FLAGS] = float(int(x[FLAGS]) | MISSING_OUTPUT)
         x[w + REPEATS] = 0.0
@@ -175,12 +177,10 @@ def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, n: int) ->
         x[w + LOWEST] = y
         limits &= ~2
     x[w + LIMITS] = float(limits)
-    scale = x[w + SCALE]
-    if x[w + TAKEN] < 2.0 * n + 10.0 or not (leverage < 1.0) or not (scale > 0.0):
+    taken = x[w + TAKEN]
+    if taken < 2.0 * n + 10.0 or not (leverage < 1.0) or not (x[w + SCALE] > 0.0):
         return False
-    scale = noise_scale(x, w)
     error = y - fitted
-    own = scale * np.sqrt(1.0 + leverage)
     if x[w + REPEATS] >= 3.0:
         if y >= x[w + HIGHEST] and error < -3.0 * own:
             limits |= 1
@@ -197,13 +197,13 @@ def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, n: int) ->
     if x[w + STANDS] > 0.0:
         x[FLAGS] = float(int(x[FLAGS]) | STUCK)
         return True
-    if abs(error) > FAR * own:
+    if abs(error) > FAR * (1.0 + UNSURE / np.sqrt(taken)) * own:
         x[FLAGS] = float(int(x[FLAGS]) | OUTLIER)
         return True
     return False
 
 
-@compiled("void(float64[::1], int64, float64, float64, float64)")
+@compiled("void(float64[::1], int64, float64, float64, float64)", inline=True)
 def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
     """Follow scale, mean and spread of an output with a sample that was taken."""
     x[w + TAKEN] += 1.0
@@ -213,14 +213,17 @@ def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
     step = y - x[w + MEAN]
     x[w + MEAN] += step / x[w + WEIGHT]
     x[w + SPREAD] = factor * x[w + SPREAD] + step * (y - x[w + MEAN])
-    size = abs(v) / 0.6744897501960817
+    if taken % FLOOR_PACE == 1.0:
+        size = np.sqrt(x[w + SPREAD] / x[w + WEIGHT] + x[w + MEAN] ** 2)
+        x[w + FLOOR] = TRACE * size
+    size = abs(v) * TO_SCALE
     if not (size >= 0.0):
         return
     if x[w + SCALE] == 0.0:
         x[w + SCALE] = size
     else:
-        pace = max(4.0 / (taken + 8.0), 0.01)
-        x[w + SCALE] *= np.exp(pace if size > x[w + SCALE] else -pace)
+        factor = 1.0 + max(4.0 / (taken + 8.0), 0.004)
+        x[w + SCALE] *= factor if size > x[w + SCALE] else 1.0 / factor
 
 
 @compiled("boolean(int64[::1], float64[::1], int64, int64, boolean)")
@@ -289,7 +292,9 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     return scale + 1 < SCALES
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)")
+@compiled(
+    "void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)", inline=True
+)
 def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: bool) -> None:
     """Gather the scores of a block; at its end, judge change and excitation.
 
@@ -310,19 +315,25 @@ def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: b
     g = w + SCORES
     scores = g + k
     m = scores + k
-    maps = ints[C_MAPS] + ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
+    maps = ints[C_MAPS]
+    if w != ints[AT_WATCH]:
+        maps += ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
+    # views: an index that cannot be negative is quicker
+    z, gathered = x[row + first : row + n], x[g : g + k]
     for i in range(k):
         value = 0.0
+        products = x[m : m + i + 1]
         if ints[DIRECTIONS_STRIDE] == 0:
             value = x[row + n - k + i]
         else:
-            for s in range(first, n):
-                value += c[maps + i * n + s] * x[row + s]
-        x[g + i] = value
+            one = c[maps + i * n + first : maps + i * n + n]
+            for s in range(n - first):
+                value += one[s] * z[s]
+        gathered[i] = value
         x[scores + i] += value * v
         for s in range(i + 1):
-            x[m] += value * x[g + s]
-            m += 1
+            products[s] += value * gathered[s]
+        m += i + 1
     x[w + INSIDE] += 1.0
     if x[w + INSIDE] >= ints[BLOCK]:
         x[w + INSIDE] = 0.0

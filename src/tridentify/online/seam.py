@@ -101,6 +101,10 @@ class Estimator(ABC):
         """
 
     @abstractmethod
+    def is_ready(self, state: State) -> bool:
+        """Whether the samples so far determine the coefficients."""
+
+    @abstractmethod
     def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
         """(k, ...) ``c`` of the kernels for samples that come after other intervals [s]."""
 
@@ -218,6 +222,8 @@ class Estimator(ABC):
             The interval is not above zero.
         """
         values, stage = state
+        if stage.method is not self:
+            check_owner(self, stage.method)
         blueprint = stage.blueprint
         ints = blueprint.ints
         x = values.copy()
@@ -263,6 +269,7 @@ class Estimator(ABC):
         """
         u, y = (np.ascontiguousarray(_table(one), dtype=np.float64) for one in (u, y))
         setting = state.stage.setting
+        check_owner(self, state.stage.method)
         if u.shape[1] != setting.n_inputs or y.shape[1] != setting.n_outputs or len(u) != len(y):
             raise ChannelCountError(
                 f"found samples of shape {u.shape} and {y.shape}; expected "
@@ -353,6 +360,20 @@ class Estimator(ABC):
                 value = list(value)
             options[field.name] = value
         return {"name": self.name, "options": options}
+
+
+def check_owner(method: Estimator, owner: object) -> None:
+    """Refuse a state that another estimator made.
+
+    Raises
+    ------
+    OptionError
+    """
+    if method != owner:
+        raise OptionError(
+            f"found a state of {shown(owner)} in {shown(method)}; expected one that this "
+            "estimator made; go on with state.method"
+        )
 
 
 def kept_samples(state: State) -> Array:

@@ -185,6 +185,10 @@ class ThreeModel(Estimator):
             return collecting(setting).size
         return parallel(setting, blueprint.poles, blueprint.nuisance, keep, 1.0, 0).size
 
+    def is_ready(self, state: State) -> bool:
+        """Whether a model has been found."""
+        return not state.stage.searching
+
     def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
         """``c`` for samples that come after other intervals."""
         return constants_for(blueprint, setting, intervals)
