@@ -187,6 +187,22 @@ def test_missing_samples_jitter_and_bad_lines_are_flagged(run, file):
         assert abs(item["value"] - TRUTH[name]) < 5 * item["std"]
 
 
+def test_several_channels_have_their_own_coefficients(run, held, write_table):
+    rng = np.random.default_rng(5)
+    u = np.repeat(rng.choice([-1.0, 1.0], (2, 120)), 10, axis=1)
+    y = [held(b, u[0]) + held([c, 1.0], u[1]) for b, c in (([2.0, 3.0], 4.0), ([1.0, 5.0], 6.0))]
+    y = [one + 0.01 * rng.standard_normal(one.size) for one in y]
+    columns = {"t": DT * np.arange(u.shape[1]), "e": u[0], "r": u[1], "q": y[0], "p": y[1]}
+    words = ["--input", "e", "--input", "r", "--output", "q", "--output", "p"]
+    path = write_table("two.csv", columns)
+    last = objects(run("stream", path, *words, "--poles", 2, "--zeros", 1).out)[-1]
+    truth = {"a1": 3.0, "a0": 9.0, "b1[q,e]": 2.0, "b1[p,r]": 6.0, "b0[p,e]": 5.0, "b0[q,r]": 1.0}
+    for name, value in truth.items():
+        item = last["coefficients"][name]
+        assert abs(item["value"] - value) < 5 * item["std"]
+    assert set(last["noise_std"]) == set(last["fit"]) == set(last["innovation_std"]) == {"q", "p"}
+
+
 def test_samples_that_do_not_count_are_missing(run, file):
     outcome = run("stream", file, *QUESTION, "--missing", "q>=0.3", "--every", "inf")
     (last,) = objects(outcome.out)

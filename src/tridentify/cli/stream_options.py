@@ -63,7 +63,7 @@ class OnChange(StrEnum):
 SourceName = Annotated[
     str,
     typer.Argument(
-        metavar="[SOURCE]",
+        metavar="SOURCE",
         help="Where lines come from: - (standard input), a file, or udp://127.0.0.1:PORT "
         "(datagrams to this machine from itself; port 0 takes a free one).",
     ),
@@ -126,7 +126,7 @@ Walk = Annotated[
         "--walk",
         metavar="X",
         help="How far coefficients wander in a second (kalman): a share of their size such as "
-        "0.01, or a=0.1 for one of them in its own unit; may be repeated.",
+        "0.01, or a1=0.1 for one of them in its own unit; may be repeated.",
     ),
 ]
 Filter = Annotated[

@@ -13,7 +13,6 @@ again, also with its columns in another order. A cell that is blank, nan or null
 from __future__ import annotations
 
 import csv
-import io
 import json
 import math
 import re
@@ -27,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
+from tridentify.formats.streams.blocks import MANY, plain_number, read_with_float, read_with_polars
 from tridentify.formats.streams.header import Asked, Columns, find_columns
 from tridentify.formats.streams.lines import LONGEST_LINE, Lines
 from tridentify.formats.text_table import (
     COMMENTS,
-    MISSING,
     SEPARATORS,
     all_numbers,
     read_number,
@@ -43,14 +42,10 @@ __all__ = ["Problem", "RowReader", "Rows"]
 FloatArray = NDArray[np.float64]
 
 _FEW = 16
-_MANY = 256
 _AROUND = " \r\n\v\f"  # a tab may stand beside a blank cell
 _BOM = b"\xef\xbb\xbf"
 _EXCEL = re.compile(r"sep=.")
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-_BLANK = {token.encode(): b"nan" for word in MISSING for token in (word, word.upper())} | {
-    b"NaN": b"nan"
-}
 
 
 @dataclass(frozen=True)
@@ -337,7 +332,7 @@ class RowReader:
             if b"." in text:
                 return None
             text = text.replace(b",", b".")
-        read = _by_polars if len(ends) >= _MANY else _by_float
+        read = read_with_polars if len(ends) >= MANY else read_with_float
         values = read(text, separator.decode(), columns, len(ends))
         return None if values is None else self._sound(values)
 
@@ -476,7 +471,7 @@ class RowReader:
         columns = self._columns
         assert columns is not None
         try:
-            return self._checked([_plain_number(found[name]) for name in columns.headers])
+            return self._checked([plain_number(found[name]) for name in columns.headers])
         except KeyError as error:
             raise _BadLineError(
                 f"found no {shown(error.args[0])} in the object; expected it, or null where a "
@@ -489,19 +484,6 @@ _SCAN = json.JSONDecoder().raw_decode
 _NUMBERS = {float, int, type(None)}
 
 
-def _plain_number(value: object) -> float | str:
-    if type(value) is float:
-        return value
-    if value is None:
-        return math.nan
-    if type(value) is int:
-        try:
-            return float(value)
-        except OverflowError:
-            return math.inf
-    return str(value) if isinstance(value, (str, bool)) else shown(value)
-
-
 def _decoded(line: bytes) -> str:
     try:
         return line.decode("utf-8").removeprefix("\ufeff").strip(_AROUND)
@@ -509,41 +491,3 @@ def _decoded(line: bytes) -> str:
         raise _BadLineError(
             f"found the byte 0x{line[error.start]:02x}, which is no UTF-8; expected text"
         ) from error
-
-
-def _by_float(text: bytes, separator: str, columns: Columns, n_rows: int) -> FloatArray | None:
-    cells = text[:-1].replace(b"\n", separator.encode()).split(separator.encode())
-    values = np.empty((n_rows, len(columns.places)))
-    for k, place in enumerate(columns.places):
-        column = cells[place :: columns.width]
-        try:
-            values[:, k] = list(map(float, column))
-        except ValueError:
-            try:
-                values[:, k] = [float(_BLANK.get(cell.strip(), cell)) for cell in column]
-            except ValueError:
-                return None
-    return values
-
-
-def _by_polars(text: bytes, separator: str, columns: Columns, n_rows: int) -> FloatArray | None:
-    import polars as pl
-
-    order = sorted(set(columns.places))
-    kinds = [pl.Float64 if k in order else pl.String for k in range(columns.width)]
-    try:
-        frame = pl.read_csv(
-            io.BytesIO(text),
-            separator=separator,
-            has_header=False,
-            columns=order,
-            schema_overrides=kinds,
-            infer_schema_length=0,
-            null_values=[token.decode() for token in _BLANK if token],
-        )
-    except pl.exceptions.PolarsError:
-        return None
-    if frame.height != n_rows or any(kind != pl.Float64 for kind in frame.dtypes):
-        return None
-    found = frame.to_numpy()
-    return np.array(found[:, [order.index(place) for place in columns.places]], order="C")
