@@ -15,6 +15,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from tridentify import online
     from tridentify.errors import (
         ConvergenceError,
         DataError,
@@ -69,6 +70,7 @@ __all__ = [
     "frame_from_record",
     "identify",
     "list_channels",
+    "online",
     "read_record",
     "record_from_frame",
     "simulate",
@@ -100,6 +102,7 @@ _HOME = {
     "frame_from_record": "formats.frames",
     "identify": "identify",
     "list_channels": "formats.read",
+    "online": "online",
     "read_record": "formats.read",
     "record_from_frame": "formats.frames",
     "simulate": "simulate",
@@ -110,7 +113,8 @@ def __getattr__(name: str) -> Any:
     home = _HOME.get(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{home}"), name)
+    module = import_module(f"{__name__}.{home}")
+    value = module if home == name == "online" else getattr(module, name)
     globals()[name] = value
     return value
 
@@ -127,7 +131,7 @@ class _Package(ModuleType):
     """
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if not (name in _HOME and isinstance(value, ModuleType)):
+        if name == "online" or not (name in _HOME and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

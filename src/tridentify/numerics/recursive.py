@@ -1,0 +1,317 @@
+"""Least squares that takes one sample at a time, without ever squaring the condition number.
+
+*Triangle.* For rows ``z_k`` with targets ``y_k`` and weights ``w_k`` the triangle ``R`` and ``Q'
+y`` of a QR factorisation are kept as ``R = D^{1/2} U`` and ``D^{1/2} t`` with unit upper
+triangular ``U``: the square-root-free Givens rotations of Gentleman (1973). A new row ``(x, y)``
+of weight ``w`` is turned into the triangle column by column,
+
+    d_i' = d_i + w x_i^2,  c = d_i / d_i',  s = w x_i / d_i', x_l <- x_l - x_i u_il,  u_il <- c
+    u_il + s x_l(old),  y <- y - x_i t_i,  t_i <- c t_i + s y(old), w <- c w.
+
+Nothing is subtracted from ``D``: it stays positive whatever the number of samples, and an unknown
+of which nothing has been seen has ``d_i = 0`` without need of a prior. What is left of ``y`` at the
+end is the *innovation* ``e = y - z' theta`` with the coefficients before the row, and what is left
+of ``w = 1`` is ``1 / (1 + z' P z)`` with ``P = (U' D U)^{-1}``. So ``v = e / sqrt(1 + z' P z)`` has
+the variance of the noise, whatever has been learnt so far, and successive ones are independent.
+
+*Forgetting.* Multiplying ``d_i`` by a factor below one leaves ``theta`` as it is and takes weight
+off the past. A row of the triangle is forgotten only as long as it is renewed: where the
+information that arrives falls below a share of what is forgotten, the factor is one (``forget``).
+So nothing is lost, and the covariance does not grow, while the input rests.
+
+*Directional forgetting* (Kulhavy 1987) forgets along the regressor only: with ``h = z' P z`` the
+information becomes ``P^{-1} + beta z z'``, ``beta = f - (1 - f) / h``, and ``theta`` moves as
+without forgetting. The triangle takes it in two rotations, of weight one with ``y``, and of
+weight ``beta - 1`` with the new fit, which moves no coefficient. Since ``1 + beta h = f (1 + h)``
+it stays positive.
+
+*Covariance.* A random walk of the coefficients adds to ``P``, so a Kalman filter keeps ``P = V D
+V'`` with ``V`` unit upper triangular (Bierman 1977): the measurement update of Bierman and the
+time update of Thornton by weighted Gram-Schmidt; both keep ``D`` positive.
+
+*Gradient.* The rule ``d theta_i / dt = lambda_i eps phi_i`` over one interval ``h`` by the
+backward Euler method is ``theta' = theta + h lambda phi eps / (1 + h sum lambda_i phi_i^2)``: a
+normalised step that is stable for any ``lambda >= 0``, as the error after it is ``eps / (1 +
+...)``.
+
+All of them work in place on one vector, at offsets, so that a whole estimator is one plain array.
+They are compiled when this module is imported, so it is imported where it is needed.
+
+References
+----------
+W. M. Gentleman, J. Inst. Maths Applics 12 (1973), 329-336; Algorithm AS 75, Applied Statistics 23
+(1974), 448-454.
+G. J. Bierman, Factorization Methods for Discrete Sequential Estimation, Academic Press 1977.
+R. Kulhavy, Automatica 23(5) (1987), 589-600.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Function = TypeVar("Function", bound=Callable[..., object])
+
+NEGLIGIBLE = 1e-11
+RENEWED = 0.2
+TINY = 1e-250
+
+
+def compiled(signature: str) -> Callable[[Function], Function]:
+    """Decorator: machine code for a signature, kept on disk where that is possible.
+
+    The code of a function contains that of the functions it calls, and what is kept would survive
+    a change of theirs if these stand in another file. So it is stamped with the sources of all
+    kernels.
+
+    Parameters
+    ----------
+    signature : str
+        As numba writes it.
+    """
+
+    def wrap(function: Function) -> Function:
+        try:
+            found: Any = numba.njit(cache=True)(function)
+            found._cache._cache_file._source_stamp = _stamp()
+        except (AttributeError, RuntimeError):  # no folder can hold it, or another numba
+            found = numba.njit(function)
+        found.compile(signature)
+        found.disable_compile()
+        return cast(Function, found)
+
+    return wrap
+
+
+@cache
+def _stamp() -> tuple[tuple[str, float, int], ...]:
+    """Names, times and sizes of all files with compiled functions."""
+    here = Path(__file__)
+    files = [here, *sorted((here.parent.parent / "online").glob("*.py"))]
+    return tuple((one.name, one.stat().st_mtime, one.stat().st_size) for one in files)
+
+
+def size(n: int) -> int:
+    """Numbers that a triangle of ``n`` columns takes.
+
+    ``d`` (n), ``t`` (n), the largest entry of every column (n), the information that arrives (n),
+    and the rows of ``U`` to the right of the diagonal.
+    """
+    return 4 * n + n * (n - 1) // 2
+
+
+@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)")
+def innovate(x: Array, at: int, n: int, first: int, row: int, work: int) -> tuple[float, float]:
+    """Prediction ``z' theta`` and ``z' P z`` of a row, before it is absorbed.
+
+    Parameters
+    ----------
+    x : array
+        Holds everything.
+    at : int
+        Where the triangle begins.
+    n, first : int
+        Columns, and the first one that is not zero any more.
+    row : int
+        Where the row ``z`` stands; it is left alone.
+    work : int
+        Room for ``n`` numbers; on return the coordinates of the row on the triangle.
+    """
+    for i in range(first, n):
+        x[work + i] = x[row + i]
+    fitted = 0.0
+    leverage = 0.0
+    u = at + 4 * n + first * (n - 1) - first * (first - 1) // 2
+    for i in range(first, n):
+        xi = x[work + i]
+        if abs(xi) <= NEGLIGIBLE * x[at + 2 * n + i]:
+            xi = 0.0
+            x[work + i] = 0.0
+        if xi != 0.0:
+            for m in range(i + 1, n):
+                x[work + m] -= xi * x[u + m - i - 1]
+            d = x[at + i]
+            if d > 0.0:
+                fitted += xi * x[at + n + i]
+                leverage += xi * xi / d
+            else:
+                leverage = np.inf
+        u += n - 1 - i
+    return fitted, leverage
+
+
+@compiled("void(float64[::1], int64, int64, int64, int64, int64, float64, float64)")
+def rotate(
+    x: Array, at: int, n: int, first: int, row: int, work: int, target: float, weight: float
+) -> None:
+    """Turn a row of some weight into the triangle."""
+    for i in range(first, n):
+        x[work + i] = x[row + i]
+    left = target
+    w = weight
+    u = at + 4 * n + first * (n - 1) - first * (first - 1) // 2
+    for i in range(first, n):
+        xi = x[work + i]
+        large = at + 2 * n + i
+        if weight > 0.0 and abs(x[row + i]) > x[large]:
+            x[large] = abs(x[row + i])
+        if w != 0.0 and abs(xi) > NEGLIGIBLE * x[large]:
+            d = x[at + i]
+            new = d + w * xi * xi
+            if new > TINY:
+                c = d / new
+                s = w * xi / new
+                x[at + i] = new
+                w = w * c
+                for m in range(i + 1, n):
+                    old = x[work + m]
+                    x[work + m] = old - xi * x[u + m - i - 1]
+                    x[u + m - i - 1] = c * x[u + m - i - 1] + s * old
+                old = left
+                left = old - xi * x[at + n + i]
+                x[at + n + i] = c * x[at + n + i] + s * old
+        u += n - 1 - i
+
+
+@compiled("void(float64[::1], int64, int64, int64, int64, float64, float64, float64)")
+def forget(
+    x: Array, at: int, n: int, first: int, work: int, weight: float, factor: float, pace: float
+) -> None:
+    """Multiply the rows of the triangle by ``factor``, but for those that are not renewed.
+
+    Parameters
+    ----------
+    work : int
+        Where the coordinates of the row that arrives stand (`innovate`).
+    weight : float
+        ``1 / (1 + z' P z)``.
+    factor : float
+    pace : float
+        Share of the newest in the running mean of what arrives.
+    """
+    lost = (1.0 - factor) * RENEWED
+    for i in range(first, n):
+        xi = x[work + i]
+        arrived = at + 3 * n + i
+        x[arrived] += pace * (weight * xi * xi - x[arrived])
+        if x[arrived] >= lost * x[at + i]:
+            x[at + i] *= factor
+    for i in range(first):
+        x[at + i] *= factor
+        if x[at + i] < TINY:
+            x[at + i] = 0.0
+
+
+@compiled("void(float64[::1], int64, int64, int64)")
+def solve_triangle(x: Array, at: int, n: int, out: int) -> None:
+    """``theta = U^{-1} t`` written to ``x[out : out + n]``; zero where nothing has been seen."""
+    u = at + 4 * n + n * (n - 1) // 2
+    for i in range(n - 1, -1, -1):
+        u -= n - 1 - i
+        value = x[at + n + i]
+        for m in range(i + 1, n):
+            value -= x[u + m - i - 1] * x[out + m]
+        x[out + i] = value if x[at + i] > 0.0 else 0.0
+
+
+@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)")
+def predict(x: Array, theta: int, at: int, n: int, row: int, work: int) -> tuple[float, float]:
+    """``z' theta`` and ``z' P z`` with ``P = V D V'``; ``V' z`` is left in ``work``.
+
+    ``D`` stands at ``at``, then the columns of ``V`` above the diagonal, one after the other.
+    """
+    fitted = 0.0
+    spread = 0.0
+    v = at + n
+    for j in range(n):
+        value = x[row + j]
+        for i in range(j):
+            value += x[v + i] * x[row + i]
+        x[work + j] = value
+        spread += x[at + j] * value * value
+        fitted += x[row + j] * x[theta + j]
+        v += j
+    return fitted, spread
+
+
+@compiled("void(float64[::1], int64, int64, int64, int64, int64, float64, float64)")
+def correct(
+    x: Array, theta: int, at: int, n: int, work: int, gain: int, error: float, noise: float
+) -> None:
+    """Measurement update of Bierman for a row whose ``V' z`` stands in ``work``."""
+    alpha = noise
+    v = at + n
+    for j in range(n):
+        f = x[work + j]
+        g = x[at + j] * f
+        before = alpha
+        alpha = alpha + f * g
+        x[gain + j] = g
+        if alpha > 0.0:
+            x[at + j] = x[at + j] * before / alpha
+            share = -f / before if before > 0.0 else 0.0
+            for i in range(j):
+                old = x[v + i]
+                x[v + i] = old + x[gain + i] * share
+                x[gain + i] = x[gain + i] + g * old
+        v += j
+    if alpha > 0.0:
+        for j in range(n):
+            x[theta + j] += x[gain + j] * error / alpha
+
+
+@compiled("void(float64[::1], int64, int64, float64[::1], int64, int64, int64, float64, int64)")
+def drift(
+    x: Array, at: int, n: int, c: Array, walk: int, widths: int, k: int, scale: float, work: int
+) -> None:
+    """Time update of Thornton: ``P + scale W Q W'``, by weighted Gram-Schmidt.
+
+    Parameters
+    ----------
+    c : array
+        Holds ``W`` (n, k), row by row, from ``walk`` on and the diagonal of ``Q`` from ``widths``.
+    work : int
+        Room for ``n (n + k)`` numbers.
+    """
+    m = n + k
+    v = at + n
+    for j in range(n):
+        for i in range(n):
+            value = 0.0
+            if i < j:
+                value = x[v + i]
+            elif i == j:
+                value = 1.0
+            x[work + i * m + j] = value
+        v += j
+    for i in range(n):
+        for j in range(k):
+            x[work + i * m + n + j] = c[walk + i * k + j]
+    for j in range(n - 1, -1, -1):
+        v -= j
+        total = 0.0
+        for s in range(n):
+            total += x[work + j * m + s] ** 2 * x[at + s]
+        for s in range(k):
+            total += x[work + j * m + n + s] ** 2 * scale * c[widths + s]
+        for i in range(j):
+            cross = 0.0
+            for s in range(n):
+                cross += x[work + i * m + s] * x[at + s] * x[work + j * m + s]
+            for s in range(k):
+                cross += x[work + i * m + n + s] * scale * c[widths + s] * x[work + j * m + n + s]
+            ratio = cross / total if total > 0.0 else 0.0
+            x[v + i] = ratio
+            for s in range(m):
+                x[work + i * m + s] -= ratio * x[work + j * m + s]
+        # the old D is needed to the end: the new one waits in the row that is done with
+        x[work + j * m] = total
+    for j in range(n):
+        x[at + j] = x[work + j * m]

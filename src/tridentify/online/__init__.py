@@ -1,0 +1,19 @@
+"""The three models while the data arrive: one sample at a time, or a record run through."""
+
+from tridentify.online.flags import Flag
+from tridentify.online.registry import ESTIMATORS
+from tridentify.online.run import Run, run
+from tridentify.online.seam import Estimator, NotReadyError
+from tridentify.online.state import State
+from tridentify.online.three_model import ThreeModel
+
+__all__ = [
+    "ESTIMATORS",
+    "Estimator",
+    "Flag",
+    "NotReadyError",
+    "Run",
+    "State",
+    "ThreeModel",
+    "run",
+]

@@ -1,0 +1,311 @@
+"""Where things stand in the vector of an on-line estimator, and the matrices of its sample loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.discretize import discretize
+from tridentify.numerics.realization import Cascade, Complex, cascade
+from tridentify.numerics.recursive import size
+from tridentify.numerics.sampled import split_delay
+from tridentify.online import intake
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CHUNK = 64
+NEGLIGIBLE = 1e-30
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What an estimator was told at the beginning.
+
+    Attributes
+    ----------
+    structure : Structure
+    dt : float
+        Sampling interval [s].
+    input_names, output_names : tuple of str
+    units : tuple of (str, str)
+        Channel and unit.
+    intersample : str
+        ``"zoh"`` or ``"foh"``.
+    """
+
+    structure: Structure
+    dt: float
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    units: tuple[tuple[str, str], ...]
+    intersample: str
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return len(self.input_names)
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return len(self.output_names)
+
+    @property
+    def n_poles(self) -> int:
+        """Degree of the denominator."""
+        return self.structure.common_poles
+
+    @cached_property
+    def zeros(self) -> tuple[tuple[int, ...], ...]:
+        """Degrees of the numerators, ``[output][input]``."""
+        return self.structure.zeros_matrix(self.n_outputs, self.n_inputs)
+
+    @cached_property
+    def delays(self) -> tuple[float, ...]:
+        """Of each input [s]."""
+        return self.structure.delay_matrix(self.n_outputs, self.n_inputs)[0]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the coefficients."""
+        return self.structure.names(self.input_names, self.output_names)
+
+    @property
+    def n_directions(self) -> int:
+        """Ways for an output to move: its coefficients, and a constant."""
+        return self.n_poles + max(sum(row) for row in self.zeros) + self.n_inputs + 1
+
+    @property
+    def late(self) -> int:
+        """Samples after which every input that acts is one that was seen."""
+        return max(whole + (part > 0) for whole, part in self.shifts)
+
+    @cached_property
+    def shifts(self) -> tuple[tuple[int, float], ...]:
+        """Of each input the delay in whole samples and a part of one."""
+        return tuple(split_delay(delay, self.dt) for delay in self.delays)
+
+
+class Nuisance(NamedTuple):
+    """Which columns stand behind those of the inputs."""
+
+    free: bool
+    offset: bool
+    drift: bool
+
+    @classmethod
+    def of(cls, structure: Structure, restarted: bool) -> Nuisance:
+        """All that a structure leaves open; an estimator that starts anew starts from any state."""
+        state = structure.initial_state
+        return cls(
+            restarted or state in ("free", "auto"),
+            bool(structure.offset) or state == "equilibrium",
+            bool(structure.drift),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Blueprint:
+    """The plan of the vector ``x`` of an estimator, and the constants of its kernel.
+
+    Attributes
+    ----------
+    ints : (N_INTS,) int array
+    constants : array
+        ``c`` of the kernels at the sampling interval.
+    size : int
+        Length of ``x``.
+    poles : (q,) complex array
+        Of the bank; empty while samples are only collected.
+    nuisance : Nuisance
+    """
+
+    ints: Ints
+    constants: Array
+    size: int
+    poles: Complex
+    nuisance: Nuisance
+
+    @cached_property
+    def bank(self) -> Cascade:
+        """The bank of operators."""
+        return cascade(self.poles)
+
+    @property
+    def n_columns(self) -> int:
+        """Width of a row."""
+        return int(self.ints[intake.COLUMNS])
+
+
+class Plan:
+    """Hands out places one after the other."""
+
+    def __init__(self, at: int) -> None:
+        self.at = at
+
+    def take(self, count: int) -> int:
+        """Places for ``count`` numbers."""
+        at = self.at
+        self.at += count
+        return at
+
+
+def collecting(setting: Setting) -> Blueprint:
+    """Only the samples are kept."""
+    return _blueprint(setting, np.zeros(0, dtype=np.complex128), Nuisance(False, False, False), 0)
+
+
+def parallel(
+    setting: Setting, poles: Complex, nuisance: Nuisance, keep: bool, forgetting: float, kind: int
+) -> Blueprint:
+    """Step 1 on a bank.
+
+    Parameters
+    ----------
+    setting : Setting
+    poles : (q,) complex array
+        Of the bank.
+    nuisance : Nuisance
+    keep : bool
+        Whether the samples are still kept.
+    forgetting : float
+    kind : int
+        Of forgetting, as in `online.parallel_kernel`.
+    """
+    return _blueprint(setting, poles, nuisance, CHUNK if keep else 0, forgetting, kind)
+
+
+def _blueprint(
+    setting: Setting,
+    poles: Complex,
+    nuisance: Nuisance,
+    chunk: int,
+    forgetting: float = 1.0,
+    kind: int = 0,
+) -> Blueprint:
+    m, p, q = setting.n_inputs, setting.n_outputs, poles.size
+    ints = np.zeros(intake.N_INTS, dtype=np.int64)
+    columns = q * (m + nuisance.free) + m + nuisance.offset + nuisance.drift if q else 0
+    ints[intake.INPUTS], ints[intake.OUTPUTS] = m, p
+    ints[intake.ORDER], ints[intake.COLUMNS] = q, columns
+    ints[intake.FREE], ints[intake.OFFSET] = nuisance.free, nuisance.offset
+    ints[intake.DRIFT], ints[intake.KIND] = nuisance.drift, kind
+    ints[intake.BEGIN] = setting.late if nuisance.free else 0
+    ints[intake.UPPER] = int(np.any(poles.imag != 0))
+    directions = setting.n_directions if q else 0
+    ints[intake.DIRECTIONS] = directions
+    ints[intake.DIRECTIONS_STRIDE] = directions * columns
+    ints[intake.BLOCK] = max(20, 4 * directions)
+    ints[intake.COLLECTING] = q == 0
+    ints[intake.CHUNK] = chunk or (CHUNK if q == 0 else 0)
+    plan = Plan(intake.INBOX + m + p)
+    ints[intake.LINE] = max(whole for whole, _ in setting.shifts) + 3
+    ints[intake.AT_LINE] = plan.take(m * int(ints[intake.LINE]))
+    ints[intake.AT_REFERENCE] = plan.take(m)
+    ints[intake.AT_FIRST_INPUT] = plan.take(m)
+    ints[intake.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
+    ints[intake.AT_CHUNK] = plan.take(int(ints[intake.CHUNK]) * (m + p + 1))
+    judged = directions + directions * (directions + 1) // 2 + 3
+    ints[intake.WATCH] = intake.SCORES + 2 * directions + intake.SCALES * judged
+    ints[intake.AT_WATCH] = plan.take(p * int(ints[intake.WATCH]))
+    ints[intake.AT_ROW] = plan.take(columns)
+    ints[intake.AT_WORK] = plan.take(max(columns, q))
+    ints[intake.FACTOR] = size(columns)
+    ints[intake.AT_FACTOR] = plan.take(p * int(ints[intake.FACTOR]))
+    constants = Plan(intake.CONSTANTS)
+    ints[intake.C_STEP] = constants.take(q * q)
+    ints[intake.C_TAPS] = constants.take(3 * m * q)
+    ints[intake.C_DIRECT] = constants.take(2 * m)
+    ints[intake.C_START] = constants.take(1 + q)
+    ints[intake.C_EXTRA] = constants.take(m)
+    ints[intake.C_MAPS] = constants.take(p * directions * columns)
+    c = np.zeros(constants.at)
+    c[intake.INTERVAL], c[intake.FORGETTING] = setting.dt, forgetting
+    c[intake.PACE] = min(1.0, max(10.0 * (1.0 - forgetting), 1e-3))
+    found = Blueprint(ints, c, plan.at, poles, nuisance)
+    for j, (whole, _) in enumerate(setting.shifts):
+        c[ints[intake.C_EXTRA] + j] = whole
+    if q:
+        bank = found.bank
+        c[ints[intake.C_START]] = NEGLIGIBLE * np.abs(bank.b).max()
+        c[ints[intake.C_START] + 1 : ints[intake.C_START] + 1 + q] = bank.b
+        _fill(c, ints, setting, bank, setting.dt)
+    return found
+
+
+def constants_for(blueprint: Blueprint, setting: Setting, interval: float) -> Array:
+    """``c`` for a sample that comes after another interval [s]; no delays."""
+    c = blueprint.constants.copy()
+    if blueprint.poles.size:
+        _fill(c, blueprint.ints, setting, blueprint.bank, interval)
+    return c
+
+
+def _fill(c: Array, ints: Ints, setting: Setting, bank: Cascade, interval: float) -> None:
+    q, foh = bank.order, setting.intersample == "foh"
+    b = bank.b[:, None]
+    whole = discretize(bank.a, b, interval, setting.intersample)
+    at = int(ints[intake.C_STEP])
+    c[at : at + q * q] = whole.transition.ravel()
+    for j, (_, part) in enumerate(setting.shifts):
+        taps = np.zeros((3, q))
+        if not part:
+            taps[0], taps[1] = whole.from_next[:, 0], whole.from_current[:, 0]
+        else:
+            one = discretize(bank.a, b, part * interval, setting.intersample)
+            two = discretize(bank.a, b, (1.0 - part) * interval, setting.intersample)
+            if foh:
+                # a line from w(k-2) to w(k-1), cut at its last part, then one from w(k-1) to w(k)
+                taps[2] = part * (two.transition @ one.from_current)[:, 0]
+                middle = two.transition @ ((1.0 - part) * one.from_current + one.from_next)
+                taps[1] = (middle + two.from_current + part * two.from_next)[:, 0]
+                taps[0] = (1.0 - part) * two.from_next[:, 0]
+            else:
+                taps[2] = (two.transition @ one.from_current)[:, 0]
+                taps[1] = two.from_current[:, 0]
+        at = int(ints[intake.C_TAPS]) + 3 * j * q
+        c[at : at + 3 * q] = taps.ravel()
+        at = int(ints[intake.C_DIRECT]) + 2 * j
+        c[at : at + 2] = (1.0 - part, part) if foh else (float(not part), float(part > 0))
+
+
+def fresh(blueprint: Blueprint) -> Array:
+    """The vector before the first sample."""
+    x = np.zeros(blueprint.size)
+    ints = blueprint.ints
+    for i in range(int(ints[intake.OUTPUTS])):
+        w = int(ints[intake.AT_WATCH] + i * ints[intake.WATCH])
+        x[w + intake.HIGHEST], x[w + intake.LOWEST] = -np.inf, np.inf
+        x[w + intake.INNOVATION] = np.nan
+    return x
+
+
+def with_directions(blueprint: Blueprint, directions: Array) -> Blueprint:
+    """The same with the sensitivities that the watch follows.
+
+    Parameters
+    ----------
+    blueprint : Blueprint
+    directions : (n_outputs, n_directions, n_columns) array
+        Each a combination of the columns.
+    """
+    c = blueprint.constants.copy()
+    at = int(blueprint.ints[intake.C_MAPS])
+    c[at : at + directions.size] = directions.ravel()
+    return replace(blueprint, constants=c)
+
+
+def watch_of(blueprint: Blueprint, output: int) -> int:
+    """Where the watch of an output begins."""
+    return int(blueprint.ints[intake.AT_WATCH] + output * blueprint.ints[intake.WATCH])
+
+
+def factor_of(blueprint: Blueprint, output: int) -> int:
+    """Where the triangle of an output begins."""
+    return int(blueprint.ints[intake.AT_FACTOR] + output * blueprint.ints[intake.FACTOR])

@@ -1,0 +1,299 @@
+"""What every on-line estimator does with a sample, compiled: take it in, doubt it, watch it.
+
+A whole estimator is one vector ``x`` of numbers. It begins with the slots named here, then come the
+inbox for one sample, the delay line of the inputs, a watch for each output, and what the estimator
+itself needs (`online.blueprint`). ``ints`` says where things stand and ``c`` holds the matrices;
+both are fixed between two events.
+
+*Doubt.* An innovation divided by its own standard deviation, ``v / sigma``, is of variance one
+whatever has been learnt so far (`numerics.recursive`). Beyond six it is no noise; the sample is
+left out. The scale of the noise is followed by its median, which a few far samples do not move.
+An output that repeats its value while the fit moves away by four standard deviations is stuck.
+One that stays at the largest or smallest value it ever had while the fit lies three beyond is
+saturated.
+
+*Watch.* Let ``g = G' z`` be the sensitivities of the output to the coefficients, combinations of
+the row ``z``. As long as the coefficients stay, the scores ``S = sum g v`` over a block have the
+covariance ``sigma^2 M, M = sum g g'``, and ``T = S' M^{-1} S / sigma^2`` is for white noise a
+chi-square with as many degrees of freedom ``k`` as there are directions in the block. Where the
+noise is coloured ``T`` is larger at all times; it is divided by its own long mean. A change of
+the coefficients moves the scores: with the cumulated sum ``c <- max(0, c + T - 2 k)`` (Page 1954;
+the local approach, Basseville & Nikiforov 1993, section 8.2) an alarm is given at ``c > 40``: for
+a chi-square ``exp(0.398 (T - 2 k))`` has the mean one, so a false one comes about once in
+``exp(0.398 40)``, some eight million blocks.
+
+A small change adds to ``T`` in proportion to the length of the block. So blocks are judged on three
+scales, each sixteen times as long as the one before, each with a sum of its own.
+
+The pivots of ``M``, in the order of the coefficients, say how much the block tells of a coefficient
+beyond those before it. Below a hundredth of their mean the input does not excite it.
+
+References
+----------
+E. S. Page, Biometrika 41 (1954), 100-115.
+M. Basseville, I. Nikiforov, Detection of Abrupt Changes, Prentice Hall 1993.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.recursive import compiled
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+# slots of x
+COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN = range(11)
+INBOX = 16
+
+# places in ints
+(
+    INPUTS, OUTPUTS, ORDER, COLUMNS, FREE, BEGIN, LINE, AT_LINE, AT_WATCH, WATCH, AT_STATES, AT_ROW,
+    AT_WORK, AT_FACTOR, FACTOR, OFFSET, DRIFT, UPPER, KIND, BLOCK, AT_CHUNK, CHUNK, C_STEP, C_TAPS,
+    C_DIRECT, C_START, AT_REFERENCE, EQUILIBRIUM, COLLECTING, AT_FIRST_INPUT, C_MAPS, C_EXTRA,
+    DIRECTIONS, DIRECTIONS_STRIDE,
+) = range(34)  # fmt: skip
+N_INTS = 48
+
+# places in c
+INTERVAL, FORGETTING, PACE, HORIZON = range(4)
+CONSTANTS = 8
+
+# places in the watch of an output
+(
+    LAST, REPEATS, AT_FIRST, HIGHEST, LOWEST, SCALE, SQUARES, WEIGHT, WEIGHT2, MEAN, SPREAD, TAKEN,
+    REFUSED, SPARE, SPARE_2, INSIDE, IDLE, INNOVATION, FITTED, MOVED,
+    BLOCKS,
+) = range(21)  # fmt: skip
+SCORES = 24
+
+# bits of the flags (`online.flags.Flag`)
+MISSING_OUTPUT, MISSING_INPUT, JITTER, OUTLIER = 1, 2, 4, 8
+STUCK, SATURATED, NOT_EXCITED, CHANGED, NOT_READY = 16, 32, 64, 128, 256
+
+# bits of the event
+CHUNK_FULL, TICKED, ALARMED = 1, 2, 4
+
+FAR = 6.0
+MOST_REFUSED = 25
+LARGEST = 1e100
+TRACE = 1e-5
+BLOCKS_USUAL = 200.0
+LEVEL = 40.0
+SCALES, PER_SCALE = 3, 16
+IDLE_SHARE = 0.01
+IDLE_BLOCKS = 8.0
+
+
+@compiled("void(int64[::1], float64[::1], float64[::1], float64)")
+def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
+    """Count, keep the time, put the input into the delay line and the sample into the chunk."""
+    m, p = ints[INPUTS], ints[OUTPUTS]
+    flags = CHANGED if x[COUNT] < x[ALARM] else 0
+    x[EVENT] = 0.0
+    line, at = ints[LINE], ints[AT_LINE]
+    for j in range(m):
+        u = x[INBOX + j]
+        own = at + j * line
+        if not (abs(u) < LARGEST):
+            flags |= MISSING_INPUT
+            u = x[own] + x[ints[AT_REFERENCE] + j] if x[COUNT] > 0.0 else 0.0
+            x[INBOX + j] = u
+        for s in range(line - 1, 0, -1):
+            x[own + s] = x[own + s - 1]
+        if x[COUNT] == 0.0:
+            x[ints[AT_FIRST_INPUT] + j] = u
+            if ints[EQUILIBRIUM]:
+                x[ints[AT_REFERENCE] + j] = u
+        x[own] = u - x[ints[AT_REFERENCE] + j]
+    if x[COUNT] > 0.0:
+        x[TIME] += interval
+        if abs(interval - c[INTERVAL]) > 1e-6 * c[INTERVAL]:
+            flags |= JITTER
+    if ints[CHUNK] > 0:
+        width = m + p + 1
+        here = ints[AT_CHUNK] + int(x[FILLED]) * width
+        x[here] = interval
+        for s in range(m + p):
+            x[here + 1 + s] = x[INBOX + s]
+        x[FILLED] += 1.0
+        if x[FILLED] >= ints[CHUNK]:
+            x[EVENT] += CHUNK_FULL
+    x[FLAGS] = float(flags)
+
+
+@compiled("void(int64[::1], float64[::1])")
+def count(ints: Ints, x: Array) -> None:
+    """The sample is done with."""
+    x[COUNT] += 1.0
+    x[SINCE] += 1.0
+    x[SEEN] = float(int(x[SEEN]) | int(x[FLAGS]))
+    if x[COUNT] == x[TICK]:
+        x[EVENT] += TICKED
+
+
+@compiled("float64(float64[::1], int64)")
+def noise_scale(x: Array, w: int) -> float:
+    """Standard deviation of the noise, but no less than a trace of the output's."""
+    size = np.sqrt(x[w + SPREAD] / max(x[w + WEIGHT], 1.0) + x[w + MEAN] ** 2)
+    return max(float(x[w + SCALE]), TRACE * float(size))
+
+
+@compiled("boolean(float64[::1], int64, float64, float64, float64, int64)")
+def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, n: int) -> bool:
+    """Whether a sample is to be left out; says why in the flags."""
+    if not (abs(y) < LARGEST):
+        x[FLAGS] = float(int(x[FLAGS]) | MISSING_OUTPUT)
+        x[w + REPEATS] = 0.0
+        return True
+    if y == x[w + LAST] and x[w + REPEATS] > 0.0:
+        x[w + REPEATS] += 1.0
+    else:
+        x[w + REPEATS] = 1.0
+        x[w + AT_FIRST] = fitted
+    x[w + LAST] = y
+    if y > x[w + HIGHEST]:
+        x[w + HIGHEST] = y
+    if y < x[w + LOWEST]:
+        x[w + LOWEST] = y
+    scale = x[w + SCALE]
+    if x[w + TAKEN] < 3.0 * n + 20.0 or not (leverage < 1.0) or not (scale > 0.0):
+        return False
+    scale = noise_scale(x, w)
+    error = y - fitted
+    own = scale * np.sqrt(1.0 + leverage)
+    if x[w + REPEATS] >= 5.0 and abs(fitted - x[w + AT_FIRST]) > 4.0 * own:
+        x[FLAGS] = float(int(x[FLAGS]) | STUCK)
+        return True
+    if x[w + REPEATS] >= 3.0 and (
+        (y >= x[w + HIGHEST] and error < -3.0 * own) or (y <= x[w + LOWEST] and error > 3.0 * own)
+    ):
+        x[FLAGS] = float(int(x[FLAGS]) | SATURATED)
+        return True
+    if abs(error) > FAR * own:
+        x[FLAGS] = float(int(x[FLAGS]) | OUTLIER)
+        return True
+    return False
+
+
+@compiled("void(float64[::1], int64, float64, float64, float64)")
+def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
+    """Follow scale, mean and spread of an output with a sample that was taken."""
+    x[w + TAKEN] += 1.0
+    taken = x[w + TAKEN]
+    x[w + WEIGHT] = factor * x[w + WEIGHT] + 1.0
+    x[w + WEIGHT2] = factor * factor * x[w + WEIGHT2] + 1.0
+    step = y - x[w + MEAN]
+    x[w + MEAN] += step / x[w + WEIGHT]
+    x[w + SPREAD] = factor * x[w + SPREAD] + step * (y - x[w + MEAN])
+    size = abs(v) / 0.6744897501960817
+    if not (size >= 0.0):
+        return
+    if x[w + SCALE] == 0.0:
+        x[w + SCALE] = size
+    else:
+        pace = max(4.0 / (taken + 8.0), 0.01)
+        x[w + SCALE] *= np.exp(pace if size > x[w + SCALE] else -pace)
+
+
+@compiled("boolean(int64[::1], float64[::1], int64, int64, boolean)")
+def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
+    """Judge the block of a scale, add it to that of the next; whether that one is now full."""
+    k = ints[DIRECTIONS]
+    width = k + k * (k + 1) // 2
+    own = w + SCORES + k + scale * (width + 3)
+    state = own + width
+    if scale + 1 < SCALES:
+        for i in range(width):
+            x[own + width + 3 + i] += x[own + i]
+    usual = w + SCORES + k + SCALES * (width + 3)
+    scores, m = own, own + k
+    total = 0.0
+    directions = 0
+    idle = False
+    for i in range(k):
+        row_i = m + i * (i + 1) // 2
+        size = x[row_i + i]
+        pivot = size
+        for s in range(i):
+            row_l = m + s * (s + 1) // 2
+            value = x[row_i + s]
+            for r in range(s):
+                d = x[m + r * (r + 1) // 2 + r]
+                if d > 0.0:
+                    value -= x[row_i + r] * x[row_l + r] / d
+            x[row_i + s] = value
+            d = x[row_l + s]
+            if d > 0.0:
+                pivot -= value * value / d
+                x[scores + i] -= value / d * x[scores + s]
+        live = pivot > 1e-9 * size and pivot > 0.0
+        x[row_i + i] = pivot if live else 0.0
+        if live:
+            total += x[scores + i] ** 2 / pivot
+            directions += 1
+        if pivot < IDLE_SHARE * x[usual + i]:
+            idle = True
+    if scale == 0:
+        if not idle:
+            blocks = min(x[w + BLOCKS] + 1.0, BLOCKS_USUAL)
+            x[w + BLOCKS] += 1.0
+            for i in range(k):
+                x[usual + i] += (x[m + i * (i + 1) // 2 + i] - x[usual + i]) / blocks
+        x[w + IDLE] = x[w + IDLE] + 1.0 if idle else 0.0
+    for i in range(width):
+        x[own + i] = 0.0
+    if ready and directions > 0:
+        ratio = total / directions
+        norm = 1.0 + x[state + 1]
+        x[state] = max(0.0, x[state] + directions * (ratio / norm - 2.0))
+        if x[state] > LEVEL:
+            x[w + MOVED] = 1.0
+        if ratio < 4.0 * norm:
+            x[state + 1] = max(0.0, x[state + 1] + (ratio - norm) / BLOCKS_USUAL)
+    x[state + 2] += 1.0
+    if x[state + 2] < PER_SCALE:
+        return False
+    x[state + 2] = 0.0
+    return scale + 1 < SCALES
+
+
+@compiled("void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)")
+def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: bool) -> None:
+    """Gather the scores of a block; at its end, judge change and excitation.
+
+    Parameters
+    ----------
+    w : int
+        The watch of the output; its scores stand behind it.
+    first : int
+        First column of the row that is not zero.
+    v : float
+        Innovation over its standard deviation.
+    ready : bool
+        Whether enough has been learnt for a judgement.
+    """
+    k, n, row = ints[DIRECTIONS], ints[COLUMNS], ints[AT_ROW]
+    if k == 0:
+        return
+    g = w + SCORES
+    scores = g + k
+    m = scores + k
+    maps = ints[C_MAPS] + ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
+    for i in range(k):
+        value = 0.0
+        for s in range(first, n):
+            value += c[maps + i * n + s] * x[row + s]
+        x[g + i] = value
+        x[scores + i] += value * v
+        for s in range(i + 1):
+            x[m] += value * x[g + s]
+            m += 1
+    x[w + INSIDE] += 1.0
+    if x[w + INSIDE] >= ints[BLOCK]:
+        x[w + INSIDE] = 0.0
+        scale = 0
+        while judge(ints, x, w, scale, ready):
+            scale += 1

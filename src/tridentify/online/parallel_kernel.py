@@ -1,0 +1,255 @@
+"""Step 1 sample by sample, compiled: the bank of operators driven by the input, and its triangle.
+
+The row of a sample holds the states of the bank (`numerics.realization`), exact for the stated
+intersample behaviour: with ``w_j`` the input ``j`` as it arrives, late by a whole number of
+samples and a part of one,
+
+    x_j(k) = F x_j(k-1) + g_0 w_j(k) + g_1 w_j(k-1) + g_2 w_j(k-2),
+
+the response of the same bank to an impulse at the first sample (an unknown initial state), the
+inputs themselves, a one and the time. Each output has a triangle of its own.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.recursive import compiled, forget, innovate, rotate
+from tridentify.online.intake import (
+    ALARMED,
+    AT_FACTOR,
+    AT_LINE,
+    AT_ROW,
+    AT_WATCH,
+    AT_WORK,
+    BEGIN,
+    BORN,
+    C_DIRECT,
+    C_EXTRA,
+    C_START,
+    C_STEP,
+    C_TAPS,
+    COLLECTING,
+    COLUMNS,
+    DRIFT,
+    EVENT,
+    FACTOR,
+    FAR,
+    FIRST,
+    FITTED,
+    FLAGS,
+    FORGETTING,
+    FREE,
+    IDLE,
+    IDLE_BLOCKS,
+    INBOX,
+    INNOVATION,
+    INPUTS,
+    KIND,
+    LINE,
+    MOST_REFUSED,
+    MOVED,
+    NOT_EXCITED,
+    NOT_READY,
+    OFFSET,
+    ORDER,
+    OUTLIER,
+    OUTPUTS,
+    PACE,
+    REFUSED,
+    SCALE,
+    SINCE,
+    SQUARES,
+    TAKEN,
+    TIME,
+    UPPER,
+    WATCH,
+    WEIGHT,
+    count,
+    doubt,
+    learn,
+    noise_scale,
+    take_in,
+    watch,
+)
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+EXPONENTIAL, DIRECTIONAL, RESETTING = range(3)
+CUT = 0.1
+
+
+@compiled("void(int64[::1], float64[::1], float64[::1])")
+def advance(ints: Ints, c: Array, x: Array) -> None:
+    """The states of the bank at the sample whose input was taken in."""
+    m, q, upper = ints[INPUTS], ints[ORDER], ints[UPPER]
+    f, taps, line = ints[C_STEP], ints[C_TAPS], ints[LINE]
+    row, work = ints[AT_ROW], ints[AT_WORK]
+    since = x[SINCE]
+    first = 0
+    if ints[FREE]:
+        if since > ints[BEGIN] and x[FIRST] == 0.0:
+            largest = 0.0
+            for i in range(q):
+                total = 0.0
+                for s in range(min(i + 1 + upper, q)):
+                    total += c[f + i * q + s] * x[row + s]
+                x[work + i] = total
+                largest = max(largest, abs(total))
+            for i in range(q):
+                x[row + i] = x[work + i]
+            if largest < c[ints[C_START]]:
+                x[FIRST] = float(q)
+                for i in range(q):
+                    x[row + i] = 0.0
+        elif since == ints[BEGIN]:
+            for i in range(q):
+                x[row + i] = c[ints[C_START] + 1 + i]
+        first = q
+    if since == 0.0:
+        return
+    for j in range(m):
+        own = row + first + j * q
+        late = ints[AT_LINE] + j * line + int(c[ints[C_EXTRA] + j])
+        g = taps + 3 * j * q
+        for i in range(q):
+            total = c[g + i] * x[late] + c[g + q + i] * x[late + 1] + c[g + 2 * q + i] * x[late + 2]
+            for s in range(min(i + 1 + upper, q)):
+                total += c[f + i * q + s] * x[own + s]
+            x[work + i] = total
+        for i in range(q):
+            x[own + i] = x[work + i]
+
+
+@compiled("void(int64[::1], float64[::1], float64[::1])")
+def complete_row(ints: Ints, c: Array, x: Array) -> None:
+    """The inputs as they arrive, the constant and the time behind the states."""
+    m, q = ints[INPUTS], ints[ORDER]
+    at = ints[AT_ROW] + q * (m + ints[FREE])
+    for j in range(m):
+        late = ints[AT_LINE] + j * ints[LINE] + int(c[ints[C_EXTRA] + j])
+        h = ints[C_DIRECT] + 2 * j
+        x[at] = c[h] * x[late] + c[h + 1] * x[late + 1]
+        at += 1
+    if ints[OFFSET]:
+        x[at] = 1.0
+        at += 1
+    if ints[DRIFT]:
+        x[at] = x[TIME] - x[BORN]
+
+
+@compiled("float64(int64[::1], float64[::1], float64[::1], int64, int64, int64, int64, float64)")
+def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, y: float) -> float:
+    """One row with its target into one triangle, unless it is doubtful; gives the innovation."""
+    row, work = ints[AT_ROW], ints[AT_WORK]
+    fitted, leverage = innovate(x, at, n, first, row, work)
+    error = y - fitted
+    x[w + FITTED] = fitted
+    x[w + INNOVATION] = error
+    root = np.sqrt(1.0 + leverage)
+    known = x[w + SCALE] > 0.0
+    ready = x[w + TAKEN] > 5.0 * n + 30.0
+    if doubt(x, w, y, fitted, leverage, n):
+        if int(x[FLAGS]) & OUTLIER:
+            x[w + REFUSED] += 1.0
+            v = FAR if error > 0.0 else -FAR
+            watch(ints, c, x, w, first, v, ready)
+            if x[w + REFUSED] > MOST_REFUSED:
+                x[w + MOVED] = 1.0
+        return error
+    x[w + REFUSED] = 0.0
+    v = error / root
+    if known and leverage < 1.0:
+        z = v / noise_scale(x, w)
+        z = min(max(z, -FAR), FAR)
+        watch(ints, c, x, w, first, z, ready)
+    factor = c[FORGETTING]
+    kind = ints[KIND]
+    kept = 1.0
+    if factor < 1.0 and kind == EXPONENTIAL:
+        kept = factor
+        forget(x, at, n, first, work, 1.0 / (1.0 + leverage), factor, c[PACE])
+    rotate(x, at, n, first, row, work, y, 1.0)
+    if factor < 1.0 and kind == DIRECTIONAL:
+        kept = factor
+        beta = factor
+        if leverage < np.inf:
+            beta = factor - (1.0 - factor) / leverage if leverage > 0.0 else 1.0
+        if leverage > 1e-12:
+            new = y - (error / (1.0 + leverage) if leverage < np.inf else 0.0)
+            rotate(x, at, n, first, row, work, new, beta - 1.0)
+    if factor < 1.0 and kind == RESETTING:
+        period = np.floor(1.0 / (1.0 - factor) + 0.5)
+        if x[SINCE] % period == period - 1.0 and x[w + IDLE] == 0.0:
+            for i in range(n):
+                x[at + i] *= CUT
+            x[w + SQUARES] *= CUT
+            x[w + WEIGHT] *= CUT
+    if leverage < np.inf:
+        x[w + SQUARES] = kept * x[w + SQUARES] + error * error / (1.0 + leverage / kept)
+    learn(x, w, y, v if leverage < 1.0 else np.nan, kept)
+    return error
+
+
+@compiled("float64(int64[::1], float64[::1], float64[::1], float64)")
+def parallel_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
+    """One sample, which stands in the inbox; gives the innovation of the first output."""
+    take_in(ints, c, x, interval)
+    if ints[COLLECTING]:
+        x[FLAGS] = float(int(x[FLAGS]) | NOT_READY)
+        for i in range(ints[OUTPUTS]):
+            x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION] = np.nan
+        count(ints, x)
+        return np.nan
+    advance(ints, c, x)
+    complete_row(ints, c, x)
+    n, first = ints[COLUMNS], int(x[FIRST])
+    late = ints[FREE] and x[SINCE] < ints[BEGIN]
+    for i in range(ints[OUTPUTS]):
+        w = ints[AT_WATCH] + i * ints[WATCH]
+        if late:
+            x[w + INNOVATION] = np.nan
+            continue
+        absorb(
+            ints, c, x, w, ints[AT_FACTOR] + i * ints[FACTOR], n, first,
+            x[INBOX + ints[INPUTS] + i],
+        )  # fmt: skip
+        if x[w + IDLE] >= IDLE_BLOCKS:
+            x[FLAGS] = float(int(x[FLAGS]) | NOT_EXCITED)
+        if x[w + MOVED] > 0.0:
+            x[EVENT] = float(int(x[EVENT]) | ALARMED)
+    count(ints, x)
+    return float(x[ints[AT_WATCH] + INNOVATION])
+
+
+@compiled(
+    "int64(int64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
+    " int64, int64, float64[:, ::1], int64[::1])"
+)
+def parallel_run(
+    ints: Ints,
+    c: Array,
+    x: Array,
+    u: Array,
+    y: Array,
+    start: int,
+    stop: int,
+    innovations: Array,
+    flags: Ints,
+) -> int:
+    """Samples ``start .. stop - 1`` of a record, up to the first with an event; gives the next."""
+    m, p = ints[INPUTS], ints[OUTPUTS]
+    for k in range(start, stop):
+        for j in range(m):
+            x[INBOX + j] = u[k, j]
+        for i in range(p):
+            x[INBOX + m + i] = y[k, i]
+        parallel_step(ints, c, x, c[0])
+        for i in range(p):
+            innovations[k, i] = x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION]
+        flags[k] = int(x[FLAGS])
+        if x[EVENT] != 0.0:
+            return k + 1
+    return stop

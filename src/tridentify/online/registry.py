@@ -1,0 +1,12 @@
+"""The on-line estimators by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+from tridentify.online.seam import Estimator
+from tridentify.online.three_model import ThreeModel
+
+ESTIMATORS: Mapping[str, Callable[[], Estimator]] = MappingProxyType({"three-model": ThreeModel})
+"""Name -> estimator with its default options; the command line and the contract tests read it."""

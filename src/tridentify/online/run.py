@@ -1,0 +1,190 @@
+"""A stored record run through an on-line estimator, and the way its coefficients went."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import DataError, OptionError, SampleTypeError, shown
+from tridentify.estimate import Estimate
+from tridentify.online.flags import Flag
+from tridentify.online.seam import Estimator, NotReadyError
+from tridentify.online.state import State
+from tridentify.record import Record
+from tridentify.structure import Structure
+from tridentify.trace import freeze_arrays
+
+Array = NDArray[np.float64]
+
+POINTS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What an on-line estimator made of a record.
+
+    Attributes
+    ----------
+    time : (k,) array
+        Since the first sample [s].
+    names : tuple of str
+        Of the coefficients.
+    theta, std : (k, n) array
+        Coefficients and standard errors at these times; ``nan`` before they are determined.
+    innovations : (n_samples, n_outputs) array
+        What of every sample was not expected; ``nan`` where there was no expectation or no sample.
+    flags : tuple of Flag, length k
+        Everything that was the matter since the time before.
+    state : State
+        At the end.
+    estimate : Estimate or None
+        At the end; None where the record does not determine the coefficients.
+    units : tuple of str, length n
+        Of the coefficients; empty where not known.
+    """
+
+    time: Array
+    names: tuple[str, ...]
+    theta: Array
+    std: Array
+    innovations: Array
+    flags: tuple[Flag, ...]
+    state: State
+    estimate: Estimate | None
+    units: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @property
+    def changes(self) -> Array:
+        """(c,) times at which the coefficients were found to have moved [s]."""
+        return np.array(self.state.changes, dtype=np.float64) * self.state.dt
+
+
+def run(
+    method: Estimator,
+    records: Record | Sequence[Record],
+    structure: Structure,
+    *,
+    every: float | None = None,
+) -> Run:
+    """Run stored records through an on-line estimator, as if their samples arrived one by one.
+
+    Parameters
+    ----------
+    method : Estimator
+    records : Record or sequence of Record
+        Parts of one stream, each joined to the one before it by one sampling interval.
+    structure : Structure
+    every : float, optional
+        Time between two points of the trajectory [s]; by default there are about 200.
+
+    Returns
+    -------
+    Run
+
+    Raises
+    ------
+    OptionError
+        ``method`` is no on-line estimator, or ``every`` is not above zero.
+    DataError
+        There is no record, or records differ in channels or sampling.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, online, simulate
+    >>> u = np.sign(np.sin(np.arange(400) ** 1.5))
+    >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(u, u, dt=0.02))
+    >>> found = online.run(online.ThreeModel(), Record(u, y, dt=0.02), Structure(1, 0))
+    >>> found.theta[-1].round(6).tolist(), found.estimate.status.value
+    ([4.0, 2.0], 'converged')
+    """
+    if not isinstance(method, Estimator):
+        raise OptionError(
+            f"found method={shown(method)}; expected an on-line estimator with its options; write "
+            "for example online.ThreeModel()"
+        )
+    listed = _checked(records)
+    first = listed[0]
+    dt = float(np.median(np.diff(first.t))) if first.dt is None else first.dt
+    state = method.init(
+        structure, dt, input_names=list(first.input_names), output_names=list(first.output_names),
+        units=dict(first.units), intersample=first.intersample,
+    )  # fmt: skip
+    u = np.vstack([record.u for record in listed])
+    y = np.vstack([record.y for record in listed])
+    intervals = _intervals(listed, dt)
+    block = _block(every, dt, len(u))
+    times, theta, std, flags = [], [], [], []
+    innovations = np.full(y.shape, np.nan)
+    estimate: Estimate | None = None
+    n = len(state.stage.setting.names)
+    for start in range(0, len(u), block):
+        part = slice(start, min(start + block, len(u)))
+        own = None if intervals is None else intervals[part]
+        state, innovations[part], seen = method.feed(state, u[part], y[part], own)
+        try:
+            estimate = method.estimate(state)
+            theta.append(estimate.theta)
+            std.append(estimate.std)
+        except NotReadyError:
+            estimate = None
+            theta.append(np.full(n, np.nan))
+            std.append(np.full(n, np.nan))
+        times.append(state.time)
+        flags.append(Flag(int(np.bitwise_or.reduce(seen))) | state.flags)
+    return Run(
+        np.array(times),
+        state.stage.setting.names,
+        np.array(theta),
+        np.array(std),
+        innovations,
+        tuple(flags),
+        state,
+        estimate,
+        () if estimate is None else tuple(p.unit for p in estimate.parameters.values()),
+    )
+
+
+def _checked(records: Record | Sequence[Record]) -> list[Record]:
+    listed = [records] if isinstance(records, Record) else list(records)
+    if not listed:
+        raise DataError("found no record; expected at least one; pass a Record or a list of them")
+    wrong = [type(one).__name__ for one in listed if not isinstance(one, Record)]
+    if wrong:
+        raise SampleTypeError(
+            f"found {wrong[0]} in place of a record; expected a Record or a list of them; write "
+            "Record(u, y, dt=...)"
+        )
+    first = listed[0]
+    for one in listed:
+        same = (one.input_names, one.output_names, one.dt, one.intersample)
+        if same != (first.input_names, first.output_names, first.dt, first.intersample):
+            raise DataError(
+                "found records with different channels or sampling; expected parts of one stream; "
+                "run them one by one"
+            )
+    return listed
+
+
+def _intervals(records: Sequence[Record], dt: float) -> Array | None:
+    if all(record.dt is not None for record in records):
+        return None
+    return np.concatenate([np.append(dt, np.diff(record.t)) for record in records])
+
+
+def _block(every: float | None, dt: float, n_samples: int) -> int:
+    if every is None:
+        return max(-(-n_samples // POINTS), 1)
+    number = isinstance(every, (int, float)) and not isinstance(every, bool)
+    if not number or not 0.0 < every < math.inf:
+        raise OptionError(
+            f"found every={shown(every)}; expected a time above zero, in seconds; correct it"
+        )
+    return max(round(every / dt), 1)

@@ -1,0 +1,420 @@
+"""The seam of the on-line estimators: ``init``, a pure ``step``, ``estimate``.
+
+An `Estimator` holds options only. What it knows is in the `State` that it is given and gives back.
+The samples go through a compiled loop; between them, on a slow clock, come the *events*: a chunk of
+samples to be kept, a tick at which filter and basis are adapted, an alarm. Events depend on the
+samples alone, so a record that is run through at once and one that is fed sample by sample end in
+the same state, bit for bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tridentify.errors import (
+    ChannelCountError,
+    OptionError,
+    SampleTypeError,
+    SamplingError,
+    UndeterminedError,
+    UnsupportedError,
+    shown,
+)
+from tridentify.estimate import Estimate
+from tridentify.methods.capability import Capability, refuse_unsupported
+from tridentify.online import intake
+from tridentify.online.blueprint import Blueprint, Setting, constants_for
+from tridentify.online.state import MAKERS, State
+from tridentify.record import Record
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LEAST_FORGETTING = 0.5
+SAME = 1e-9
+
+
+class NotReadyError(UndeterminedError):
+    """The samples so far do not determine the coefficients."""
+
+
+class Estimator(ABC):
+    """What all on-line estimators have in common."""
+
+    name: ClassVar[str]
+
+    def __init_subclass__(cls) -> None:
+        MAKERS[cls.name] = cls
+
+    @staticmethod
+    def step_kernel(ints: Ints, c: Array, x: Array, interval: float) -> float:
+        """One sample, which stands in the inbox, compiled; the innovation of the first output."""
+        raise NotImplementedError
+
+    @staticmethod
+    def run_kernel(
+        ints: Ints,
+        c: Array,
+        x: Array,
+        u: Array,
+        y: Array,
+        start: int,
+        stop: int,
+        innovations: Array,
+        flags: Ints,
+    ) -> int:
+        """Samples ``start .. stop - 1``, up to the first with an event, compiled; the next one."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------------ what each of them says
+    @abstractmethod
+    def begin(self, setting: Setting) -> State:
+        """The state before the first sample."""
+
+    @abstractmethod
+    def tick(self, state: State) -> State:
+        """What is done on the slow clock."""
+
+    @abstractmethod
+    def alarmed(self, state: State) -> State:
+        """What is done when the coefficients have moved."""
+
+    @abstractmethod
+    def estimate(self, state: State) -> Estimate:
+        """The coefficients with their standard errors.
+
+        Raises
+        ------
+        NotReadyError
+            The samples so far do not determine them.
+        """
+
+    @abstractmethod
+    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
+        """Length of the vector that goes with a blueprint."""
+
+    # ---------------------------------------------------------------------------- the seam
+    def init(
+        self,
+        structure: Structure,
+        dt: float,
+        *,
+        input_names: Sequence[str] = ("u",),
+        output_names: Sequence[str] = ("y",),
+        units: Mapping[str, str] | None = None,
+        intersample: str = "zoh",
+    ) -> State:
+        """The state before the first sample.
+
+        Parameters
+        ----------
+        structure : Structure
+            One denominator for all channels; delays are known, one for each input.
+        dt : float
+            Sampling interval [s].
+        input_names, output_names : sequence of str
+            Names of the channels, and so their number.
+        units : mapping of str to str, optional
+            Unit of each channel.
+        intersample : {"zoh", "foh"}
+            What the input does between the samples.
+
+        Returns
+        -------
+        State
+
+        Raises
+        ------
+        OptionError, SamplingError
+            An argument is out of range.
+        ChannelCountError, UnsupportedError
+            About the structure.
+        """
+        if not isinstance(structure, Structure):
+            raise OptionError(
+                f"found structure={type(structure).__name__}; expected a Structure; write for "
+                "example Structure(poles=2, zeros=1)"
+            )
+        if not _is_number(dt) or not 0.0 < float(dt) < math.inf:
+            raise SamplingError(
+                f"found dt={shown(dt)}; expected a sampling interval above zero, in seconds; "
+                "correct it"
+            )
+        inputs, outputs = _names("input_names", input_names), _names("output_names", output_names)
+        if intersample not in ("zoh", "foh"):
+            raise UnsupportedError(
+                f"found intersample={shown(intersample)}; {self.name} on-line expects 'zoh' (held) "
+                "or 'foh' (straight lines), as the samples to come are not known; state one of "
+                "these"
+            )
+        # the record checks names and units as everywhere else
+        probe = Record(
+            np.zeros((2, len(inputs))), np.zeros((2, len(outputs))), dt=float(dt),
+            intersample="foh" if intersample == "foh" else "zoh", input_names=inputs,
+            output_names=outputs, units=units,
+        )  # fmt: skip
+        refuse_unsupported([probe], structure, f"{self.name} on-line", Capability.DELAY)
+        structure.poles_matrix(len(outputs), len(inputs))
+        structure.zeros_matrix(len(outputs), len(inputs))
+        delays = structure.delay_matrix(len(outputs), len(inputs))
+        if len(set(delays)) > 1:
+            raise UnsupportedError(
+                f"found delay={shown(structure.delay)}; {self.name} on-line expects the delay of "
+                "an input to be the same for all outputs; estimate the outputs one by one"
+            )
+        at_rest = structure.initial_state in ("rest", "equilibrium")
+        if intersample == "foh" and np.any(delays) and at_rest:
+            raise UnsupportedError(
+                f"found initial_state={structure.initial_state!r} with a delay and "
+                "intersample='foh'; expected initial_state='free' or 'auto', since the line on "
+                "which the input began is not known; leave it out"
+            )
+        setting = Setting(
+            structure, float(dt), tuple(probe.input_names), tuple(probe.output_names),
+            tuple(probe.units.items()), intersample,
+        )  # fmt: skip
+        return self.begin(setting)
+
+    def step(
+        self, state: State, u: ArrayLike, y: ArrayLike, *, interval: float | None = None
+    ) -> tuple[State, float | Array]:
+        """Take in one sample.
+
+        Parameters
+        ----------
+        state : State
+            It is left as it is.
+        u, y : float or array, (n_inputs,) and (n_outputs,)
+            The sample; ``nan`` where it is missing.
+        interval : float, optional
+            Time since the sample before [s], where it is not ``dt``.
+
+        Returns
+        -------
+        state : State
+        innovation : float or (n_outputs,) array
+            What of the output was not expected; ``nan`` where nothing was, or nothing came.
+
+        Raises
+        ------
+        ChannelCountError, SampleTypeError
+            The sample has other channels, or is no number.
+        SamplingError
+            The interval is not above zero.
+        """
+        values, stage = state
+        blueprint = stage.blueprint
+        ints = blueprint.ints
+        x = values.copy()
+        setting = stage.setting
+        m = len(setting.input_names)
+        p = len(setting.output_names)
+        if type(u) is float and type(y) is float and m == 1 and p == 1:
+            x[intake.INBOX] = u
+            x[intake.INBOX + 1] = y
+        else:
+            _put(x, setting, u, y)
+        if interval is None:
+            constants, seconds = blueprint.constants, setting.dt
+        else:
+            constants, seconds = _after(state, interval)
+        innovation = self.step_kernel(ints, constants, x, seconds)
+        found = State(x, stage)
+        if x[intake.EVENT]:
+            if p > 1:
+                found_innovations = found.innovations
+                return self._settle(found), found_innovations
+            return self._settle(found), innovation
+        return found, innovation if p == 1 else found.innovations
+
+    def feed(
+        self, state: State, u: Array, y: Array, intervals: Array | None = None
+    ) -> tuple[State, Array, NDArray[np.int64]]:
+        """Take in many samples: the same as `step` on one after the other, bit for bit.
+
+        Parameters
+        ----------
+        state : State
+        u, y : (n_samples, n_inputs) and (n_samples, n_outputs) arrays
+        intervals : (n_samples,) array, optional
+            Time since the sample before, where it is not ``dt`` [s].
+
+        Returns
+        -------
+        state : State
+        innovations : (n_samples, n_outputs) array
+        flags : (n_samples,) int array
+            As numbers (`online.Flag`).
+        """
+        u, y = (np.ascontiguousarray(_table(one), dtype=np.float64) for one in (u, y))
+        setting = state.stage.setting
+        if u.shape[1] != setting.n_inputs or y.shape[1] != setting.n_outputs or len(u) != len(y):
+            raise ChannelCountError(
+                f"found samples of shape {u.shape} and {y.shape}; expected "
+                f"(n_samples, {setting.n_inputs}) and (n_samples, {setting.n_outputs}); give one "
+                "row a sample"
+            )
+        innovations = np.full(y.shape, np.nan)
+        flags = np.zeros(len(y), dtype=np.int64)
+        if intervals is not None:
+            for k in range(len(y)):
+                after = float(intervals[k])
+                state, error = self.step(state, u[k], y[k], interval=after)
+                innovations[k] = error
+                flags[k] = int(state.values[intake.FLAGS])
+            return state, innovations, flags
+        run = self.run_kernel
+        k = 0
+        x = state.values.copy()
+        while k < len(y):
+            stage = state.stage
+            k = run(
+                stage.blueprint.ints, stage.blueprint.constants, x, u, y, k, len(y), innovations,
+                flags,
+            )  # fmt: skip
+            state = State(x, stage)
+            if x[intake.EVENT]:
+                state = self._settle(state)
+                x = state.values.copy() if k < len(y) else state.values
+        return state, innovations, flags
+
+    def _settle(self, state: State) -> State:
+        """What an event asks for; the values of ``state`` are its own."""
+        x, stage = state
+        event = int(x[intake.EVENT])
+        x[intake.EVENT] = 0.0
+        if event & intake.CHUNK_FULL:
+            ints = stage.blueprint.ints
+            width = stage.setting.n_inputs + stage.setting.n_outputs + 1
+            at = int(ints[intake.AT_CHUNK])
+            chunk = x[at : at + int(x[intake.FILLED]) * width].reshape(-1, width).copy()
+            x[intake.FILLED] = 0.0
+            state = State(x, stage.but(past=(*stage.past, chunk)))
+        if event & intake.ALARMED:
+            return self.alarmed(state)
+        if event & intake.TICKED:
+            return self.tick(state)
+        return state
+
+    # ------------------------------------------------------------------------------- as a value
+    def to_dict(self) -> dict[str, Any]:
+        """Name and options, ready for JSON."""
+        options: dict[str, Any] = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, TransferFunction):
+                value = {"transfer_function": value.to_dict()}
+            elif isinstance(value, Mapping):
+                value = {"mapping": dict(value)}
+            elif isinstance(value, tuple):
+                value = list(value)
+            options[field.name] = value
+        return {"name": self.name, "options": options}
+
+
+def kept_samples(state: State) -> Array:
+    """(n, n_inputs + n_outputs + 1) the samples that are kept: interval, inputs, outputs."""
+    x, stage = state
+    ints = stage.blueprint.ints
+    width = stage.setting.n_inputs + stage.setting.n_outputs + 1
+    if not ints[intake.CHUNK]:
+        return np.vstack([*stage.past, np.zeros((0, width))])
+    at = int(ints[intake.AT_CHUNK])
+    newest = x[at : at + int(x[intake.FILLED]) * width].reshape(-1, width)
+    return np.vstack([*stage.past, newest])
+
+
+def check_forgetting(forgetting: object) -> None:
+    """Refuse what is no forgetting factor.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not _is_number(forgetting) or not LEAST_FORGETTING <= float(forgetting) <= 1.0:  # type: ignore[arg-type]
+        raise OptionError(
+            f"found forgetting={shown(forgetting)}; expected a factor from {LEAST_FORGETTING:g} to "
+            "1 (1 forgets nothing; 1 / (1 - forgetting) samples are remembered); correct it"
+        )
+
+
+def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
+    """Refuse what is not among the choices.
+
+    Raises
+    ------
+    OptionError
+    """
+    if value not in choices:
+        raise OptionError(
+            f"found {name}={shown(value)}; expected {' or '.join(map(repr, choices))}; choose one"
+        )
+
+
+def _after(state: State, interval: float) -> tuple[Array, float]:
+    if not _is_number(interval) or not 0.0 < float(interval) < math.inf:
+        raise SamplingError(
+            f"found interval={shown(interval)}; expected the time since the sample before, above "
+            "zero, in seconds; leave the sample out, or correct it"
+        )
+    seconds = float(interval)
+    setting, blueprint = state.stage.setting, state.stage.blueprint
+    if abs(seconds - setting.dt) <= SAME * setting.dt or state.values[intake.COUNT] == 0.0:
+        return blueprint.constants, setting.dt
+    if any(setting.delays):
+        raise UnsupportedError(
+            f"found interval={seconds:g} s with a delay; expected samples every {setting.dt:g} s, "
+            "since the delayed input is kept in samples; resample the stream, or drop the delay"
+        )
+    return constants_for(blueprint, setting, seconds), seconds
+
+
+def _put(x: Array, setting: Setting, u: ArrayLike, y: ArrayLike) -> None:
+    at = intake.INBOX
+    for what, value, names in (("u", u, setting.input_names), ("y", y, setting.output_names)):
+        if isinstance(value, str):
+            raise SampleTypeError(
+                f"found {what}={shown(value)}; expected numbers; convert the sample first"
+            )
+        try:
+            row = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise SampleTypeError(
+                f"found {what}={shown(value)}; expected {len(names)} "
+                f"number{'s' if len(names) > 1 else ''}; convert the sample first"
+            ) from error
+        if row.size != len(names) or row.ndim > 1:
+            raise ChannelCountError(
+                f"found {what} of shape {row.shape}; expected {len(names)} "
+                f"value{'s' if len(names) > 1 else ''} ({', '.join(names)}); give one for each "
+                "channel"
+            )
+        x[at : at + len(names)] = row
+        at += len(names)
+
+
+def _table(values: Array) -> Array:
+    values = np.asarray(values)
+    return values[:, None] if values.ndim == 1 else values
+
+
+def _names(what: str, names: Sequence[str]) -> list[str]:
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names) or not names:
+        raise OptionError(
+            f"found {what}={shown(names)}; expected names of channels; write for example "
+            f"{what}=['elevator']"
+        )
+    return list(names)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)

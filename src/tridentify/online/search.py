@@ -1,0 +1,132 @@
+"""The model that an on-line estimator begins with: the off-line search on the first samples."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import OptionError, TridentifyError, shown
+from tridentify.estimate import Estimate, Status
+from tridentify.methods.three_model import ThreeModel
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.threads import one_blas_thread
+from tridentify.online.blueprint import Setting
+from tridentify.record import Record
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+
+VAGUE = 0.5
+GROWTH = 1.5
+USABLE = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.POSTERIOR_MEAN)
+
+
+class Found(NamedTuple):
+    """Poles to begin with, the noise, and whether they are known well enough to go on."""
+
+    poles: Complex
+    noise_std: Array
+    certain: bool
+
+
+def first_try(setting: Setting) -> int:
+    """Samples after which a search is worth while."""
+    unknowns = len(setting.names) + setting.n_outputs * (setting.n_poles + 2)
+    return max(30, 6 * unknowns)
+
+
+def next_try(count: int) -> int:
+    """Samples after which to search again."""
+    return int(np.ceil(GROWTH * count))
+
+
+def search(setting: Setting, samples: Array, begun_anew: bool) -> Found | None:
+    """Identify the model from the samples that were kept; None if they do not tell.
+
+    Parameters
+    ----------
+    setting : Setting
+    samples : (n, n_inputs + n_outputs + 1) array
+        Interval, inputs, outputs.
+    begun_anew : bool
+        Whether they begin in the middle, from any state.
+    """
+    record = record_of(setting, samples)
+    structure = setting.structure
+    if begun_anew:
+        structure = Structure(
+            structure.poles, structure.zeros, delay=structure.delay, offset=structure.offset,
+            drift=structure.drift, initial_state="free",
+        )  # fmt: skip
+    try:
+        with one_blas_thread():
+            found = ThreeModel(noise="white", finish="likelihood").estimate([record], structure)
+    except (TridentifyError, np.linalg.LinAlgError):
+        return None
+    return _judged(found, setting)
+
+
+def _judged(found: Estimate, setting: Setting) -> Found | None:
+    den = found.model.den[0][0]
+    poles = np.roots(den).astype(np.complex128)
+    if not np.all(np.isfinite(poles)):
+        return None
+    sizes = np.abs(found.theta[: setting.n_poles])
+    certain = found.status in USABLE and bool(np.all(found.std[: setting.n_poles] < VAGUE * sizes))
+    return Found(sort_poles(poles), np.sqrt(found.noise_variance), certain)
+
+
+def record_of(setting: Setting, samples: Array) -> Record:
+    """The samples that were kept as a record."""
+    m = setting.n_inputs
+    intervals, u, y = samples[:, 0], samples[:, 1 : 1 + m], samples[:, 1 + m :]
+    uniform = bool(np.all(np.abs(intervals[1:] - setting.dt) <= 1e-9 * setting.dt))
+    t = None if uniform else np.concatenate([[0.0], np.cumsum(intervals[1:])])
+    y = np.where(np.abs(y) < 1e100, y, np.nan)
+    return Record(
+        u, y, dt=setting.dt if uniform else None, t=t,
+        intersample="foh" if setting.intersample == "foh" else "zoh",
+        input_names=list(setting.input_names), output_names=list(setting.output_names),
+        units=dict(setting.units),
+    )  # fmt: skip
+
+
+def poles_of_start(start: object, setting: Setting) -> Complex:
+    """The poles of a model that was given.
+
+    Raises
+    ------
+    OptionError
+        It has other orders, or poles that are not stable.
+    """
+    model = start.model if isinstance(start, Estimate) else start
+    assert isinstance(model, TransferFunction)
+    den = np.asarray(model.den[0][0], dtype=np.float64)
+    poles = np.roots(den).astype(np.complex128)
+    if poles.size != setting.n_poles or np.any(poles.real >= 0):
+        raise OptionError(
+            f"found a start with the poles {np.round(poles, 6).tolist()}; expected "
+            f"{setting.n_poles} with negative real parts; give another model, or leave start out"
+        )
+    return sort_poles(poles)
+
+
+def checked_start(start: object) -> TransferFunction | None:
+    """The model to start from.
+
+    Raises
+    ------
+    OptionError
+        It is no model.
+    """
+    if start is None or isinstance(start, TransferFunction):
+        return start
+    if isinstance(start, Estimate):
+        return start.model
+    raise OptionError(
+        f"found start={shown(start)}; expected a TransferFunction or an Estimate; leave it out to "
+        "have the first samples searched"
+    )

@@ -1,0 +1,211 @@
+"""Steps 1 to 4 on what an estimator has seen so far, and the estimate that comes of it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimate import Estimate, Status, Step, Trace
+from tridentify.numerics.realization import Complex
+from tridentify.online import intake
+from tridentify.online.blueprint import Blueprint, Setting
+from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
+from tridentify.output_error.finish import Recorder, criterion, finish
+from tridentify.output_error.nuisance import Nuisances
+from tridentify.output_error.point import Point, evaluate_variant, linear_blocks
+from tridentify.output_error.problem import Problem, Variant
+from tridentify.output_error.result import estimate_from
+from tridentify.record import Record
+from tridentify.regression import Regression
+from tridentify.strategy.passes import adapt, series_model
+
+Array = NDArray[np.float64]
+
+PASSES = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Where the steps ended, with one choice of nuisance terms."""
+
+    point: Point
+    status: Status
+    why: str
+    nuisances: Nuisances
+    recorder: Recorder
+    criterion: float
+
+
+def problem_of(setting: Setting, blueprint: Blueprint, x: Array) -> Problem:
+    """The problem behind the triangles."""
+    summary = summarise(blueprint, x)
+    seconds = float(x[intake.TIME] - x[intake.BORN])
+    problem = Problem.of([seen(setting, summary, seconds)], setting.n_poles, setting.zeros)
+    return replace(problem, power=summary.power, size=summary.power + summary.mean**2)
+
+
+def solve_steps(
+    setting: Setting, blueprint: Blueprint, x: Array, poles: Complex, *, choose: bool
+) -> Solution:
+    """Steps 1 and 2 with filter and basis re-adapted, to the minimum of the output error.
+
+    Parameters
+    ----------
+    setting : Setting
+    blueprint : Blueprint
+    x : array
+        Of the estimator.
+    poles : (n,) complex array
+        Where to begin.
+    choose : bool
+        Whether nuisance terms that the structure leaves open may be dropped; by AICc.
+
+    Raises
+    ------
+    IdentifiabilityError, numpy.linalg.LinAlgError
+        The samples do not determine the coefficients.
+    """
+    base = problem_of(setting, blueprint, x)
+    full = blueprint.nuisance
+    start = "free" if full.free else setting.structure.initial_state
+    best = _solved(base, Nuisances(start, full.offset, full.drift), None, poles)
+    if not choose:
+        return best
+    begun_anew = x[intake.BORN] > 0.0
+    for nuisances in _others(setting, best.nuisances, begun_anew):
+        constants = None
+        if nuisances.initial_state == "equilibrium":
+            at = int(blueprint.ints[intake.AT_FIRST_INPUT])
+            constants = -x[at : at + setting.n_inputs]
+        found = _solved(base, nuisances, constants, best.point.poles)
+        if found.criterion < best.criterion:
+            best = found
+    return best
+
+
+def _others(setting: Setting, full: Nuisances, begun_anew: bool) -> Sequence[Nuisances]:
+    """Leaner choices that the structure allows."""
+    structure = setting.structure
+    starts = [full.initial_state]
+    if structure.initial_state == "auto" and not setting.late and not begun_anew:
+        starts += ["rest", "equilibrium"]
+    offsets = [True, False] if structure.offset == "auto" else [full.offset]
+    drifts = [full.drift, False] if structure.drift == "auto" else [full.drift]
+    found = [
+        Nuisances(start, offset, drift)
+        for start in starts
+        for offset in offsets
+        for drift in drifts
+        if not (start == "equilibrium" and not offset)
+    ]
+    return [one for one in dict.fromkeys(found) if one != full]
+
+
+def _solved(
+    base: Problem, nuisances: Nuisances, constants: Array | None, poles: Complex
+) -> Solution:
+    variant = Variant(
+        nuisances.initial_state == "free", nuisances.offset, nuisances.drift, (constants,)
+    )
+    recorder = Recorder()
+    admissible, _ = base.admissible(poles)
+    start = adapt(base, variant, admissible, recorder, PASSES)
+
+    def at(trial: Complex) -> Point:
+        return evaluate_variant(base, variant, trial)
+
+    point, status, why = finish(at, at(start.poles), recorder)
+    return Solution(point, status, why, nuisances, recorder, criterion(point))
+
+
+def directions_of(setting: Setting, blueprint: Blueprint, solution: Solution) -> Array:
+    """Sensitivities of the outputs to the coefficients and a constant, on the running columns.
+
+    Parameters
+    ----------
+    setting : Setting
+    blueprint : Blueprint
+    solution : Solution
+        With all nuisance terms of the blueprint.
+
+    Returns
+    -------
+    (n_outputs, n_directions, n_columns) array
+    """
+    point, n = solution.point, blueprint.n_columns
+    layout = point.regressions[0].layout
+    unit = Regression(
+        layout, (np.eye(layout.n_signals),) * setting.n_outputs,
+        (np.zeros(layout.n_signals),) * setting.n_outputs,
+        (layout.n_signals,) * setting.n_outputs,
+    )  # fmt: skip
+    whole = on_order(layout, blueprint.poles.size)
+    columns = change_columns(np.eye(n), whole, transfer(blueprint.bank, point.bank))
+    found = np.zeros((setting.n_outputs, setting.n_directions, n))
+    for i in range(setting.n_outputs):
+        blocks = [-point.score_states.signals(unit, 0, i)]
+        linear = linear_blocks(point.problem, point.branches, unit, 0, i)
+        blocks += [linear["b", j] for j in range(setting.n_inputs)]
+        if layout.offset:
+            blocks.append(unit.nuisance_signals(i)[:, :1])
+        rows = (columns @ np.hstack(blocks)).T
+        found[i, : len(rows)] = rows
+    return found
+
+
+def estimate_of(
+    setting: Setting, blueprint: Blueprint, x: Array, solution: Solution, method: str
+) -> Estimate:
+    """The estimate with its standard errors.
+
+    Raises
+    ------
+    UnsupportedOrderError
+        The samples do not tell the coefficients apart.
+    """
+    point = solution.point
+    series = series_model(point)
+    step = Step(
+        "series",
+        series.beta.ravel(),
+        float(series.cost.sum() / point.counts.sum()),
+        series.condition,
+        "W_0 = 1 and the orthonormal functions on the poles of a",
+    )
+    solution.recorder.add(point, (step,), series.distance, "check of the end")
+    trace = Trace(
+        tuple(solution.recorder.passes),
+        (),
+        (f"nuisance terms: {solution.nuisances.label}",),
+        solution.why,
+    )
+    at = int(blueprint.ints[intake.AT_FIRST_INPUT])
+    record = stand_in(setting, x[at : at + setting.n_inputs])
+    found = estimate_from(
+        point, [record], setting.structure, solution.nuisances, solution.status, trace, method,
+        solution.criterion,
+    )  # fmt: skip
+    summary = summarise(blueprint, x)
+    share = float(np.mean(summary.shares))
+    return replace(
+        found,
+        cov=found.cov * share,
+        n_samples=int(x[intake.COUNT]),
+        record_fingerprint="",
+    )
+
+
+def stand_in(setting: Setting, first: Array) -> Record:
+    """A record with the channels of an estimator and two samples that mean nothing."""
+    return Record(
+        np.tile(first, (2, 1)),
+        np.zeros((2, setting.n_outputs)),
+        dt=setting.dt,
+        intersample="foh" if setting.intersample == "foh" else "zoh",
+        input_names=list(setting.input_names),
+        output_names=list(setting.output_names),
+        units=dict(setting.units),
+    )

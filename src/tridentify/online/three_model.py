@@ -1,0 +1,411 @@
+"""The three models on-line: Step 1 with every sample, Steps 2 to 4 on all that it has gathered.
+
+*Step 1* runs with the samples (`online.parallel_kernel`): a bank of operators on the poles of the
+present model, each three times, driven by the input alone. The triangle of its least-squares
+problem is brought up to date by Givens rotations, with a forgetting factor if one is given. Its
+regressors hold no noise, so it is unbiased, and the rotations make it the exact solution at every
+sample.
+
+*Steps 2 to 4* are convex problems on the output of Step 1, which is a combination of the states
+of the bank. They are solved from its triangle (`online.summary`) when the slow clock ticks and
+when an estimate is asked for: Step 2 with the filter ``c = a_hat``, Step 1 again on the new
+poles, and so on to the minimum of the output error; Step 3 checks it. They see all samples that
+the triangle remembers, with the present filter and basis, as if these had been there from the
+beginning. A cascade that adapts each model with every sample instead (`online.Gradient`) carries
+what its early stages got wrong. With no forgetting the estimate is that of the off-line method.
+
+*The slow clock* ticks after half as many samples again as there were, or, with forgetting, after
+a quarter of what is remembered. Where the poles have moved from those of the bank by more than a
+hundredth of their decay rate, the bank moves after them. As long as the first samples are still
+kept (``samples``) they are run through the new bank, which is exact. Later the triangle and the
+states go over to the new bank without a jump (`online.summary.transfer`); what is lost is of
+third order in the distance.
+
+*The beginning* is a search: the first samples are kept, and the off-line method looks for the model
+in them, at first early and again with half as many samples more until it is certain of its poles.
+``start`` gives a model instead. After an alarm (`online.intake`) the same is done again, as the
+coefficients are others: ``on_change="flag"`` only raises the flag.
+
+*Standard errors* are those of the minimum (`output_error.result`). With forgetting, the weights
+``w`` of the samples make them larger by the square root of ``sum w^2 / sum w``, and the noise is
+that of the samples remembered. They are right for coefficients that stand still over the memory;
+for those that move, the lag comes on top.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import OptionError, TridentifyError, shown
+from tridentify.estimate import Estimate
+from tridentify.numerics.realization import Complex
+from tridentify.numerics.threads import one_blas_thread
+from tridentify.online import intake
+from tridentify.online.blueprint import (
+    Blueprint,
+    Nuisance,
+    Setting,
+    collecting,
+    constants_for,
+    fresh,
+    parallel,
+    watch_of,
+    with_directions,
+)
+from tridentify.online.parallel_kernel import (
+    DIRECTIONAL,
+    EXPONENTIAL,
+    parallel_run,
+    parallel_step,
+)
+from tridentify.online.seam import (
+    Estimator,
+    NotReadyError,
+    check_choice,
+    check_forgetting,
+    kept_samples,
+)
+from tridentify.online.search import (
+    checked_start,
+    first_try,
+    next_try,
+    poles_of_start,
+    record_of,
+    search,
+)
+from tridentify.online.state import Stage, State
+from tridentify.online.steps import directions_of, estimate_of, solve_steps
+from tridentify.online.summary import carried, moved
+from tridentify.output_error.nuisance import Nuisances, build
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+
+REPEATS = 3
+NEAR = 0.01
+SHARE = 0.5
+QUARTER = 0.25
+SHORTEST_TICK = 50
+LEAST_SAMPLES = 100
+ALARM_LASTS = 200
+KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
+
+
+@dataclass(frozen=True)
+class ThreeModel(Estimator):
+    """The three-model strategy, one sample at a time.
+
+    Parameters
+    ----------
+    forgetting : float
+        Factor by which the past counts less with every sample; 1 forgets nothing, ``1 / (1 -
+        forgetting)`` samples are remembered.
+    forget : {"exponential", "directional"}
+        Whether all of the past fades (as long as the input renews it), or only what the new sample
+        speaks of.
+    start : TransferFunction or Estimate, optional
+        Model to begin with; without it the first samples are searched.
+    samples : int
+        How many of the first samples are kept for the search and for the first moves of the bank.
+    on_change : {"restart", "flag"}
+        Whether a change of the coefficients makes the estimator begin anew, or is only flagged.
+    clock : float, optional
+        Time between two adaptations of filter and basis [s]; without it, as the module says.
+
+    Raises
+    ------
+    OptionError
+        An option is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, online, simulate
+    >>> u = np.sign(np.sin(np.arange(300) ** 1.5))
+    >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(u, u, dt=0.02))[:, 0]
+    >>> method = online.ThreeModel()
+    >>> state = method.init(Structure(1, 0), dt=0.02)
+    >>> for u_k, y_k in zip(u.tolist(), y.tolist()):
+    ...     state, innovation = method.step(state, u_k, y_k)
+    >>> round(method.estimate(state).parameters["a0"].value, 6)
+    4.0
+    """
+
+    forgetting: float = 1.0
+    forget: str = "exponential"
+    start: TransferFunction | None = None
+    samples: int = 2000
+    on_change: str = "restart"
+    clock: float | None = None
+
+    name: ClassVar[str] = "three-model"
+    step_kernel = staticmethod(parallel_step)
+    run_kernel = staticmethod(parallel_run)
+
+    def __post_init__(self) -> None:
+        check_forgetting(self.forgetting)
+        check_choice("forget", self.forget, tuple(KINDS))
+        check_choice("on_change", self.on_change, ("restart", "flag"))
+        object.__setattr__(self, "start", checked_start(self.start))
+        whole = isinstance(self.samples, int) and not isinstance(self.samples, bool)
+        if not whole or self.samples < LEAST_SAMPLES:
+            raise OptionError(
+                f"found samples={shown(self.samples)}; expected a whole number of at least "
+                f"{LEAST_SAMPLES}; leave it out or correct it"
+            )
+        if self.clock is not None and not 0.0 < float(self.clock) < np.inf:
+            raise OptionError(
+                f"found clock={shown(self.clock)}; expected a time above zero, in seconds; leave "
+                "it out or correct it"
+            )
+
+    def begin(self, setting: Setting) -> State:
+        """The state before the first sample."""
+        if self.start is None:
+            blueprint = collecting(setting)
+            x = fresh(blueprint)
+            x[intake.TICK] = first_try(setting)
+            return State(x, Stage(self, setting, blueprint, blueprint.poles))
+        poles = poles_of_start(self.start, setting)
+        blueprint = self._plan(setting, poles, Nuisance.of(setting.structure, False), True)
+        x = fresh(blueprint)
+        x[intake.TICK] = first_try(setting)
+        return State(x, Stage(self, setting, blueprint, poles, searching=False))
+
+    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
+        """Length of the vector that goes with a blueprint."""
+        keep = bool(blueprint.ints[intake.CHUNK])
+        if not blueprint.poles.size:
+            return collecting(setting).size
+        return parallel(setting, blueprint.poles, blueprint.nuisance, keep, 1.0, 0).size
+
+    def tick(self, state: State) -> State:
+        """Search, or follow the poles with filter and basis."""
+        with one_blas_thread():
+            return self._search(state) if state.stage.searching else self._follow(state)
+
+    def alarmed(self, state: State) -> State:
+        """Note the change; begin anew if so told."""
+        x, stage = state
+        here = int(x[intake.COUNT])
+        changed = stage.but(changes=(*stage.changes, here - 1))
+        x[intake.ALARM] = here + ALARM_LASTS
+        x[intake.FLAGS] = float(int(x[intake.FLAGS]) | intake.CHANGED)
+        if self.on_change == "flag":
+            _calm(x, stage)
+            return State(x, changed)
+        nuisance = Nuisance.of(stage.setting.structure, True)
+        blueprint = self._plan(stage.setting, stage.poles, nuisance, True)
+        anew = carried(stage.blueprint, x, blueprint)
+        _calm(anew, changed.but(blueprint=blueprint))
+        anew[intake.FILLED] = 0.0
+        anew[intake.SINCE] = 0.0
+        anew[intake.FIRST] = 0.0
+        anew[intake.BORN] = x[intake.TIME] + stage.setting.dt
+        anew[intake.TICK] = here + first_try(stage.setting)
+        return State(anew, changed.but(blueprint=blueprint, past=(), searching=True))
+
+    def estimate(self, state: State) -> Estimate:
+        """The coefficients with their standard errors.
+
+        Parameters
+        ----------
+        state : State
+
+        Returns
+        -------
+        Estimate
+
+        Raises
+        ------
+        NotReadyError
+            The samples so far do not determine them.
+        """
+        x, stage = state
+        count = int(x[intake.COUNT])
+        if stage.searching:
+            raise _not_ready(count, "are still searched for a model")
+        try:
+            with one_blas_thread():
+                solution = solve_steps(
+                    stage.setting, stage.blueprint, x, stage.poles, choose=self.forgetting == 1.0
+                )
+                return estimate_of(stage.setting, stage.blueprint, x, solution, self.name)
+        except (TridentifyError, np.linalg.LinAlgError) as error:
+            raise _not_ready(count, "do not determine the coefficients") from error
+
+    # ---------------------------------------------------------------------------- the slow clock
+    def _plan(self, setting: Setting, poles: Complex, nuisance: Nuisance, keep: bool) -> Blueprint:
+        return parallel(
+            setting, np.tile(poles, REPEATS), nuisance, keep, self.forgetting, KINDS[self.forget]
+        )
+
+    def _next(self, x: Array, setting: Setting) -> float:
+        """Sample at which the clock ticks next."""
+        if self.clock is not None:
+            return float(x[intake.COUNT] + max(round(self.clock / setting.dt), 1))
+        wait = SHARE * float(x[intake.SINCE])
+        if self.forgetting < 1.0:
+            wait = min(wait, max(QUARTER / (1.0 - self.forgetting), SHORTEST_TICK))
+        return float(x[intake.COUNT] + max(np.ceil(wait), SHORTEST_TICK // 2))
+
+    def _search(self, state: State) -> State:
+        x, stage = state
+        setting = stage.setting
+        samples = kept_samples(state)
+        begun_anew = x[intake.COUNT] > len(samples)
+        found = search(setting, samples, begun_anew)
+        full = len(samples) >= self.samples
+        if found is None or not (found.certain or full):
+            x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
+            if full:
+                return _shortened(state, samples)
+            return state
+        for i in range(setting.n_outputs):
+            x[watch_of(stage.blueprint, i) + intake.SCALE] = found.noise_std[i]
+        nuisance = Nuisance.of(setting.structure, begun_anew)
+        return self._run_again(state, found.poles, nuisance, samples)
+
+    def _run_again(self, state: State, poles: Complex, nuisance: Nuisance, samples: Array) -> State:
+        """The samples that were kept, through the bank of other poles."""
+        old, stage = state
+        setting = stage.setting
+        admissible = _admissible(setting, poles, samples)
+        blueprint = self._plan(setting, admissible, nuisance, True)
+        x = fresh(blueprint)
+        for i in range(setting.n_outputs):
+            was = watch_of(stage.blueprint, i)
+            x[watch_of(blueprint, i) + intake.SCALE] = old[was + intake.SCALE]
+        equilibrium = blueprint.ints[intake.EQUILIBRIUM]
+        if equilibrium and nuisance.free:
+            at, m = int(blueprint.ints[intake.AT_REFERENCE]), setting.n_inputs
+            x[at : at + m] = old[at : at + m]
+            x[intake.COUNT] = 1.0
+        run_kept(self, setting, blueprint, x, samples)
+        since = float(len(samples))
+        for slot in (intake.COUNT, intake.SEEN, intake.FILLED, intake.ALARM, intake.FLAGS):
+            x[slot] = old[slot]
+        x[intake.BORN] = old[intake.TIME] - x[intake.TIME]
+        x[intake.TIME] = old[intake.TIME]
+        x[intake.SINCE], x[intake.EVENT] = since, 0.0
+        head, width = int(blueprint.ints[intake.AT_CHUNK]), samples.shape[1]
+        count = int(old[intake.FILLED]) * width
+        was = int(stage.blueprint.ints[intake.AT_CHUNK])
+        x[head : head + count] = old[was : was + count]
+        _calm(x, stage.but(blueprint=blueprint))
+        x[intake.TICK] = self._next(x, setting)
+        try:
+            solution = solve_steps(setting, blueprint, x, admissible, choose=False)
+        except (TridentifyError, np.linalg.LinAlgError):
+            return State(x, stage.but(blueprint=blueprint, poles=admissible, searching=False))
+        found = with_directions(blueprint, directions_of(setting, blueprint, solution))
+        poles = solution.point.poles
+        return State(x, stage.but(blueprint=found, poles=poles, searching=False))
+
+    def _follow(self, state: State) -> State:
+        x, stage = state
+        setting = stage.setting
+        x[intake.TICK] = self._next(x, setting)
+        try:
+            solution = solve_steps(setting, stage.blueprint, x, stage.poles, choose=False)
+        except (TridentifyError, np.linalg.LinAlgError):
+            return state
+        poles = solution.point.poles
+        if not np.all(np.isfinite(poles)):
+            return state
+        bank = stage.blueprint.poles[: poles.size]
+        distance = _distance(poles, bank)
+        nuisance = stage.blueprint.nuisance
+        kept = bool(stage.blueprint.ints[intake.CHUNK])
+        early = kept and x[intake.SINCE] <= self.samples
+        if early and distance > NEAR:
+            return self._run_again(state, poles, nuisance, kept_samples(state))
+        if distance <= NEAR and (early or not kept):
+            judged = directions_of(setting, stage.blueprint, solution)
+            blueprint = with_directions(stage.blueprint, judged)
+            return State(x, stage.but(blueprint=blueprint, poles=poles))
+        base = poles if distance > NEAR else bank
+        blueprint = self._plan(setting, base, nuisance, False)
+        if distance > NEAR:
+            x = moved(stage.blueprint, x, blueprint)
+        else:
+            x = without_chunk(stage.blueprint, x, blueprint)
+        blueprint = with_directions(blueprint, directions_of(setting, blueprint, solution))
+        return State(x, stage.but(blueprint=blueprint, poles=poles, past=()))
+
+
+def run_kept(
+    method: Estimator, setting: Setting, blueprint: Blueprint, x: Array, samples: Array
+) -> None:
+    """Run kept samples through the kernel of a method; events are passed over."""
+    m = setting.n_inputs
+    u = np.ascontiguousarray(samples[:, 1 : 1 + m])
+    y = np.ascontiguousarray(samples[:, 1 + m :])
+    innovations, flags = np.empty(y.shape), np.zeros(len(y), dtype=np.int64)
+    regular = np.abs(samples[:, 0] - setting.dt) <= 1e-9 * setting.dt
+    regular[:1] = True
+    if np.all(regular):
+        k = 0
+        while k < len(y):
+            k = method.run_kernel(
+                blueprint.ints, blueprint.constants, x, u, y, k, len(y), innovations, flags
+            )
+            x[intake.FILLED] = 0.0
+        return
+    at = intake.INBOX
+    for k, after in enumerate(samples[:, 0].tolist()):
+        x[at : at + m], x[at + m : at + samples.shape[1] - 1] = u[k], y[k]
+        constants = blueprint.constants if regular[k] else constants_for(blueprint, setting, after)
+        method.step_kernel(blueprint.ints, constants, x, after)
+        x[intake.FILLED] = 0.0
+
+
+def without_chunk(old: Blueprint, x: Array, new: Blueprint) -> Array:
+    """The same estimator with no room for samples any more."""
+    found = carried(old, x, new)
+    begin, to = int(old.ints[intake.AT_WATCH]), int(new.ints[intake.AT_WATCH])
+    found[to:] = x[begin:]
+    return found
+
+
+def _calm(x: Array, stage: Stage) -> None:
+    """Forget what led to an alarm."""
+    for i in range(stage.setting.n_outputs):
+        w = watch_of(stage.blueprint, i)
+        end = w + int(stage.blueprint.ints[intake.WATCH])
+        x[w + intake.SCORES : end] = 0.0
+        x[w + intake.INSIDE] = 0.0
+        x[w + intake.MOVED] = 0.0
+        x[w + intake.REFUSED] = 0.0
+
+
+def _shortened(state: State, samples: Array) -> State:
+    """The older half of the kept samples is dropped: nothing was found in it."""
+    x, stage = state
+    x[intake.FILLED] = 0.0
+    kept = samples[len(samples) // 2 :]
+    x[intake.TICK] = x[intake.COUNT] + max(next_try(len(kept)) - len(kept), 1)
+    return State(x, stage.but(past=(kept,)))
+
+
+def _admissible(setting: Setting, poles: Complex, samples: Array) -> Complex:
+    record = record_of(setting, samples)
+    problem = build([record], setting.structure, Nuisances("free", False, False))
+    return problem.admissible(poles)[0]
+
+
+def _distance(poles: Complex, bank: Complex) -> float:
+    """Largest move of a pole over its decay rate."""
+    rates = np.maximum(-bank.real, 1e-6 * np.abs(bank))
+    return float(np.max(np.abs(poles - bank) / rates))
+
+
+def _not_ready(count: int, what: str) -> NotReadyError:
+    return NotReadyError(
+        f"found {count} samples, which {what}; expected samples that excite all coefficients; go "
+        "on stepping, or give a model with start="
+    )
