@@ -241,10 +241,11 @@ def test_band_of_a_drift_widens_without_news():
 
 
 # ------------------------------------------------------------- three models against off-line
-def agreed(record, structure, method=None, **options):
+def agreed(record, structure, method=None):
     """Off-line and on-line estimate of the same record."""
     offline = identify(record, structure, ThreeModel(noise="white", finish="likelihood"))
-    run = online.run(method or online.ThreeModel(), record, structure, **options)
+    every = (record.t[-1] - record.t[0]) / 4
+    run = online.run(method or online.ThreeModel(), record, structure, every=every)
     apart = np.abs(run.estimate.theta - offline.theta) / offline.std
     assert np.max(apart) < 0.05, apart
     assert run.estimate.std == pytest.approx(offline.std, rel=0.02)
