@@ -1,5 +1,6 @@
 """The three models while the data arrive: one sample at a time, or a record run through."""
 
+from tridentify.online.equation import Kalman, RecursiveLeastSquares
 from tridentify.online.flags import Flag
 from tridentify.online.registry import ESTIMATORS
 from tridentify.online.run import Run, run
@@ -11,7 +12,9 @@ __all__ = [
     "ESTIMATORS",
     "Estimator",
     "Flag",
+    "Kalman",
     "NotReadyError",
+    "RecursiveLeastSquares",
     "Run",
     "State",
     "ThreeModel",

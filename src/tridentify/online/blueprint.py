@@ -211,7 +211,7 @@ def _blueprint(
     ints[intake.AT_FIRST_INPUT] = plan.take(m)
     ints[intake.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
     ints[intake.AT_CHUNK] = plan.take(int(ints[intake.CHUNK]) * (m + p + 1))
-    judged = directions + directions * (directions + 1) // 2 + 3
+    judged = directions + directions * (directions + 1) // 2 + intake.SUMS
     ints[intake.WATCH] = intake.SCORES + 2 * directions + intake.SCALES * judged
     ints[intake.AT_WATCH] = plan.take(p * int(ints[intake.WATCH]))
     ints[intake.AT_ROW] = plan.take(columns)
@@ -235,7 +235,7 @@ def _blueprint(
         bank = found.bank
         c[ints[intake.C_START]] = NEGLIGIBLE * np.abs(bank.b).max()
         c[ints[intake.C_START] + 1 : ints[intake.C_START] + 1 + q] = bank.b
-        _fill(c, ints, setting, bank, setting.dt)
+        fill_inputs(c, ints, setting, bank, setting.dt)
     return found
 
 
@@ -243,11 +243,12 @@ def constants_for(blueprint: Blueprint, setting: Setting, interval: float) -> Ar
     """``c`` for a sample that comes after another interval [s]; no delays."""
     c = blueprint.constants.copy()
     if blueprint.poles.size:
-        _fill(c, blueprint.ints, setting, blueprint.bank, interval)
+        fill_inputs(c, blueprint.ints, setting, blueprint.bank, interval)
     return c
 
 
-def _fill(c: Array, ints: Ints, setting: Setting, bank: Cascade, interval: float) -> None:
+def fill_inputs(c: Array, ints: Ints, setting: Setting, bank: Cascade, interval: float) -> None:
+    """Transition and taps of a bank for an interval between two samples [s]."""
     q, foh = bank.order, setting.intersample == "foh"
     b = bank.b[:, None]
     whole = discretize(bank.a, b, interval, setting.intersample)

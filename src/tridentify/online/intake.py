@@ -53,9 +53,11 @@ INBOX = 16
     INPUTS, OUTPUTS, ORDER, COLUMNS, FREE, BEGIN, LINE, AT_LINE, AT_WATCH, WATCH, AT_STATES, AT_ROW,
     AT_WORK, AT_FACTOR, FACTOR, OFFSET, DRIFT, UPPER, KIND, BLOCK, AT_CHUNK, CHUNK, C_STEP, C_TAPS,
     C_DIRECT, C_START, AT_REFERENCE, EQUILIBRIUM, COLLECTING, AT_FIRST_INPUT, C_MAPS, C_EXTRA,
-    DIRECTIONS, DIRECTIONS_STRIDE,
-) = range(34)  # fmt: skip
-N_INTS = 48
+    DIRECTIONS, DIRECTIONS_STRIDE, AT_IMPULSE, AT_INPUTS, AT_OUTPUTS, AT_BEFORE, C_OUTPUT, C_BASIS,
+    C_MONIC, C_ZEROS, AT_THETA, AT_GAIN, AT_COVARIANCE, FILTERING, WALKERS, C_WALK, C_WIDTHS,
+    COEFFICIENTS, LEARNING,
+) = range(51)  # fmt: skip
+N_INTS = 64
 
 # places in c
 INTERVAL, FORGETTING, PACE, HORIZON = range(4)
@@ -82,7 +84,7 @@ LARGEST = 1e100
 TRACE = 1e-5
 BLOCKS_USUAL = 200.0
 LEVEL = 40.0
-SCALES, PER_SCALE = 3, 16
+SCALES, PER_SCALE, SUMS = 3, 16, 4
 IDLE_SHARE = 0.01
 IDLE_BLOCKS = 8.0
 
@@ -203,12 +205,12 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     """Judge the block of a scale, add it to that of the next; whether that one is now full."""
     k = ints[DIRECTIONS]
     width = k + k * (k + 1) // 2
-    own = w + SCORES + k + scale * (width + 3)
+    own = w + SCORES + k + scale * (width + SUMS)
     state = own + width
     if scale + 1 < SCALES:
         for i in range(width):
-            x[own + width + 3 + i] += x[own + i]
-    usual = w + SCORES + k + SCALES * (width + 3)
+            x[own + width + SUMS + i] += x[own + i]
+    usual = w + SCORES + k + SCALES * (width + SUMS)
     scores, m = own, own + k
     total = 0.0
     directions = 0
@@ -248,11 +250,15 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     if ready and directions > 0:
         ratio = total / directions
         norm = 1.0 + x[state + 1]
-        x[state] = max(0.0, x[state] + directions * (ratio / norm - 2.0))
-        if x[state] > LEVEL:
-            x[w + MOVED] = 1.0
-        if ratio < 4.0 * norm:
-            x[state + 1] = max(0.0, x[state + 1] + (ratio - norm) / BLOCKS_USUAL)
+        x[state + 3] += 1.0
+        if x[state + 3] <= ints[LEARNING]:
+            x[state + 1] += (ratio - norm) / x[state + 3]
+        else:
+            x[state] = max(0.0, x[state] + directions * (ratio / norm - 2.0))
+            if x[state] > LEVEL:
+                x[w + MOVED] = 1.0
+            x[state + 1] += (min(ratio, 4.0 * norm) - norm) / BLOCKS_USUAL
+        x[state + 1] = max(0.0, x[state + 1])
     x[state + 2] += 1.0
     if x[state + 2] < PER_SCALE:
         return False
@@ -284,8 +290,11 @@ def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: b
     maps = ints[C_MAPS] + ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
     for i in range(k):
         value = 0.0
-        for s in range(first, n):
-            value += c[maps + i * n + s] * x[row + s]
+        if ints[DIRECTIONS_STRIDE] == 0:
+            value = x[row + n - k + i]
+        else:
+            for s in range(first, n):
+                value += c[maps + i * n + s] * x[row + s]
         x[g + i] = value
         x[scores + i] += value * v
         for s in range(i + 1):

@@ -66,6 +66,7 @@ from tridentify.online.intake import (
     UPPER,
     WATCH,
     WEIGHT,
+    WEIGHT2,
     count,
     doubt,
     learn,
@@ -187,6 +188,7 @@ def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, 
                 x[at + i] *= CUT
             x[w + SQUARES] *= CUT
             x[w + WEIGHT] *= CUT
+            x[w + WEIGHT2] *= CUT * CUT
     if leverage < np.inf:
         x[w + SQUARES] = kept * x[w + SQUARES] + error * error / (1.0 + leverage / kept)
     learn(x, w, y, v if leverage < 1.0 else np.nan, kept)

@@ -5,8 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from tridentify.online.equation import Kalman, RecursiveLeastSquares
 from tridentify.online.seam import Estimator
 from tridentify.online.three_model import ThreeModel
 
-ESTIMATORS: Mapping[str, Callable[[], Estimator]] = MappingProxyType({"three-model": ThreeModel})
+ESTIMATORS: Mapping[str, Callable[[], Estimator]] = MappingProxyType(
+    {
+        "three-model": ThreeModel,
+        "recursive-least-squares": RecursiveLeastSquares,
+        "kalman": Kalman,
+    }
+)
 """Name -> estimator with its default options; the command line and the contract tests read it."""

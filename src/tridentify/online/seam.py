@@ -30,7 +30,7 @@ from tridentify.errors import (
 from tridentify.estimate import Estimate
 from tridentify.methods.capability import Capability, refuse_unsupported
 from tridentify.online import intake
-from tridentify.online.blueprint import Blueprint, Setting, constants_for
+from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.state import MAKERS, State
 from tridentify.record import Record
 from tridentify.structure import Structure
@@ -53,7 +53,8 @@ class Estimator(ABC):
     name: ClassVar[str]
 
     def __init_subclass__(cls) -> None:
-        MAKERS[cls.name] = cls
+        if "name" in cls.__dict__:
+            MAKERS[cls.name] = cls
 
     @staticmethod
     def step_kernel(ints: Ints, c: Array, x: Array, interval: float) -> float:
@@ -97,6 +98,10 @@ class Estimator(ABC):
         NotReadyError
             The samples so far do not determine them.
         """
+
+    @abstractmethod
+    def constants_for(self, blueprint: Blueprint, setting: Setting, interval: float) -> Array:
+        """``c`` of the kernels for a sample that comes after another interval [s]."""
 
     @abstractmethod
     def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
@@ -375,7 +380,7 @@ def _after(state: State, interval: float) -> tuple[Array, float]:
             f"found interval={seconds:g} s with a delay; expected samples every {setting.dt:g} s, "
             "since the delayed input is kept in samples; resample the stream, or drop the delay"
         )
-    return constants_for(blueprint, setting, seconds), seconds
+    return state.method.constants_for(blueprint, setting, seconds), seconds
 
 
 def _put(x: Array, setting: Setting, u: ArrayLike, y: ArrayLike) -> None:
@@ -418,3 +423,11 @@ def _names(what: str, names: Sequence[str]) -> list[str]:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def not_ready(count: int, what: str) -> NotReadyError:
+    """The error that says so, with what to do."""
+    return NotReadyError(
+        f"found {count} samples, which {what}; expected samples that excite all coefficients; go "
+        "on stepping, or give a model with start="
+    )

@@ -64,23 +64,22 @@ from tridentify.online.parallel_kernel import (
 )
 from tridentify.online.seam import (
     Estimator,
-    NotReadyError,
     check_choice,
     check_forgetting,
     kept_samples,
+    not_ready,
 )
 from tridentify.online.search import (
     checked_start,
     first_try,
     next_try,
     poles_of_start,
-    record_of,
     search,
 )
+from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks
 from tridentify.online.state import Stage, State
 from tridentify.online.steps import directions_of, estimate_of, solve_steps
 from tridentify.online.summary import carried, moved
-from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
@@ -183,6 +182,10 @@ class ThreeModel(Estimator):
             return collecting(setting).size
         return parallel(setting, blueprint.poles, blueprint.nuisance, keep, 1.0, 0).size
 
+    def constants_for(self, blueprint: Blueprint, setting: Setting, interval: float) -> Array:
+        """``c`` for a sample that comes after another interval."""
+        return constants_for(blueprint, setting, interval)
+
     def tick(self, state: State) -> State:
         """Search, or follow the poles with filter and basis."""
         with one_blas_thread():
@@ -196,12 +199,12 @@ class ThreeModel(Estimator):
         x[intake.ALARM] = here + ALARM_LASTS
         x[intake.FLAGS] = float(int(x[intake.FLAGS]) | intake.CHANGED)
         if self.on_change == "flag":
-            _calm(x, stage)
+            calm(x, stage)
             return State(x, changed)
         nuisance = Nuisance.of(stage.setting.structure, True)
         blueprint = self._plan(stage.setting, stage.poles, nuisance, True)
         anew = carried(stage.blueprint, x, blueprint)
-        _calm(anew, changed.but(blueprint=blueprint))
+        calm(anew, changed.but(blueprint=blueprint))
         anew[intake.FILLED] = 0.0
         anew[intake.SINCE] = 0.0
         anew[intake.FIRST] = 0.0
@@ -228,7 +231,7 @@ class ThreeModel(Estimator):
         x, stage = state
         count = int(x[intake.COUNT])
         if stage.searching:
-            raise _not_ready(count, "are still searched for a model")
+            raise not_ready(count, "are still searched for a model")
         try:
             with one_blas_thread():
                 solution = solve_steps(
@@ -236,7 +239,7 @@ class ThreeModel(Estimator):
                 )
                 return estimate_of(stage.setting, stage.blueprint, x, solution, self.name)
         except (TridentifyError, np.linalg.LinAlgError) as error:
-            raise _not_ready(count, "do not determine the coefficients") from error
+            raise not_ready(count, "do not determine the coefficients") from error
 
     # ---------------------------------------------------------------------------- the slow clock
     def _plan(self, setting: Setting, poles: Complex, nuisance: Nuisance, keep: bool) -> Blueprint:
@@ -263,7 +266,7 @@ class ThreeModel(Estimator):
         if found is None or not (found.certain or full):
             x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
             if full:
-                return _shortened(state, samples)
+                return shortened(state, samples)
             return state
         for i in range(setting.n_outputs):
             x[watch_of(stage.blueprint, i) + intake.SCALE] = found.noise_std[i]
@@ -274,8 +277,8 @@ class ThreeModel(Estimator):
         """The samples that were kept, through the bank of other poles."""
         old, stage = state
         setting = stage.setting
-        admissible = _admissible(setting, poles, samples)
-        blueprint = self._plan(setting, admissible, nuisance, True)
+        near = admissible(setting, poles, samples)
+        blueprint = self._plan(setting, near, nuisance, True)
         x = fresh(blueprint)
         for i in range(setting.n_outputs):
             was = watch_of(stage.blueprint, i)
@@ -286,22 +289,17 @@ class ThreeModel(Estimator):
             x[at : at + m] = old[at : at + m]
             x[intake.COUNT] = 1.0
         run_kept(self, setting, blueprint, x, samples)
-        since = float(len(samples))
-        for slot in (intake.COUNT, intake.SEEN, intake.FILLED, intake.ALARM, intake.FLAGS):
-            x[slot] = old[slot]
-        x[intake.BORN] = old[intake.TIME] - x[intake.TIME]
-        x[intake.TIME] = old[intake.TIME]
-        x[intake.SINCE], x[intake.EVENT] = since, 0.0
+        take_clocks(old, stage.blueprint, x, blueprint, len(samples))
         head, width = int(blueprint.ints[intake.AT_CHUNK]), samples.shape[1]
         count = int(old[intake.FILLED]) * width
         was = int(stage.blueprint.ints[intake.AT_CHUNK])
         x[head : head + count] = old[was : was + count]
-        _calm(x, stage.but(blueprint=blueprint))
+        calm(x, stage.but(blueprint=blueprint))
         x[intake.TICK] = self._next(x, setting)
         try:
-            solution = solve_steps(setting, blueprint, x, admissible, choose=False)
+            solution = solve_steps(setting, blueprint, x, near, choose=False)
         except (TridentifyError, np.linalg.LinAlgError):
-            return State(x, stage.but(blueprint=blueprint, poles=admissible, searching=False))
+            return State(x, stage.but(blueprint=blueprint, poles=near, searching=False))
         found = with_directions(blueprint, directions_of(setting, blueprint, solution))
         poles = solution.point.poles
         return State(x, stage.but(blueprint=found, poles=poles, searching=False))
@@ -338,32 +336,6 @@ class ThreeModel(Estimator):
         return State(x, stage.but(blueprint=blueprint, poles=poles, past=()))
 
 
-def run_kept(
-    method: Estimator, setting: Setting, blueprint: Blueprint, x: Array, samples: Array
-) -> None:
-    """Run kept samples through the kernel of a method; events are passed over."""
-    m = setting.n_inputs
-    u = np.ascontiguousarray(samples[:, 1 : 1 + m])
-    y = np.ascontiguousarray(samples[:, 1 + m :])
-    innovations, flags = np.empty(y.shape), np.zeros(len(y), dtype=np.int64)
-    regular = np.abs(samples[:, 0] - setting.dt) <= 1e-9 * setting.dt
-    regular[:1] = True
-    if np.all(regular):
-        k = 0
-        while k < len(y):
-            k = method.run_kernel(
-                blueprint.ints, blueprint.constants, x, u, y, k, len(y), innovations, flags
-            )
-            x[intake.FILLED] = 0.0
-        return
-    at = intake.INBOX
-    for k, after in enumerate(samples[:, 0].tolist()):
-        x[at : at + m], x[at + m : at + samples.shape[1] - 1] = u[k], y[k]
-        constants = blueprint.constants if regular[k] else constants_for(blueprint, setting, after)
-        method.step_kernel(blueprint.ints, constants, x, after)
-        x[intake.FILLED] = 0.0
-
-
 def without_chunk(old: Blueprint, x: Array, new: Blueprint) -> Array:
     """The same estimator with no room for samples any more."""
     found = carried(old, x, new)
@@ -372,40 +344,7 @@ def without_chunk(old: Blueprint, x: Array, new: Blueprint) -> Array:
     return found
 
 
-def _calm(x: Array, stage: Stage) -> None:
-    """Forget what led to an alarm."""
-    for i in range(stage.setting.n_outputs):
-        w = watch_of(stage.blueprint, i)
-        end = w + int(stage.blueprint.ints[intake.WATCH])
-        x[w + intake.SCORES : end] = 0.0
-        x[w + intake.INSIDE] = 0.0
-        x[w + intake.MOVED] = 0.0
-        x[w + intake.REFUSED] = 0.0
-
-
-def _shortened(state: State, samples: Array) -> State:
-    """The older half of the kept samples is dropped: nothing was found in it."""
-    x, stage = state
-    x[intake.FILLED] = 0.0
-    kept = samples[len(samples) // 2 :]
-    x[intake.TICK] = x[intake.COUNT] + max(next_try(len(kept)) - len(kept), 1)
-    return State(x, stage.but(past=(kept,)))
-
-
-def _admissible(setting: Setting, poles: Complex, samples: Array) -> Complex:
-    record = record_of(setting, samples)
-    problem = build([record], setting.structure, Nuisances("free", False, False))
-    return problem.admissible(poles)[0]
-
-
 def _distance(poles: Complex, bank: Complex) -> float:
     """Largest move of a pole over its decay rate."""
     rates = np.maximum(-bank.real, 1e-6 * np.abs(bank))
     return float(np.max(np.abs(poles - bank) / rates))
-
-
-def _not_ready(count: int, what: str) -> NotReadyError:
-    return NotReadyError(
-        f"found {count} samples, which {what}; expected samples that excite all coefficients; go "
-        "on stepping, or give a model with start="
-    )

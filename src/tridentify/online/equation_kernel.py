@@ -1,0 +1,342 @@
+"""The equation error of the recorded output sample by sample, compiled (`online.equation`).
+
+States of ``1 / c`` driven by each input (exact for its intersample behaviour) and by each output,
+whose samples are joined by straight lines. The row of an output is
+
+    [ impulse states, output by output | 1, output by output | - X y_i | X u_j of its own channels ]
+
+and its target ``p^n / c y_i``, both times the weight of the output: one triangle for all outputs,
+as they share ``a``.
+
+A sample that is missing or doubtful must not stand in the regressors of those that come after it.
+What the model expects in its place does: the error is linear in the newest sample, ``d eps / d
+y_k`` is known, and the value that makes it zero is put into the filter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.recursive import compiled, correct, drift, predict, solve_triangle
+from tridentify.online.intake import (
+    ALARMED,
+    AT_BEFORE,
+    AT_COVARIANCE,
+    AT_FACTOR,
+    AT_GAIN,
+    AT_IMPULSE,
+    AT_INPUTS,
+    AT_LINE,
+    AT_OUTPUTS,
+    AT_ROW,
+    AT_THETA,
+    AT_WATCH,
+    AT_WORK,
+    BEGIN,
+    C_BASIS,
+    C_DIRECT,
+    C_EXTRA,
+    C_MONIC,
+    C_OUTPUT,
+    C_START,
+    C_STEP,
+    C_TAPS,
+    C_WALK,
+    C_WIDTHS,
+    C_ZEROS,
+    COLLECTING,
+    COLUMNS,
+    EVENT,
+    FAR,
+    FILTERING,
+    FIRST,
+    FITTED,
+    FLAGS,
+    FREE,
+    IDLE,
+    IDLE_BLOCKS,
+    INBOX,
+    INNOVATION,
+    INPUTS,
+    LARGEST,
+    LINE,
+    MOST_REFUSED,
+    MOVED,
+    NOT_EXCITED,
+    NOT_READY,
+    OFFSET,
+    ORDER,
+    OUTLIER,
+    OUTPUTS,
+    REFUSED,
+    SINCE,
+    SQUARES,
+    TAKEN,
+    UPPER,
+    WALKERS,
+    WATCH,
+    count,
+    doubt,
+    learn,
+    noise_scale,
+    take_in,
+    watch,
+)
+from tridentify.online.parallel_kernel import absorb
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@compiled("void(int64[::1], float64[::1], float64[::1])")
+def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
+    """The filter driven by the impulse at the beginning and by the inputs."""
+    m, q, upper = ints[INPUTS], ints[ORDER], ints[UPPER]
+    f, work = ints[C_STEP], ints[AT_WORK]
+    since = x[SINCE]
+    if ints[FREE]:
+        at = ints[AT_IMPULSE]
+        if since > ints[BEGIN] and x[FIRST] == 0.0:
+            largest = 0.0
+            for i in range(q):
+                total = 0.0
+                for s in range(min(i + 1 + upper, q)):
+                    total += c[f + i * q + s] * x[at + s]
+                x[work + i] = total
+                largest = max(largest, abs(total))
+            for i in range(q):
+                x[at + i] = x[work + i]
+            if largest < c[ints[C_START]]:
+                x[FIRST] = float(q * ints[OUTPUTS])
+        elif since == ints[BEGIN]:
+            for i in range(q):
+                x[at + i] = c[ints[C_START] + 1 + i]
+    if since == 0.0:
+        return
+    for j in range(m):
+        own = ints[AT_INPUTS] + j * q
+        late = ints[AT_LINE] + j * ints[LINE] + int(c[ints[C_EXTRA] + j])
+        g = ints[C_TAPS] + 3 * j * q
+        for i in range(q):
+            total = c[g + i] * x[late] + c[g + q + i] * x[late + 1] + c[g + 2 * q + i] * x[late + 2]
+            for s in range(min(i + 1 + upper, q)):
+                total += c[f + i * q + s] * x[own + s]
+            x[work + i] = total
+        for i in range(q):
+            x[own + i] = x[work + i]
+
+
+@compiled("void(int64[::1], float64[::1], float64[::1], int64)")
+def free_motion(ints: Ints, c: Array, x: Array, i: int) -> None:
+    """The filter of an output up to the newest sample, which is still to be added."""
+    if x[SINCE] == 0.0:
+        return
+    q, upper, f, work = ints[ORDER], ints[UPPER], ints[C_STEP], ints[AT_WORK]
+    own, g = ints[AT_OUTPUTS] + i * q, ints[C_OUTPUT]
+    before = x[ints[AT_BEFORE] + i]
+    for r in range(q):
+        total = c[g + r] * before
+        for s in range(min(r + 1 + upper, q)):
+            total += c[f + r * q + s] * x[own + s]
+        x[work + r] = total
+    for r in range(q):
+        x[own + r] = x[work + r]
+
+
+@compiled("void(int64[::1], float64[::1], float64[::1], int64, float64)")
+def add_newest(ints: Ints, c: Array, x: Array, i: int, y: float) -> None:
+    """The share of the newest sample in the filter of an output."""
+    if x[SINCE] == 0.0:
+        return
+    q = ints[ORDER]
+    own, g = ints[AT_OUTPUTS] + i * q, ints[C_OUTPUT] + q
+    for r in range(q):
+        x[own + r] += c[g + r] * y
+
+
+@compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)")
+def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
+    """Write the row of an output; gives its target."""
+    m, p, q, n = ints[INPUTS], ints[OUTPUTS], ints[ORDER], ints[COLUMNS]
+    row, basis = ints[AT_ROW], ints[C_BASIS]
+    for s in range(n):
+        x[row + s] = 0.0
+    at = row
+    if ints[FREE]:
+        if x[FIRST] == 0.0:
+            for s in range(q):
+                x[at + i * q + s] = x[ints[AT_IMPULSE] + s]
+        at += p * q
+    if ints[OFFSET]:
+        x[at + i] = 1.0
+        at += p
+    poles = int(c[ints[C_ZEROS] + m * p])
+    own = ints[AT_OUTPUTS] + i * q
+    for d in range(poles):
+        total = 0.0
+        for s in range(q):
+            total += c[basis + d * q + s] * x[own + s]
+        x[at + d] = -total
+    at += poles
+    for o in range(p):
+        for j in range(m):
+            zeros = int(c[ints[C_ZEROS] + o * m + j])
+            if o == i:
+                states = ints[AT_INPUTS] + j * q
+                for d in range(min(zeros + 1, q)):
+                    total = 0.0
+                    for s in range(q):
+                        total += c[basis + d * q + s] * x[states + s]
+                    x[at + d] = total
+                if zeros == q:
+                    late = ints[AT_LINE] + j * ints[LINE] + int(c[ints[C_EXTRA] + j])
+                    h = ints[C_DIRECT] + 2 * j
+                    x[at + q] = c[h] * x[late] + c[h + 1] * x[late + 1]
+            at += zeros + 1
+    target = c[ints[C_MONIC] + q] * y
+    for s in range(q):
+        target += c[ints[C_MONIC] + s] * x[own + s]
+    weight = c[ints[C_MONIC] + q + 1 + i]
+    if weight != 1.0:
+        for s in range(n):
+            x[row + s] *= weight
+        target *= weight
+    return float(target)
+
+
+@compiled("float64(int64[::1], float64[::1], float64[::1], int64)")
+def slope(ints: Ints, c: Array, x: Array, theta: int) -> float:
+    """``d eps / d y_k`` of the newest sample."""
+    m, p, q = ints[INPUTS], ints[OUTPUTS], ints[ORDER]
+    g, basis = ints[C_OUTPUT] + q, ints[C_BASIS]
+    first = p * (q * ints[FREE] + ints[OFFSET])
+    total = c[ints[C_MONIC] + q]
+    for s in range(q):
+        weight = c[ints[C_MONIC] + s]
+        for d in range(int(c[ints[C_ZEROS] + m * p])):
+            weight += x[theta + first + d] * c[basis + d * q + s]
+        total += weight * c[g + s]
+    return float(total)
+
+
+@compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)")
+def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
+    """One row into the Kalman filter, unless it is doubtful; gives the innovation."""
+    n, row, work = ints[COLUMNS], ints[AT_ROW], ints[AT_WORK]
+    theta, at = ints[AT_THETA], ints[AT_COVARIANCE]
+    fitted, spread = predict(x, theta, at, n, row, work)
+    noise = noise_scale(x, w) ** 2
+    leverage = spread / noise if noise > 0.0 else 0.0
+    error = y - fitted
+    x[w + FITTED] = fitted
+    x[w + INNOVATION] = error
+    v = error / np.sqrt(1.0 + leverage)
+    own = noise_scale(x, w)
+    if doubt(x, w, y, fitted, min(leverage, 0.9), n):
+        if int(x[FLAGS]) & OUTLIER:
+            x[w + REFUSED] += 1.0
+            watch(ints, c, x, w, int(x[FIRST]), FAR if error > 0.0 else -FAR, True)
+            if x[w + REFUSED] > MOST_REFUSED:
+                x[w + MOVED] = 1.0
+        return float(error)
+    x[w + REFUSED] = 0.0
+    if own > 0.0:
+        z = min(max(v / own, -FAR), FAR)
+        watch(ints, c, x, w, int(x[FIRST]), z, True)
+    correct(x, theta, at, n, work, ints[AT_GAIN], error, noise)
+    x[w + SQUARES] += error * error / (1.0 + leverage)
+    learn(x, w, y, v, 1.0)
+    return float(error)
+
+
+@compiled("float64(int64[::1], float64[::1], float64[::1], float64)")
+def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
+    """One sample, which stands in the inbox; gives the innovation of the first output."""
+    take_in(ints, c, x, interval)
+    m, p = ints[INPUTS], ints[OUTPUTS]
+    if ints[COLLECTING]:
+        x[FLAGS] = float(int(x[FLAGS]) | NOT_READY)
+        for i in range(p):
+            x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION] = np.nan
+        count(ints, x)
+        return np.nan
+    advance_inputs(ints, c, x)
+    n, theta = ints[COLUMNS], ints[AT_THETA]
+    begun = not ints[FREE] or x[SINCE] >= ints[BEGIN]
+    idle = False
+    for i in range(p):
+        w = ints[AT_WATCH] + i * ints[WATCH]
+        before = ints[AT_BEFORE] + i
+        y = x[INBOX + m + i]
+        seen = abs(y) < LARGEST
+        used = y if seen else x[before]
+        free_motion(ints, c, x, i)
+        add_newest(ints, c, x, i, used)
+        target = build_row(ints, c, x, i, used)
+        if not begun:
+            x[w + INNOVATION] = np.nan
+            x[before] = used
+            continue
+        taken = x[w + TAKEN]
+        told = target if seen else np.nan
+        if ints[FILTERING]:
+            filtered(ints, c, x, w, told)
+        else:
+            first = int(x[FIRST])
+            absorb(ints, c, x, w, ints[AT_FACTOR], n, first, told)
+        if x[w + TAKEN] == taken and x[w + TAKEN] > 2.0 * n:
+            # what the model expects takes the place of the sample
+            if not ints[FILTERING]:
+                solve_triangle(x, ints[AT_FACTOR], n, theta)
+            rate = slope(ints, c, x, theta) * c[ints[C_MONIC] + ints[ORDER] + 1 + i]
+            if abs(rate) > 1e-12:
+                expected = used - (target - x[w + FITTED]) / rate
+                if abs(expected) < LARGEST:
+                    add_newest(ints, c, x, i, expected - used)
+                    used = expected
+        x[before] = used
+        x[w + INNOVATION] /= c[ints[C_MONIC] + ints[ORDER] + 1 + i]
+        idle = idle or x[w + IDLE] >= IDLE_BLOCKS
+        if x[w + MOVED] > 0.0:
+            x[EVENT] = float(int(x[EVENT]) | ALARMED)
+    if idle:
+        x[FLAGS] = float(int(x[FLAGS]) | NOT_EXCITED)
+    elif ints[FILTERING]:
+        drift(
+            x, ints[AT_COVARIANCE], n, c, ints[C_WALK], ints[C_WIDTHS], ints[WALKERS], interval,
+            ints[AT_GAIN] + n,
+        )  # fmt: skip
+    count(ints, x)
+    return float(x[ints[AT_WATCH] + INNOVATION])
+
+
+@compiled(
+    "int64(int64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
+    " int64, int64, float64[:, ::1], int64[::1])"
+)
+def equation_run(
+    ints: Ints,
+    c: Array,
+    x: Array,
+    u: Array,
+    y: Array,
+    start: int,
+    stop: int,
+    innovations: Array,
+    flags: Ints,
+) -> int:
+    """Samples ``start .. stop - 1`` of a record, up to the first with an event; gives the next."""
+    m, p = ints[INPUTS], ints[OUTPUTS]
+    for k in range(start, stop):
+        for j in range(m):
+            x[INBOX + j] = u[k, j]
+        for i in range(p):
+            x[INBOX + m + i] = y[k, i]
+        equation_step(ints, c, x, c[0])
+        for i in range(p):
+            innovations[k, i] = x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION]
+        flags[k] = int(x[FLAGS])
+        if x[EVENT] != 0.0:
+            return k + 1
+    return stop

@@ -1,0 +1,94 @@
+"""The first samples, kept and run again: what the estimators share of their beginning."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.realization import Complex
+from tridentify.online import intake
+from tridentify.online.blueprint import Blueprint, Setting, watch_of
+from tridentify.online.seam import Estimator
+from tridentify.online.search import next_try, record_of
+from tridentify.online.state import Stage, State
+from tridentify.output_error.nuisance import Nuisances, build
+
+Array = NDArray[np.float64]
+
+
+def run_kept(
+    method: Estimator, setting: Setting, blueprint: Blueprint, x: Array, samples: Array
+) -> None:
+    """Run kept samples through the kernel of a method; events are passed over."""
+    m = setting.n_inputs
+    u = np.ascontiguousarray(samples[:, 1 : 1 + m])
+    y = np.ascontiguousarray(samples[:, 1 + m :])
+    innovations, flags = np.empty(y.shape), np.zeros(len(y), dtype=np.int64)
+    regular = np.abs(samples[:, 0] - setting.dt) <= 1e-9 * setting.dt
+    regular[:1] = True
+    if np.all(regular):
+        k = 0
+        while k < len(y):
+            k = method.run_kernel(
+                blueprint.ints, blueprint.constants, x, u, y, k, len(y), innovations, flags
+            )
+            x[intake.FILLED] = 0.0
+        return
+    at = intake.INBOX
+    for k, after in enumerate(samples[:, 0].tolist()):
+        x[at : at + m], x[at + m : at + samples.shape[1] - 1] = u[k], y[k]
+        constants = blueprint.constants
+        if not regular[k]:
+            constants = method.constants_for(blueprint, setting, after)
+        method.step_kernel(blueprint.ints, constants, x, after)
+        x[intake.FILLED] = 0.0
+
+
+def calm(x: Array, stage: Stage) -> None:
+    """Forget what led to an alarm."""
+    for i in range(stage.setting.n_outputs):
+        w = watch_of(stage.blueprint, i)
+        end = w + int(stage.blueprint.ints[intake.WATCH])
+        x[w + intake.SCORES : end] = 0.0
+        x[w + intake.INSIDE] = 0.0
+        x[w + intake.MOVED] = 0.0
+        x[w + intake.REFUSED] = 0.0
+
+
+def shortened(state: State, samples: Array) -> State:
+    """The older half of the kept samples is dropped: nothing was found in it."""
+    x, stage = state
+    x[intake.FILLED] = 0.0
+    kept = samples[len(samples) // 2 :]
+    x[intake.TICK] = x[intake.COUNT] + max(next_try(len(kept)) - len(kept), 1)
+    return State(x, stage.but(past=(kept,)))
+
+
+def admissible(setting: Setting, poles: Complex, samples: Array) -> Complex:
+    """Poles in the left half plane, where samples like these can see them."""
+    record = record_of(setting, samples)
+    problem = build([record], setting.structure, Nuisances("free", False, False))
+    return problem.admissible(poles)[0]
+
+
+def take_clocks(old: Array, was: Blueprint, x: Array, blueprint: Blueprint, kept: int) -> None:
+    """After kept samples were run again: the clocks go on from where they stood.
+
+    Parameters
+    ----------
+    old : array
+        Before.
+    was : Blueprint
+        Its plan.
+    x : array
+        After; is written to.
+    blueprint : Blueprint
+        Its plan.
+    kept : int
+        Samples that were run.
+    """
+    for slot in (intake.COUNT, intake.SEEN, intake.FILLED, intake.ALARM, intake.FLAGS):
+        x[slot] = old[slot]
+    x[intake.BORN] = old[intake.TIME] - x[intake.TIME]
+    x[intake.TIME] = old[intake.TIME]
+    x[intake.SINCE], x[intake.EVENT] = float(kept), 0.0
