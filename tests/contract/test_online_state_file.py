@@ -88,8 +88,9 @@ def test_resumed_from_a_file_bit_for_bit(key, tmp_path):
         resumed, two = method.step(resumed, u[k], y[k])
         assert np.array_equal(one, two, equal_nan=True)
     assert content(resumed, tmp_path) == content(expected, tmp_path)
-    for name in ("n_samples", "time", "flags", "seen", "changes", "structure", "method"):
+    for name in ("n_samples", "time", "flags", "seen", "changes", "structure"):
         assert getattr(resumed, name) == getattr(expected, name), name
+    assert type(resumed.method) is type(method)
     one, two = method.estimate(expected), resumed.method.estimate(resumed)
     assert np.array_equal(one.theta, two.theta)
     assert np.array_equal(one.cov, two.cov)
@@ -275,7 +276,7 @@ def test_an_estimate_is_no_state_and_a_state_no_estimate(document, tmp_path):
 def test_a_file_of_another_version_is_refused(document, tmp_path):
     found = json.loads(document)
     keys = [k for k, v in found.items() if isinstance(v, int) and not isinstance(v, bool)]
-    keys = [k for k in keys if "schema" in k or "version" in k or k == "state"]
+    keys = [k for k in keys if any(word in k for word in ("schema", "version", "state"))]
     assert len(keys) == 1, "the file does not say of which version it is"
     path = tmp_path / "state.json"
     for version in (0, 999, -1, "1", None, 1.5):
@@ -369,7 +370,7 @@ def test_lists_of_the_wrong_length_are_refused(document, tmp_path):
 def test_a_place_that_cannot_be_written(document, tmp_path):
     (tmp_path / "state.json").write_text(document, encoding="utf-8")
     state = online.State.load(tmp_path / "state.json")
-    for bad in (tmp_path, tmp_path / "no" / "folder.json"):
+    for bad in (tmp_path, tmp_path / "state.json" / "state.json"):
         with pytest.raises(err.OutputPathError) as caught:
             state.save(bad)
         assert "\n" not in str(caught.value)

@@ -216,7 +216,8 @@ def test_only_what_is_said_to_drift_drifts():
     ask = Record(u, u, dt=DT)
     shape = simulate(TransferFunction([1.0], [1.0, 2.0]), ask)[:, 0]
     gain = np.linspace(2.0, 2.5, 6000)
-    record = Record(u, gain * shape, dt=DT)
+    noise = 0.003 * np.std(shape) * np.random.default_rng(3).standard_normal(6000)
+    record = Record(u, gain * shape + noise, dt=DT)
     ends = {}
     for name in ("b0", "a0"):
         method = online.Kalman(drift={name: 0.03}, filter=(1.0, 2.0))
