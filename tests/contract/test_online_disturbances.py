@@ -24,8 +24,8 @@ ASKED = Structure(2, 1, **REST)
 Flag = online.Flag
 PLAIN = {
     "three-model": online.ThreeModel(),
-    "least squares": online.RecursiveLeastSquares(),
-    "kalman": online.Kalman(drift=1e-4),
+    "least squares": online.RecursiveLeastSquares(on_change="restart"),
+    "kalman": online.Kalman(drift=1e-4, on_change="restart"),
     "gradient": online.Gradient(),
 }
 FORGETTING = {
