@@ -70,10 +70,10 @@ def command(peer: Peer) -> list[str]:
     script = str(HERE / peer.name / "fit.py")
     if peer.name == "tridentify":
         return [sys.executable, script]
-    return [str(_environment(peer.name)), script]
+    return [str(environment(peer.name)), script]
 
 
-def _environment(name: str) -> Path:
+def environment(name: str) -> Path:
     """Interpreter of a peer's own environment, which holds what its requirements say."""
     folder = ENVIRONMENTS / name
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")

@@ -375,20 +375,15 @@ class Estimate:
                 f"{expected[0]} and {expected[1]} as identified; select its channels first"
             )
         terms = self.nuisance[experiment]
-        shifted = Record(
-            record.u - terms.input_reference,
-            record.y,
-            t=record.t,
-            intersample=record.intersample,
-            input_names=record.input_names,
-            output_names=record.output_names,
-        )
+        moved = np.any(terms.input_reference)
+        shifted = record._on_its_times(record.u - terms.input_reference if moved else record.u)
         free = terms.free_response if np.any(terms.free_response) else None
         response = simulate(self.model, shifted, free_response=free, free_after=terms.free_after)
         if terms.free_after:
             response[record.t - record.t[0] < (1.0 - 1e-9) * terms.free_after] = np.nan
-        ramp = np.outer(record.t - terms.t0, terms.drift)
-        fitted: Array = response + terms.offset + ramp
+        fitted: Array = response + terms.offset if np.any(terms.offset) else response
+        if np.any(terms.drift):
+            fitted = fitted + np.outer(record.t - terms.t0, terms.drift)
         return fitted
 
     def residual(self, record: Record, *, experiment: int = 0) -> Array:

@@ -177,6 +177,10 @@ class Record:
         check_outputs(record.y, record.output_names)
         return record
 
+    def _on_its_times(self, u: FloatArray) -> Record:
+        """The same record with another input, and the step that its instants have on the mean."""
+        return self._derive(u=u, dt=uniform_step(self.t))
+
     def __getstate__(self) -> dict[str, object]:
         return {**self.__dict__, "units": dict(self.units)}
 

@@ -44,6 +44,8 @@ from tridentify.numerics.sampled import Sampled, States
 Array = NDArray[np.float64]
 
 BLOCK = 1024
+LONG_BLOCK = 4096
+LONG = 5_000
 NEGLIGIBLE = 1e-30
 
 
@@ -344,7 +346,7 @@ def regress(experiment: Experiment, bank: Cascade) -> Regression:
 
     Notes
     -----
-    Time ``O(n_samples)``; memory one block of ``BLOCK`` samples.
+    Time ``O(n_samples)``; memory one block of at most ``LONG_BLOCK`` samples.
     """
     known = experiment.reduced(bank)
     if known is not None:
@@ -396,7 +398,7 @@ def response_of(
     (n_samples, k) array
     """
     layout = _layout(experiment, bank)
-    buffer = np.zeros((layout.n_signals, min(experiment.n_samples, BLOCK)))
+    buffer = np.zeros((layout.n_signals, _block(experiment)))
     count = experiment.n_samples if most is None else min(most, experiment.n_samples)
     found = np.empty((count, rows.shape[0]))
     sampled = experiment.sampled
@@ -418,10 +420,16 @@ def _layout(experiment: Experiment, bank: Cascade) -> Layout:
     )
 
 
+def _block(experiment: Experiment) -> int:
+    """Samples taken at a time."""
+    n = experiment.n_samples
+    return min(n, BLOCK if n <= LONG else LONG_BLOCK)
+
+
 def _triangle(experiment: Experiment, bank: Cascade, layout: Layout, run: Run) -> Array:
     """R factor of [states | inputs | nuisance | y], rows multiplied by the weight of the run."""
     n = layout.n_signals
-    accumulator = Accumulator(n + len(run.outputs), min(experiment.n_samples, BLOCK))
+    accumulator = Accumulator(n + len(run.outputs), _block(experiment))
     buffer = accumulator.buffer
     for start, stop, first in _signals(experiment, bank, layout, buffer, run.outputs[0]):
         count = stop - start
@@ -436,7 +444,7 @@ def _whitened(
     experiment: Experiment, bank: Cascade, layout: Layout, run: Run
 ) -> dict[int, tuple[Array, Array, int, float]]:
     """A triangle for each output, of the innovations of all columns."""
-    block = min(experiment.n_samples, BLOCK)
+    block = _block(experiment)
     n_columns = layout.n_signals + 1
     columns = np.zeros((n_columns, block))
     accumulators = [Accumulator(n_columns, block) for _ in run.outputs]
@@ -468,7 +476,7 @@ def _signals(
     upper, branches = int(np.any(bank.poles.imag != 0)), bank.branches
     states = States(signal, bank.a, bank.b, upper=upper, branches=branches)
     impulse = states.impulse(experiment.start)  # nothing is computed before it advances
-    block = min(n, BLOCK)
+    block = _block(experiment)
     after_impulse = q if layout.free else 0
     first, least = 0, NEGLIGIBLE * np.abs(bank.b).max()
     for start in range(0, n, block):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify.numerics.discretize import discretize
-from tridentify.numerics.propagate import propagate
+from tridentify.numerics.propagate import LONG, PART, propagate
 from tridentify.numerics.realization import cascade
 
 POLES = {
@@ -87,3 +87,46 @@ def test_a_read_only_input_is_accepted(bank, u):
     u.setflags(write=False)
     propagate(*step(bank, "zoh"), u, np.zeros((3, bank.order)), found)
     assert np.array_equal(found, expected)
+
+
+ORDERS = {
+    "one": np.array([-1.0 + 0j]),
+    "three and a pair across the fourth": np.array(
+        [-1.0, -2.0, -0.5, -1 + 2j, -1 - 2j, -3 + 1j, -3 - 1j, -4.0]
+    ),
+    "pairs": np.tile(np.array([-1 + 2j, -1 - 2j]), 4),
+    "nine": -np.geomspace(0.1, 9.0, 9).astype(complex),
+}
+
+
+@pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.parametrize("poles", ORDERS.values(), ids=ORDERS)
+def test_long_records_have_the_same_states(poles, intersample):
+    bank = cascade(poles)
+    matrices = step(bank, intersample)
+    n = LONG + 3 * PART + 5
+    u = np.random.default_rng(4).standard_normal((n, 2))
+    initial = np.random.default_rng(5).standard_normal((2, bank.order))
+    expected = dense(*matrices, u, initial)
+    upper = int(np.any(poles.imag != 0))
+    state, out = initial.copy(), np.empty((2 * bank.order, n))
+    propagate(*matrices, u, state, out, upper=upper)
+    assert out.reshape(2, bank.order, n) == pytest.approx(expected[:, :, :-1], rel=1e-9, abs=1e-12)
+    assert state == pytest.approx(expected[:, :, -1], rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("intersample", ["zoh", "foh"])
+def test_chunks_of_a_long_record_are_the_whole(intersample):
+    bank = cascade(ORDERS["three and a pair across the fourth"])
+    matrices, n = step(bank, intersample), LONG + 1
+    u = np.random.default_rng(6).standard_normal((n, 2))
+    whole, carried = np.zeros((2, bank.order)), np.zeros((2, bank.order))
+    expected, found = np.full((2, 2 * bank.order + 1, n), np.nan)
+    propagate(*matrices, u, whole, expected, upper=1)
+    for start in range(0, n, 700):
+        stop = min(start + 700, n)
+        propagate(
+            *matrices, u, carried, found, start=start, stop=stop, column=start, upper=1
+        )  # fmt: skip
+    assert found == pytest.approx(expected, rel=1e-12, abs=1e-14, nan_ok=True)
+    assert carried == pytest.approx(whole, rel=1e-12, abs=1e-14)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -97,7 +99,30 @@ def test_a_window_is_no_longer_than_the_record_and_comes_from_the_longest():
 
 
 def test_the_variant_of_a_window_drops_nothing():
-    piece = window(problem(3 * SMALL, 3))
-    variant = free_variant(piece)
-    assert (variant.free, variant.offset, variant.drift) == (True, True, False)
-    assert variant.constants == (None,)
+    begun, other = window(problem(3 * SMALL, 3)), window(problem(5 * SMALL, 3, moving=(5000, 9000)))
+    for piece, free in ((begun, False), (other, True)):
+        variant = free_variant(piece)
+        assert (variant.free, variant.offset, variant.drift) == (free, True, False)
+        assert variant.constants == (None,)
+
+
+@pytest.mark.parametrize("intersample", ["zoh", "foh"])
+def test_the_window_of_a_record_from_rest_is_its_beginning_if_that_moves(intersample):
+    some = problem(3 * SMALL, 3, intersample=intersample)
+    piece = window(some)
+    e = piece.experiments[0]
+    assert not e.free
+    assert np.array_equal(e.y, some.experiments[0].y[:SMALL])
+    assert residual(piece) < 1e-9
+
+
+def test_the_beginning_is_no_window_without_an_input():
+    some = problem(8 * SMALL, 50, moving=(5 * SMALL, 6 * SMALL))
+    some.experiments[0].y[:] = 100.0 + np.random.default_rng(0).standard_normal((8 * SMALL, 1))
+    assert window(some).experiments[0].free
+
+
+def test_the_beginning_is_no_known_window_of_a_free_start():
+    some = problem(3 * SMALL, 3)
+    e = replace(some.experiments[0], free=True)
+    assert window(Problem.of([e], 2, ((1,),))).experiments[0].free

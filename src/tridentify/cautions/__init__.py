@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import chdtri
 
-from tridentify.cautions.beginning import beginning
+from tridentify.cautions.beginning import Predictions, beginning
 from tridentify.cautions.outliers import outlier_cautions
 from tridentify.cautions.sensors import sensor_cautions
 from tridentify.estimate import Estimate
@@ -76,7 +76,8 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
         for told in estimate.trace.decisions
         if told.startswith(OTHER_DELAYS)
     ]
-    found += outlier_cautions(estimate, records)
+    known = Predictions(estimate)
+    found += outlier_cautions(estimate, records, known)
     found += _at_bounds(estimate)
     parameters = estimate.parameters.values()
     integrates = any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters)
@@ -87,9 +88,9 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
         missing = int(np.isnan(record.y).sum())
         if missing:
             found.append(f"{missing} output samples are missing{where}; they do not count.")
-        found += sensor_cautions(estimate, record, number, where)
+        found += sensor_cautions(estimate, record, number, where, known)
         whitened = dict(zip(estimate.output_names, estimate.noise_model, strict=True))
-        for name, outside, n_lags in coloured_outputs(estimate, record, number):
+        for name, outside, n_lags in coloured_outputs(estimate, record, number, known):
             which = "whitened residual" if whitened[name].size else "residual"
             found.append(
                 f"The {which} of {name}{where} is not white: {outside} of {n_lags} lags lie "
@@ -98,7 +99,7 @@ def cautions(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
                 "Python drift='auto'), more poles or zeros, or an input shifted by a delay "
                 "(--delay, in Python delay='free' or a number)."
             )
-        for name in missed_outputs(estimate, record, number):
+        for name in missed_outputs(estimate, record, number, known):
             found.append(
                 f"The residual of {name}{where} is not white, and part of it follows the input: "
                 "the model misses some of the response. The standard errors allow for noise of "
@@ -142,7 +143,7 @@ def _unsure_delays(estimate: Estimate, late: Sequence[str], vague: Sequence[str]
 
 
 def coloured_outputs(
-    estimate: Estimate, record: Record, experiment: int
+    estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
 ) -> list[tuple[str, int, int]]:
     """Outputs whose residual is not white.
 
@@ -153,6 +154,8 @@ def coloured_outputs(
         Its first 20,000 samples are looked at.
     experiment : int
         Position of the record among those identified.
+    known : Predictions, optional
+        What was computed before.
 
     Returns
     -------
@@ -165,7 +168,7 @@ def coloured_outputs(
     first.
     """
     record = beginning(record, LONGEST)
-    residual = estimate.residual(record, experiment=experiment)
+    residual = (known or Predictions(estimate)).residual(record, experiment)
     n_lags = min(MOST_LAGS, record.n_samples // 4)
     found = []
     for i, name in enumerate(estimate.output_names):
@@ -180,7 +183,9 @@ def coloured_outputs(
     return found
 
 
-def missed_outputs(estimate: Estimate, record: Record, experiment: int) -> list[str]:
+def missed_outputs(
+    estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
+) -> list[str]:
     """Outputs with a noise model whose residual follows the input.
 
     Parameters
@@ -190,6 +195,8 @@ def missed_outputs(estimate: Estimate, record: Record, experiment: int) -> list[
         Its first 20,000 samples are looked at.
     experiment : int
         Position of the record among those identified.
+    known : Predictions, optional
+        What was computed before.
 
     Returns
     -------
@@ -204,7 +211,7 @@ def missed_outputs(estimate: Estimate, record: Record, experiment: int) -> list[
     if not any(a.size for a in estimate.noise_model):
         return []
     record = beginning(record, LONGEST)
-    residual = estimate.residual(record, experiment=experiment)
+    residual = (known or Predictions(estimate)).residual(record, experiment)
     found = []
     for i, name in enumerate(estimate.output_names):
         if not estimate.noise_model[i].size:

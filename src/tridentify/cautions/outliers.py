@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from tridentify.cautions.beginning import beginning
+from tridentify.cautions.beginning import Predictions, beginning
 from tridentify.estimate import Estimate
 from tridentify.numerics.robust import median_scale
 from tridentify.record import Record
@@ -31,9 +31,13 @@ QUANTILE = 0.8
 ROUNDING = 1e-9
 FEWEST = 12
 LONGEST = 100_000
+FEW = 10_000
+CLEARLY = 0.9
 
 
-def outlier_cautions(estimate: Estimate, records: Sequence[Record]) -> list[str]:
+def outlier_cautions(
+    estimate: Estimate, records: Sequence[Record], known: Predictions | None = None
+) -> list[str]:
     """Advice to fit with a robust loss, where the residual has gross outliers.
 
     Parameters
@@ -41,6 +45,8 @@ def outlier_cautions(estimate: Estimate, records: Sequence[Record]) -> list[str]
     estimate : Estimate
     records : sequence of Record
         Those that were identified; the first 100,000 samples of each are looked at.
+    known : Predictions, optional
+        What was computed before.
 
     Notes
     -----
@@ -49,7 +55,8 @@ def outlier_cautions(estimate: Estimate, records: Sequence[Record]) -> list[str]
     if estimate.loss != "squared" or not estimate.status.ok:
         return []
     records = [beginning(record, LONGEST) for record in records]
-    residuals = [estimate.residual(record, experiment=e) for e, record in enumerate(records)]
+    known = known or Predictions(estimate)
+    residuals = [known.residual(record, e) for e, record in enumerate(records)]
     found = []
     for i, name in enumerate(estimate.output_names):
         count, farthest = _outliers([one[:, i] for one in residuals])
@@ -69,16 +76,19 @@ def _outliers(series: Sequence[Array]) -> tuple[int, float]:
     """How many, and the distance of the farthest in standard deviations."""
     joined = np.concatenate(series)
     seen = joined[np.isfinite(joined)]
-    if seen.size < FEWEST:
+    if seen.size < FEWEST or _clearly_none(seen):
         return 0, 0.0
-    size = np.abs(seen - np.median(seen))
-    scale = max(median_scale(size), float(np.quantile(size, QUANTILE)) / ndtri(0.5 + QUANTILE / 2))
+    middle = np.median(seen)
+    size = np.abs(seen - middle)
+    scale = _scale(size)
     if scale == 0:
         return 0, 0.0
-    limit = max(LEAST, -float(ndtri(FALSE_ALARMS / seen.size / 2))) * (1.0 + SHORT / seen.size)
+    limit = _limit(seen.size)
     count = alone = 0
+    if not size.max() / scale > limit:
+        return 0, 0.0
     for one in series:
-        far = np.nan_to_num(np.abs(one - np.median(seen)) / scale)
+        far = np.nan_to_num(np.abs(one - middle) / scale)
         padded = np.concatenate([[0.0], far, [0.0]])
         beside = np.maximum(padded[:-2], padded[2:])
         count += int(np.sum(far > limit))
@@ -86,3 +96,24 @@ def _outliers(series: Sequence[Array]) -> tuple[int, float]:
     if 2 * alone < max(count, 1):
         return 0, 0.0
     return count, float(size.max()) / scale
+
+
+def _scale(size: Array) -> float:
+    """Of Gaussian noise whose absolute values these are."""
+    far = float(np.quantile(size, QUANTILE)) / float(ndtri(0.5 + QUANTILE / 2))
+    return max(median_scale(size), far)
+
+
+def _limit(count: int) -> float:
+    """The largest of so many, in standard deviations."""
+    return max(LEAST, -float(ndtri(FALSE_ALARMS / count / 2))) * (1.0 + SHORT / count)
+
+
+def _clearly_none(seen: Array) -> bool:
+    """Whether no sample of many comes near the limit, by the scale of every few of them."""
+    if seen.size < 2 * FEW:
+        return False
+    few = seen[:: seen.size // FEW]
+    middle = float(np.median(few))
+    farthest = max(float(seen.max()) - middle, middle - float(seen.min()))
+    return farthest < CLEARLY * _limit(seen.size) * _scale(np.abs(few - middle))

@@ -31,7 +31,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.cautions.beginning import beginning
+from tridentify.cautions.beginning import Predictions, beginning
 from tridentify.estimate import Estimate
 from tridentify.numerics.converter import Runs, quantum, runs
 from tridentify.record import Record
@@ -63,7 +63,13 @@ RESTLESS = 0.8
 TURNING = 0.5
 
 
-def sensor_cautions(estimate: Estimate, record: Record, experiment: int, where: str) -> list[str]:
+def sensor_cautions(
+    estimate: Estimate,
+    record: Record,
+    experiment: int,
+    where: str,
+    known: Predictions | None = None,
+) -> list[str]:
     """Coarse steps, limits, hanging and repeats in one record.
 
     Parameters
@@ -75,10 +81,12 @@ def sensor_cautions(estimate: Estimate, record: Record, experiment: int, where: 
         Its position among those identified.
     where : str
         What to add to the name of a channel.
+    known : Predictions, optional
+        What was computed before.
     """
     record = beginning(record, LONGEST)
     u = record.u
-    fitted = estimate.predict(record, experiment=experiment)
+    fitted = (known or Predictions(estimate)).fitted(record, experiment)
     found: list[str] = []
     for i, name in enumerate(estimate.output_names):
         y, f = record.y[:, i], fitted[:, i]

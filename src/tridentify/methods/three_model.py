@@ -309,7 +309,10 @@ class ThreeModel:
 
         if limits is not None:
             base = base.delayed(best.point.problem.delays)
-        coloured = settle(self.noise, best, decisions, base, again, seek, say, self.max_passes)
+        coloured = settle(
+            self.noise, best, decisions, base, again, seek, say, self.max_passes,
+            white=search.saw_white(best.point),
+        )  # fmt: skip
         best, decisions = coloured.best, coloured.decisions
         recorder = Recorder(list(search.trails[seed]))
         recorder.extend(best.recorder)

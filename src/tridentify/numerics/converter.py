@@ -28,6 +28,7 @@ SAME = 1e-12
 PARTS = (1, 2, 3, 4)
 FEWEST_VALUES = 6
 MOST_STEPS = 1e7
+FEW_VALUES = 10_000
 
 
 class Runs(NamedTuple):
@@ -59,7 +60,7 @@ def quantum(values: Array) -> float:
     (0.05, 0.0)
     """
     seen = values[np.isfinite(values)]
-    if seen.size < 2:
+    if seen.size < 2 or _too_fine(seen):
         return 0.0
     levels = np.unique(seen)
     span = float(levels[-1] - levels[0])
@@ -78,6 +79,17 @@ def quantum(values: Array) -> float:
         if found:
             return found
     return 0.0
+
+
+def _too_fine(seen: Array) -> bool:
+    """Whether a few of many values lie too close already: all of them have no larger step."""
+    if seen.size < 2 * FEW_VALUES:
+        return False
+    few = np.sort(seen[:: seen.size // FEW_VALUES])
+    low, high = float(seen.min()), float(seen.max())
+    steps = np.diff(few)
+    steps = steps[steps > SAME * max(abs(low), abs(high), high - low)]
+    return bool(steps.size and high - low > MOST_STEPS * float(steps.min()))
 
 
 def _grid(levels: Array, steps: Array, trial: float) -> float:

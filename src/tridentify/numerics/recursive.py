@@ -60,11 +60,11 @@ Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., object])
 
 NEGLIGIBLE = 1e-11
-RENEWED = 0.2
+RENEWED = 0.05
 TINY = 1e-250
 
 
-def compiled(signature: str) -> Callable[[Function], Function]:
+def compiled(signature: str, *, inline: bool = False) -> Callable[[Function], Function]:
     """Decorator: machine code for a signature, kept on disk where that is possible.
 
     The code of a function contains that of the functions it calls, and what is kept would survive
@@ -75,14 +75,17 @@ def compiled(signature: str) -> Callable[[Function], Function]:
     ----------
     signature : str
         As numba writes it.
+    inline : bool
+        Whether its code is put into that of its callers: a call hands over every array in seven
+        pieces, which takes longer than a small function does.
     """
 
     def wrap(function: Function) -> Function:
         try:
-            found: Any = numba.njit(cache=True)(function)
+            found: Any = numba.njit(cache=True, forceinline=inline)(function)
             found._cache._cache_file._source_stamp = _stamp()
         except (AttributeError, RuntimeError):  # no folder can hold it, or another numba
-            found = numba.njit(function)
+            found = numba.njit(forceinline=inline)(function)
         found.compile(signature)
         found.disable_compile()
         return cast(Function, found)
@@ -107,7 +110,7 @@ def size(n: int) -> int:
     return 4 * n + n * (n - 1) // 2
 
 
-@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)")
+@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)", inline=True)
 def innovate(x: Array, at: int, n: int, first: int, row: int, work: int) -> tuple[float, float]:
     """Prediction ``z' theta`` and ``z' P z`` of a row, before it is absorbed.
 
@@ -124,60 +127,65 @@ def innovate(x: Array, at: int, n: int, first: int, row: int, work: int) -> tupl
     work : int
         Room for ``n`` numbers; on return the coordinates of the row on the triangle.
     """
+    w, z = x[work : work + n], x[row : row + n]
+    d, t, largest = x[at : at + n], x[at + n : at + 2 * n], x[at + 2 * n : at + 3 * n]
     for i in range(first, n):
-        x[work + i] = x[row + i]
+        w[i] = z[i]
     fitted = 0.0
     leverage = 0.0
     u = at + 4 * n + first * (n - 1) - first * (first - 1) // 2
     for i in range(first, n):
-        xi = x[work + i]
-        if abs(xi) <= NEGLIGIBLE * x[at + 2 * n + i]:
-            xi = 0.0
-            x[work + i] = 0.0
-        if xi != 0.0:
-            for m in range(i + 1, n):
-                x[work + m] -= xi * x[u + m - i - 1]
-            d = x[at + i]
-            if d > 0.0:
-                fitted += xi * x[at + n + i]
-                leverage += xi * xi / d
+        xi = w[i]
+        k = n - 1 - i
+        if abs(xi) <= NEGLIGIBLE * largest[i]:
+            w[i] = 0.0
+        else:
+            right, upper = x[work + i + 1 : work + n], x[u : u + k]
+            for m in range(k):
+                right[m] -= xi * upper[m]
+            if d[i] > 0.0:
+                fitted += xi * t[i]
+                leverage += xi * xi / d[i]
             else:
                 leverage = np.inf
-        u += n - 1 - i
+        u += k
     return fitted, leverage
 
 
-@compiled("void(float64[::1], int64, int64, int64, int64, int64, float64, float64)")
+@compiled("void(float64[::1], int64, int64, int64, int64, int64, float64, float64)", inline=True)
 def rotate(
     x: Array, at: int, n: int, first: int, row: int, work: int, target: float, weight: float
 ) -> None:
     """Turn a row of some weight into the triangle."""
+    now, z = x[work : work + n], x[row : row + n]
+    d, t, largest = x[at : at + n], x[at + n : at + 2 * n], x[at + 2 * n : at + 3 * n]
     for i in range(first, n):
-        x[work + i] = x[row + i]
+        now[i] = z[i]
     left = target
     w = weight
     u = at + 4 * n + first * (n - 1) - first * (first - 1) // 2
     for i in range(first, n):
-        xi = x[work + i]
-        large = at + 2 * n + i
-        if weight > 0.0 and abs(x[row + i]) > x[large]:
-            x[large] = abs(x[row + i])
-        if w != 0.0 and abs(xi) > NEGLIGIBLE * x[large]:
-            d = x[at + i]
-            new = d + w * xi * xi
+        xi = now[i]
+        k = n - 1 - i
+        if weight > 0.0 and abs(z[i]) > largest[i]:
+            largest[i] = abs(z[i])
+        if w != 0.0 and abs(xi) > NEGLIGIBLE * largest[i]:
+            new = d[i] + w * xi * xi
             if new > TINY:
-                c = d / new
-                s = w * xi / new
-                x[at + i] = new
+                share = 1.0 / new
+                s = w * xi * share
+                c = d[i] * share
                 w = w * c
-                for m in range(i + 1, n):
-                    old = x[work + m]
-                    x[work + m] = old - xi * x[u + m - i - 1]
-                    x[u + m - i - 1] = c * x[u + m - i - 1] + s * old
+                d[i] = new
+                right, upper = x[work + i + 1 : work + n], x[u : u + k]
+                for m in range(k):
+                    old = right[m]
+                    right[m] = old - xi * upper[m]
+                    upper[m] = c * upper[m] + s * old
                 old = left
-                left = old - xi * x[at + n + i]
-                x[at + n + i] = c * x[at + n + i] + s * old
-        u += n - 1 - i
+                left = old - xi * t[i]
+                t[i] = c * t[i] + s * old
+        u += k
 
 
 @compiled("void(float64[::1], int64, int64, int64, int64, float64, float64, float64)")
@@ -221,7 +229,7 @@ def solve_triangle(x: Array, at: int, n: int, out: int) -> None:
         x[out + i] = value if x[at + i] > 0.0 else 0.0
 
 
-@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)")
+@compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)", inline=True)
 def predict(x: Array, theta: int, at: int, n: int, row: int, work: int) -> tuple[float, float]:
     """``z' theta`` and ``z' P z`` with ``P = V D V'``; ``V' z`` is left in ``work``.
 

@@ -91,8 +91,10 @@ def median_scale(residuals: Array, unknowns: float = 0.0) -> float:
     >>> round(median_scale(np.array([-1.0, 1.0, -1.0, 1.0, 90.0])), 3)
     1.483
     """
-    size = np.sort(np.abs(residuals))
-    kept = size[min(int(unknowns), size.size - 1) :]
+    kept = np.abs(residuals)
+    left_out = min(int(unknowns), kept.size - 1)
+    if left_out:
+        kept = np.partition(kept, left_out)[left_out:]
     return float(np.median(kept)) / MAD_OF_NORMAL
 
 

@@ -49,14 +49,17 @@ def is_white(series: Sequence[Array], rate: float = FALSE_ALARMS) -> bool:
     n_lags = most_coefficients(n)
     if n_lags == 0:
         return True
-    filled = [np.nan_to_num(one) for one in series]
-    seen = [np.isfinite(one).astype(np.float64) for one in series]
+    complete = n == sum(one.size for one in series)
+    filled = [np.ascontiguousarray(one) if complete else np.nan_to_num(one) for one in series]
+    seen = [] if complete else [np.isfinite(one).astype(np.float64) for one in series]
     power = sum(float(one @ one) for one in filled) / n
     if power == 0:
         return True
     terms = np.zeros(n_lags)
     for lag in range(1, n_lags + 1):
-        pairs = sum(float(one[lag:] @ one[:-lag]) for one in seen)
+        pairs = float(sum(max(one.size - lag, 0) for one in series))
+        if not complete:
+            pairs = sum(float(one[lag:] @ one[:-lag]) for one in seen)
         product = sum(float(one[lag:] @ one[:-lag]) for one in filled)
         terms[lag - 1] = (product / power) ** 2 / pairs if pairs else 0.0
     lags = sorted({*(4**k for k in range(10) if 4**k < n_lags), n_lags})

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.numerics.discretize import discretize
+from tridentify.numerics.discretize import Discrete, discretize
 from tridentify.numerics.realization import Cascade, Complex, cascade
 from tridentify.numerics.recursive import size
 from tridentify.numerics.sampled import split_delay
@@ -227,7 +227,7 @@ def _blueprint(
     ints[intake.C_MAPS] = constants.take(p * directions * columns)
     c = np.zeros(constants.at)
     c[intake.INTERVAL], c[intake.FORGETTING] = setting.dt, forgetting
-    c[intake.PACE] = min(1.0, max(10.0 * (1.0 - forgetting), 1e-3))
+    c[intake.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
     found = Blueprint(ints, c, plan.at, poles, nuisance)
     for j, (whole, _) in enumerate(setting.shifts):
         c[ints[intake.C_EXTRA] + j] = whole
@@ -239,12 +239,28 @@ def _blueprint(
     return found
 
 
-def constants_for(blueprint: Blueprint, setting: Setting, interval: float) -> Array:
-    """``c`` for a sample that comes after another interval [s]; no delays."""
-    c = blueprint.constants.copy()
+def constants_for(blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
+    """(k, ...) ``c`` for samples that come after other intervals [s]; no delays."""
+    c = np.tile(blueprint.constants, (intervals.size, 1))
     if blueprint.poles.size:
-        fill_inputs(c, blueprint.ints, setting, blueprint.bank, interval)
+        ints, bank, m = blueprint.ints, blueprint.bank, setting.n_inputs
+        found = discretize_each(bank, intervals, setting.intersample)
+        q, k = bank.order, intervals.size
+        at = int(ints[intake.C_STEP])
+        c[:, at : at + q * q] = found.transition.reshape(k, -1)
+        taps = np.zeros((k, m, 3, q))
+        taps[:, :, 0], taps[:, :, 1] = found.from_next[:, None], found.from_current[:, None]
+        at = int(ints[intake.C_TAPS])
+        c[:, at : at + 3 * m * q] = taps.reshape(k, -1)
     return c
+
+
+def discretize_each(bank: Cascade, intervals: Array, intersample: str) -> Discrete:
+    """(k, q, q), (k, q), (k, q): exact equivalents for many intervals [s] at once."""
+    a = bank.a * intervals[:, None, None]
+    b = bank.b[None, :, None] * intervals[:, None, None]
+    found = discretize(a, b, 1.0, intersample)
+    return Discrete(found.transition, found.from_current[..., 0], found.from_next[..., 0])
 
 
 def fill_inputs(c: Array, ints: Ints, setting: Setting, bank: Cascade, interval: float) -> None:

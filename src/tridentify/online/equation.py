@@ -41,7 +41,6 @@ from numpy.typing import NDArray
 from tridentify.errors import OptionError, UnsupportedError, shown
 from tridentify.estimate import Estimate, Status, Trace
 from tridentify.methods.filtered import checked_filter
-from tridentify.numerics.discretize import discretize
 from tridentify.numerics.realization import (
     Cascade,
     Complex,
@@ -61,6 +60,8 @@ from tridentify.online.blueprint import (
     Plan,
     Setting,
     collecting,
+    constants_for,
+    discretize_each,
     fill_inputs,
     fresh,
     watch_of,
@@ -77,12 +78,13 @@ from tridentify.online.seam import (
 )
 from tridentify.online.search import (
     checked_start,
+    far_off,
     first_try,
     next_try,
     poles_of_start,
     search,
 )
-from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks
+from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
 from tridentify.online.state import Stage, State
 from tridentify.transfer_function import TransferFunction
 
@@ -208,7 +210,7 @@ def equation_blueprint(
     c = np.zeros(constants.at)
     # a triangle that all outputs share takes a row of each
     c[intake.INTERVAL], c[intake.FORGETTING] = setting.dt, forgetting ** (1.0 / p)
-    c[intake.PACE] = min(1.0, max(10.0 * (1.0 - forgetting), 1e-3))
+    c[intake.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
     _write_filter(c, ints, setting, cascade(poles), weights)
     return Blueprint(ints, c, plan.at, poles, nuisance)
 
@@ -222,7 +224,10 @@ def _write_filter(
     at = int(ints[intake.C_START])
     c[at] = NEGLIGIBLE * np.abs(bank.b).max()
     c[at + 1 : at + 1 + q] = bank.b
-    fill_equation(c, ints, setting, bank, setting.dt)
+    fill_inputs(c, ints, setting, bank, setting.dt)
+    joined = discretize_each(bank, np.array([setting.dt]), "foh")
+    at = int(ints[intake.C_OUTPUT])
+    c[at : at + q], c[at + q : at + 2 * q] = joined.from_current[0], joined.from_next[0]
     basis = degree_basis(bank)
     at = int(ints[intake.C_BASIS])
     c[at : at + q * q] = basis.rows.ravel()
@@ -235,17 +240,6 @@ def _write_filter(
     at = int(ints[intake.C_ZEROS])
     c[at : at + m * setting.n_outputs] = np.ravel(setting.zeros)
     c[at + m * setting.n_outputs] = n
-
-
-def fill_equation(
-    c: Array, ints: NDArray[np.int64], setting: Setting, bank: Cascade, interval: float
-) -> None:
-    """What depends on the interval: inputs as they are stated, outputs joined by lines."""
-    fill_inputs(c, ints, setting, bank, interval)
-    joined = discretize(bank.a, bank.b[:, None], interval, "foh")
-    at, q = int(ints[intake.C_OUTPUT]), bank.order
-    c[at : at + q] = joined.from_current[:, 0]
-    c[at + q : at + 2 * q] = joined.from_next[:, 0]
 
 
 class EquationError(Estimator):
@@ -306,11 +300,23 @@ class EquationError(Estimator):
             setting, blueprint.poles, weights, restarted=restarted, filtering=filtering
         ).size
 
-    def constants_for(self, blueprint: Blueprint, setting: Setting, interval: float) -> Array:
-        """``c`` for a sample that comes after another interval."""
-        c = blueprint.constants.copy()
+    def is_ready(self, state: State) -> bool:
+        """Whether `estimate` would answer."""
+        x, stage = state
+        if stage.searching:
+            return False
+        k = int(stage.blueprint.ints[intake.COEFFICIENTS])
+        root = unknowns_of(stage.blueprint, x, stage.setting.n_outputs)[1]
+        return bool(np.all(np.isfinite(root[-k:])))
+
+    def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
+        """``c`` for samples that come after other intervals."""
+        c = constants_for(blueprint, setting, intervals)
         if blueprint.poles.size:
-            fill_equation(c, blueprint.ints, setting, blueprint.bank, interval)
+            joined = discretize_each(blueprint.bank, intervals, "foh")
+            at, q = int(blueprint.ints[intake.C_OUTPUT]), blueprint.poles.size
+            c[:, at : at + q] = joined.from_current
+            c[:, at + q : at + 2 * q] = joined.from_next
         return c
 
     def tick(self, state: State) -> State:
@@ -319,7 +325,7 @@ class EquationError(Estimator):
             return state
         x, stage = state
         setting = stage.setting
-        samples = kept_samples(state)
+        samples = far_off(setting, kept_samples(state))
         begun_anew = x[intake.COUNT] > len(samples)
         with one_blas_thread():
             found = search(setting, samples, begun_anew)
@@ -332,7 +338,11 @@ class EquationError(Estimator):
         weights = weights / weights[0]
         blueprint = self.plan(setting, poles, weights, restarted=begun_anew, filtering=False)
         fed = fresh(blueprint)
-        run_kept(self, setting, blueprint, fed, samples)
+        flags = run_kept(self, setting, blueprint, fed, samples)
+        cleaned = without(samples, flags, setting.n_inputs)
+        if cleaned is not None:
+            fed = fresh(blueprint)
+            run_kept(self, setting, blueprint, fed, cleaned)
         take_clocks(x, stage.blueprint, fed, blueprint, len(samples))
         fed[intake.FILLED] = 0.0
         wait = self.wait(setting, blueprint)

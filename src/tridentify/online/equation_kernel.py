@@ -48,7 +48,6 @@ from tridentify.online.intake import (
     COLLECTING,
     COLUMNS,
     EVENT,
-    FAR,
     FILTERING,
     FIRST,
     FITTED,
@@ -59,15 +58,14 @@ from tridentify.online.intake import (
     INBOX,
     INNOVATION,
     INPUTS,
+    LARGE,
     LARGEST,
     LINE,
-    MOST_REFUSED,
     MOVED,
     NOT_EXCITED,
     NOT_READY,
     OFFSET,
     ORDER,
-    OUTLIER,
     OUTPUTS,
     REFUSED,
     SINCE,
@@ -83,13 +81,13 @@ from tridentify.online.intake import (
     take_in,
     watch,
 )
-from tridentify.online.parallel_kernel import absorb
+from tridentify.online.parallel_kernel import absorb, refuse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1])")
+@compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
 def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
     """The filter driven by the impulse at the beginning and by the inputs."""
     m, q, upper = ints[INPUTS], ints[ORDER], ints[UPPER]
@@ -118,33 +116,38 @@ def advance_inputs(ints: Ints, c: Array, x: Array) -> None:
         own = ints[AT_INPUTS] + j * q
         late = ints[AT_LINE] + j * ints[LINE] + int(c[ints[C_EXTRA] + j])
         g = ints[C_TAPS] + 3 * j * q
+        now, new = x[own : own + q], x[work : work + q]
+        arrived, before, earlier = x[late], x[late + 1], x[late + 2]
         for i in range(q):
-            total = c[g + i] * x[late] + c[g + q + i] * x[late + 1] + c[g + 2 * q + i] * x[late + 2]
+            total = c[g + i] * arrived + c[g + q + i] * before + c[g + 2 * q + i] * earlier
+            transition = c[f + i * q : f + (i + 1) * q]
             for s in range(min(i + 1 + upper, q)):
-                total += c[f + i * q + s] * x[own + s]
-            x[work + i] = total
+                total += transition[s] * now[s]
+            new[i] = total
         for i in range(q):
-            x[own + i] = x[work + i]
+            now[i] = new[i]
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1], int64)")
+@compiled("void(int64[::1], float64[::1], float64[::1], int64)", inline=True)
 def free_motion(ints: Ints, c: Array, x: Array, i: int) -> None:
     """The filter of an output up to the newest sample, which is still to be added."""
     if x[SINCE] == 0.0:
         return
     q, upper, f, work = ints[ORDER], ints[UPPER], ints[C_STEP], ints[AT_WORK]
     own, g = ints[AT_OUTPUTS] + i * q, ints[C_OUTPUT]
+    now, new = x[own : own + q], x[work : work + q]
     before = x[ints[AT_BEFORE] + i]
     for r in range(q):
         total = c[g + r] * before
+        transition = c[f + r * q : f + (r + 1) * q]
         for s in range(min(r + 1 + upper, q)):
-            total += c[f + r * q + s] * x[own + s]
-        x[work + r] = total
+            total += transition[s] * now[s]
+        new[r] = total
     for r in range(q):
-        x[own + r] = x[work + r]
+        now[r] = new[r]
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1], int64, float64)")
+@compiled("void(int64[::1], float64[::1], float64[::1], int64, float64)", inline=True)
 def add_newest(ints: Ints, c: Array, x: Array, i: int, y: float) -> None:
     """The share of the newest sample in the filter of an output."""
     if x[SINCE] == 0.0:
@@ -155,48 +158,55 @@ def add_newest(ints: Ints, c: Array, x: Array, i: int, y: float) -> None:
         x[own + r] += c[g + r] * y
 
 
-@compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)")
+@compiled("float64(int64[::1], float64[::1], float64[::1], int64, float64)", inline=True)
 def build_row(ints: Ints, c: Array, x: Array, i: int, y: float) -> float:
     """Write the row of an output; gives its target."""
     m, p, q, n = ints[INPUTS], ints[OUTPUTS], ints[ORDER], ints[COLUMNS]
     row, basis = ints[AT_ROW], ints[C_BASIS]
-    for s in range(n):
-        x[row + s] = 0.0
     at = row
     if ints[FREE]:
         if x[FIRST] == 0.0:
+            for s in range(p * q):
+                x[at + s] = 0.0
             for s in range(q):
                 x[at + i * q + s] = x[ints[AT_IMPULSE] + s]
         at += p * q
     if ints[OFFSET]:
+        for s in range(p):
+            x[at + s] = 0.0
         x[at + i] = 1.0
         at += p
     poles = int(c[ints[C_ZEROS] + m * p])
-    own = ints[AT_OUTPUTS] + i * q
+    own = x[ints[AT_OUTPUTS] + i * q : ints[AT_OUTPUTS] + (i + 1) * q]
     for d in range(poles):
         total = 0.0
+        function = c[basis + d * q : basis + (d + 1) * q]
         for s in range(q):
-            total += c[basis + d * q + s] * x[own + s]
+            total += function[s] * own[s]
         x[at + d] = -total
     at += poles
     for o in range(p):
         for j in range(m):
             zeros = int(c[ints[C_ZEROS] + o * m + j])
             if o == i:
-                states = ints[AT_INPUTS] + j * q
+                states = x[ints[AT_INPUTS] + j * q : ints[AT_INPUTS] + (j + 1) * q]
                 for d in range(min(zeros + 1, q)):
                     total = 0.0
+                    function = c[basis + d * q : basis + (d + 1) * q]
                     for s in range(q):
-                        total += c[basis + d * q + s] * x[states + s]
+                        total += function[s] * states[s]
                     x[at + d] = total
                 if zeros == q:
                     late = ints[AT_LINE] + j * ints[LINE] + int(c[ints[C_EXTRA] + j])
                     h = ints[C_DIRECT] + 2 * j
                     x[at + q] = c[h] * x[late] + c[h + 1] * x[late + 1]
+            else:
+                for d in range(zeros + 1):
+                    x[at + d] = 0.0
             at += zeros + 1
     target = c[ints[C_MONIC] + q] * y
     for s in range(q):
-        target += c[ints[C_MONIC] + s] * x[own + s]
+        target += c[ints[C_MONIC] + s] * own[s]
     weight = c[ints[C_MONIC] + q + 1 + i]
     if weight != 1.0:
         for s in range(n):
@@ -226,23 +236,20 @@ def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
     n, row, work = ints[COLUMNS], ints[AT_ROW], ints[AT_WORK]
     theta, at = ints[AT_THETA], ints[AT_COVARIANCE]
     fitted, spread = predict(x, theta, at, n, row, work)
-    noise = noise_scale(x, w) ** 2
+    own = noise_scale(x, w)
+    noise = own**2
     leverage = spread / noise if noise > 0.0 else 0.0
     error = y - fitted
     x[w + FITTED] = fitted
     x[w + INNOVATION] = error
     v = error / np.sqrt(1.0 + leverage)
-    own = noise_scale(x, w)
-    if doubt(x, w, y, fitted, min(leverage, 0.9), n):
-        if int(x[FLAGS]) & OUTLIER:
-            x[w + REFUSED] += 1.0
-            watch(ints, c, x, w, int(x[FIRST]), FAR if error > 0.0 else -FAR, True)
-            if x[w + REFUSED] > MOST_REFUSED:
-                x[w + MOVED] = 1.0
+    bounded = min(leverage, 0.9)
+    if doubt(x, w, y, fitted, bounded, own * np.sqrt(1.0 + bounded), n):
+        refuse(ints, c, x, w, int(x[FIRST]), error, True)
         return float(error)
     x[w + REFUSED] = 0.0
     if own > 0.0:
-        z = min(max(v / own, -FAR), FAR)
+        z = min(max(v / own, -LARGE), LARGE)
         watch(ints, c, x, w, int(x[FIRST]), z, True)
     correct(x, theta, at, n, work, ints[AT_GAIN], error, noise)
     x[w + SQUARES] += error * error / (1.0 + leverage)

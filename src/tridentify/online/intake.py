@@ -6,11 +6,11 @@ itself needs (`online.blueprint`). ``ints`` says where things stand and ``c`` ho
 both are fixed between two events.
 
 *Doubt.* An innovation divided by its own standard deviation, ``v / sigma``, is of variance one
-whatever has been learnt so far (`numerics.recursive`). Beyond six it is no noise; the sample is
-left out. The scale of the noise is followed by its median, which a few far samples do not move.
-An output that repeats its value while the fit moves away by four standard deviations is stuck.
-One that stays at the largest or smallest value it ever had while the fit lies three beyond is
-saturated.
+whatever has been learnt so far (`numerics.recursive`). Beyond six it is no noise (more, as long
+as the scale is not well known); the sample is left out. The scale of the noise is followed by its
+median, which a few far samples do not move. An output that repeats its value while the fit moves
+away by four standard deviations is stuck. One that stays at the largest or smallest value it ever
+had while the fit lies three beyond is saturated.
 
 *Watch.* Let ``g = G' z`` be the sensitivities of the output to the coefficients, combinations of
 the row ``z``. As long as the coefficients stay, the scores ``S = sum g v`` over a block have the
@@ -22,8 +22,10 @@ the local approach, Basseville & Nikiforov 1993, section 8.2) an alarm is given 
 a chi-square ``exp(0.398 (T - 2 k))`` has the mean one, so a false one comes about once in
 ``exp(0.398 40)``, some eight million blocks.
 
-A small change adds to ``T`` in proportion to the length of the block. So blocks are judged on three
-scales, each sixteen times as long as the one before, each with a sum of its own.
+A small change adds to ``T`` in proportion to the length of the block. So blocks are judged on
+three scales, each sixteen times as long as the one before, each with a sum of its own. A sample
+that is left out as too far off counts as one of two standard deviations: a few of them are no
+change, many in a row are.
 
 The pivots of ``M``, in the order of the coefficients, say how much the block tells of a coefficient
 beyond those before it. Below a hundredth of their mean the input does not excite it.
@@ -45,7 +47,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 # slots of x
-COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN = range(11)
+COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA = range(12)
 INBOX = 16
 
 # places in ints
@@ -66,22 +68,28 @@ CONSTANTS = 8
 # places in the watch of an output
 (
     LAST, REPEATS, AT_FIRST, HIGHEST, LOWEST, SCALE, SQUARES, WEIGHT, WEIGHT2, MEAN, SPREAD, TAKEN,
-    REFUSED, SPARE, SPARE_2, INSIDE, IDLE, INNOVATION, FITTED, MOVED,
-    BLOCKS,
-) = range(21)  # fmt: skip
+    REFUSED, STANDS, LIMITS, INSIDE, IDLE, INNOVATION, FITTED, MOVED,
+    BLOCKS, DOUBLES, FLOOR,
+) = range(23)  # fmt: skip
 SCORES = 24
 
 # bits of the flags (`online.flags.Flag`)
 MISSING_OUTPUT, MISSING_INPUT, JITTER, OUTLIER = 1, 2, 4, 8
 STUCK, SATURATED, NOT_EXCITED, CHANGED, NOT_READY = 16, 32, 64, 128, 256
 
+DOUBTED = OUTLIER | STUCK | SATURATED
+
 # bits of the event
 CHUNK_FULL, TICKED, ALARMED = 1, 2, 4
 
-FAR = 6.0
+FAR, UNSURE = 6.0, 8.0
+TOLD, LARGE = 2.0, 3.0
+RARE = 0.01
 MOST_REFUSED = 25
 LARGEST = 1e100
 TRACE = 1e-5
+FLOOR_PACE = 16.0
+TO_SCALE = 1.4826022185056018  # of a normal's median modulus
 BLOCKS_USUAL = 200.0
 LEVEL = 40.0
 SCALES, PER_SCALE, SUMS = 3, 16, 4
@@ -89,7 +97,7 @@ IDLE_SHARE = 0.01
 IDLE_BLOCKS = 8.0
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1], float64)")
+@compiled("void(int64[::1], float64[::1], float64[::1], float64)", inline=True)
 def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
     """Count, keep the time, put the input into the delay line and the sample into the chunk."""
     m, p = ints[INPUTS], ints[OUTPUTS]
@@ -111,9 +119,11 @@ def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
                 x[ints[AT_REFERENCE] + j] = u
         x[own] = u - x[ints[AT_REFERENCE] + j]
     if x[COUNT] > 0.0:
-        x[TIME] += interval
-        if abs(interval - c[INTERVAL]) > 1e-6 * c[INTERVAL]:
-            flags |= JITTER
+        if interval != c[INTERVAL]:
+            x[EXTRA] += interval - c[INTERVAL]
+            if abs(interval - c[INTERVAL]) > 1e-6 * c[INTERVAL]:
+                flags |= JITTER
+        x[TIME] = x[COUNT] * c[INTERVAL] + x[EXTRA]
     if ints[CHUNK] > 0:
         width = m + p + 1
         here = ints[AT_CHUNK] + int(x[FILLED]) * width
@@ -126,61 +136,74 @@ def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
     x[FLAGS] = float(flags)
 
 
-@compiled("void(int64[::1], float64[::1])")
+@compiled("void(int64[::1], float64[::1])", inline=True)
 def count(ints: Ints, x: Array) -> None:
     """The sample is done with."""
     x[COUNT] += 1.0
     x[SINCE] += 1.0
-    x[SEEN] = float(int(x[SEEN]) | int(x[FLAGS]))
+    if x[FLAGS] != 0.0:
+        x[SEEN] = float(int(x[SEEN]) | (int(x[FLAGS]) & ~NOT_READY))
     if x[COUNT] == x[TICK]:
         x[EVENT] += TICKED
 
 
-@compiled("float64(float64[::1], int64)")
+@compiled("float64(float64[::1], int64)", inline=True)
 def noise_scale(x: Array, w: int) -> float:
     """Standard deviation of the noise, but no less than a trace of the output's."""
-    size = np.sqrt(x[w + SPREAD] / max(x[w + WEIGHT], 1.0) + x[w + MEAN] ** 2)
-    return max(float(x[w + SCALE]), TRACE * float(size))
+    return max(float(x[w + SCALE]), float(x[w + FLOOR]))
 
 
-@compiled("boolean(float64[::1], int64, float64, float64, float64, int64)")
-def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, n: int) -> bool:
-    """Whether a sample is to be left out; says why in the flags."""
+@compiled("boolean(float64[::1], int64, float64, float64, float64, float64, int64)", inline=True)
+def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, own: float, n: int) -> bool:
+    """Whether a sample is to be left out; says why in the flags. ``own``: of the innovation."""
     if not (abs(y) < LARGEST):
         x[FLAGS] = float(int(x[FLAGS]) | MISSING_OUTPUT)
         x[w + REPEATS] = 0.0
         return True
     if y == x[w + LAST] and x[w + REPEATS] > 0.0:
         x[w + REPEATS] += 1.0
+        if x[w + REPEATS] == 2.0:
+            x[w + DOUBLES] += 1.0
     else:
         x[w + REPEATS] = 1.0
         x[w + AT_FIRST] = fitted
+        x[w + STANDS] = 0.0
     x[w + LAST] = y
+    limits = int(x[w + LIMITS])
     if y > x[w + HIGHEST]:
         x[w + HIGHEST] = y
+        limits &= ~1
     if y < x[w + LOWEST]:
         x[w + LOWEST] = y
-    scale = x[w + SCALE]
-    if x[w + TAKEN] < 3.0 * n + 20.0 or not (leverage < 1.0) or not (scale > 0.0):
+        limits &= ~2
+    x[w + LIMITS] = float(limits)
+    taken = x[w + TAKEN]
+    if taken < 2.0 * n + 10.0 or not (leverage < 1.0) or not (x[w + SCALE] > 0.0):
         return False
-    scale = noise_scale(x, w)
     error = y - fitted
-    own = scale * np.sqrt(1.0 + leverage)
-    if x[w + REPEATS] >= 5.0 and abs(fitted - x[w + AT_FIRST]) > 4.0 * own:
-        x[FLAGS] = float(int(x[FLAGS]) | STUCK)
-        return True
-    if x[w + REPEATS] >= 3.0 and (
-        (y >= x[w + HIGHEST] and error < -3.0 * own) or (y <= x[w + LOWEST] and error > 3.0 * own)
-    ):
+    if x[w + REPEATS] >= 3.0:
+        if y >= x[w + HIGHEST] and error < -3.0 * own:
+            limits |= 1
+        if y <= x[w + LOWEST] and error > 3.0 * own:
+            limits |= 2
+        x[w + LIMITS] = float(limits)
+    if (limits & 1 and y >= x[w + HIGHEST]) or (limits & 2 and y <= x[w + LOWEST]):
         x[FLAGS] = float(int(x[FLAGS]) | SATURATED)
         return True
-    if abs(error) > FAR * own:
+    if x[w + REPEATS] >= 5.0 and abs(fitted - x[w + AT_FIRST]) > 4.0 * own:
+        x[w + STANDS] = 1.0
+    if x[w + REPEATS] >= 2.0 and x[w + DOUBLES] < RARE * x[w + TAKEN]:
+        x[w + STANDS] = 1.0
+    if x[w + STANDS] > 0.0:
+        x[FLAGS] = float(int(x[FLAGS]) | STUCK)
+        return True
+    if abs(error) > FAR * (1.0 + UNSURE / np.sqrt(taken)) * own:
         x[FLAGS] = float(int(x[FLAGS]) | OUTLIER)
         return True
     return False
 
 
-@compiled("void(float64[::1], int64, float64, float64, float64)")
+@compiled("void(float64[::1], int64, float64, float64, float64)", inline=True)
 def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
     """Follow scale, mean and spread of an output with a sample that was taken."""
     x[w + TAKEN] += 1.0
@@ -190,14 +213,17 @@ def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
     step = y - x[w + MEAN]
     x[w + MEAN] += step / x[w + WEIGHT]
     x[w + SPREAD] = factor * x[w + SPREAD] + step * (y - x[w + MEAN])
-    size = abs(v) / 0.6744897501960817
+    if taken % FLOOR_PACE == 1.0:
+        size = np.sqrt(x[w + SPREAD] / x[w + WEIGHT] + x[w + MEAN] ** 2)
+        x[w + FLOOR] = TRACE * size
+    size = abs(v) * TO_SCALE
     if not (size >= 0.0):
         return
     if x[w + SCALE] == 0.0:
         x[w + SCALE] = size
     else:
-        pace = max(4.0 / (taken + 8.0), 0.01)
-        x[w + SCALE] *= np.exp(pace if size > x[w + SCALE] else -pace)
+        factor = 1.0 + max(4.0 / (taken + 8.0), 0.004)
+        x[w + SCALE] *= factor if size > x[w + SCALE] else 1.0 / factor
 
 
 @compiled("boolean(int64[::1], float64[::1], int64, int64, boolean)")
@@ -266,7 +292,9 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     return scale + 1 < SCALES
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)")
+@compiled(
+    "void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)", inline=True
+)
 def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: bool) -> None:
     """Gather the scores of a block; at its end, judge change and excitation.
 
@@ -287,19 +315,25 @@ def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: b
     g = w + SCORES
     scores = g + k
     m = scores + k
-    maps = ints[C_MAPS] + ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
+    maps = ints[C_MAPS]
+    if w != ints[AT_WATCH]:
+        maps += ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
+    # views: an index that cannot be negative is quicker
+    z, gathered = x[row + first : row + n], x[g : g + k]
     for i in range(k):
         value = 0.0
+        products = x[m : m + i + 1]
         if ints[DIRECTIONS_STRIDE] == 0:
             value = x[row + n - k + i]
         else:
-            for s in range(first, n):
-                value += c[maps + i * n + s] * x[row + s]
-        x[g + i] = value
+            one = c[maps + i * n + first : maps + i * n + n]
+            for s in range(n - first):
+                value += one[s] * z[s]
+        gathered[i] = value
         x[scores + i] += value * v
         for s in range(i + 1):
-            x[m] += value * x[g + s]
-            m += 1
+            products[s] += value * gathered[s]
+        m += i + 1
     x[w + INSIDE] += 1.0
     if x[w + INSIDE] >= ints[BLOCK]:
         x[w + INSIDE] = 0.0

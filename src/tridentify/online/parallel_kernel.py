@@ -35,7 +35,6 @@ from tridentify.online.intake import (
     DRIFT,
     EVENT,
     FACTOR,
-    FAR,
     FIRST,
     FITTED,
     FLAGS,
@@ -47,6 +46,7 @@ from tridentify.online.intake import (
     INNOVATION,
     INPUTS,
     KIND,
+    LARGE,
     LINE,
     MOST_REFUSED,
     MOVED,
@@ -63,6 +63,7 @@ from tridentify.online.intake import (
     SQUARES,
     TAKEN,
     TIME,
+    TOLD,
     UPPER,
     WATCH,
     WEIGHT,
@@ -82,7 +83,7 @@ EXPONENTIAL, DIRECTIONAL, RESETTING = range(3)
 CUT = 0.1
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1])")
+@compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
 def advance(ints: Ints, c: Array, x: Array) -> None:
     """The states of the bank at the sample whose input was taken in."""
     m, q, upper = ints[INPUTS], ints[ORDER], ints[UPPER]
@@ -115,16 +116,19 @@ def advance(ints: Ints, c: Array, x: Array) -> None:
         own = row + first + j * q
         late = ints[AT_LINE] + j * line + int(c[ints[C_EXTRA] + j])
         g = taps + 3 * j * q
+        now, new = x[own : own + q], x[work : work + q]
+        arrived, before, earlier = x[late], x[late + 1], x[late + 2]
         for i in range(q):
-            total = c[g + i] * x[late] + c[g + q + i] * x[late + 1] + c[g + 2 * q + i] * x[late + 2]
+            total = c[g + i] * arrived + c[g + q + i] * before + c[g + 2 * q + i] * earlier
+            transition = c[f + i * q : f + (i + 1) * q]
             for s in range(min(i + 1 + upper, q)):
-                total += c[f + i * q + s] * x[own + s]
-            x[work + i] = total
+                total += transition[s] * now[s]
+            new[i] = total
         for i in range(q):
-            x[own + i] = x[work + i]
+            now[i] = new[i]
 
 
-@compiled("void(int64[::1], float64[::1], float64[::1])")
+@compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
 def complete_row(ints: Ints, c: Array, x: Array) -> None:
     """The inputs as they arrive, the constant and the time behind the states."""
     m, q = ints[INPUTS], ints[ORDER]
@@ -141,7 +145,48 @@ def complete_row(ints: Ints, c: Array, x: Array) -> None:
         x[at] = x[TIME] - x[BORN]
 
 
-@compiled("float64(int64[::1], float64[::1], float64[::1], int64, int64, int64, int64, float64)")
+@compiled("void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)")
+def refuse(ints: Ints, c: Array, x: Array, w: int, first: int, error: float, ready: bool) -> None:
+    """A doubtful sample: one far off still counts as a hint that the coefficients have moved."""
+    if int(x[FLAGS]) & OUTLIER:
+        x[w + REFUSED] += 1.0
+        watch(ints, c, x, w, first, TOLD if error > 0.0 else -TOLD, ready)
+        if x[w + REFUSED] > MOST_REFUSED:
+            x[w + MOVED] = 1.0
+
+
+@compiled(
+    "void(float64[::1], int64, int64, int64, int64, int64, float64, float64, float64, float64)"
+)
+def forget_along(
+    x: Array, at: int, n: int, first: int, row: int, work: int, y: float, error: float,
+    leverage: float, factor: float,
+) -> None:  # fmt: skip
+    """Directional forgetting, after the row has been absorbed (`numerics.recursive`)."""
+    beta = factor
+    if leverage < np.inf:
+        beta = factor - (1.0 - factor) / leverage if leverage > 0.0 else 1.0
+    if leverage > 1e-12:
+        new = y - (error / (1.0 + leverage) if leverage < np.inf else 0.0)
+        rotate(x, at, n, first, row, work, new, beta - 1.0)
+
+
+@compiled("void(float64[::1], int64, int64, int64, float64)")
+def reset(x: Array, w: int, at: int, n: int, factor: float) -> None:
+    """Most of what was learnt loses its weight, once in a memory."""
+    period = np.floor(1.0 / (1.0 - factor) + 0.5)
+    if x[SINCE] % period == period - 1.0 and x[w + IDLE] == 0.0:
+        for i in range(n):
+            x[at + i] *= CUT
+        x[w + SQUARES] *= CUT
+        x[w + WEIGHT] *= CUT
+        x[w + WEIGHT2] *= CUT * CUT
+
+
+@compiled(
+    "float64(int64[::1], float64[::1], float64[::1], int64, int64, int64, int64, float64)",
+    inline=True,
+)
 def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, y: float) -> float:
     """One row with its target into one triangle, unless it is doubtful; gives the innovation."""
     row, work = ints[AT_ROW], ints[AT_WORK]
@@ -151,20 +196,16 @@ def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, 
     x[w + INNOVATION] = error
     root = np.sqrt(1.0 + leverage)
     known = x[w + SCALE] > 0.0
-    ready = x[w + TAKEN] > 5.0 * n + 30.0
-    if doubt(x, w, y, fitted, leverage, n):
-        if int(x[FLAGS]) & OUTLIER:
-            x[w + REFUSED] += 1.0
-            v = FAR if error > 0.0 else -FAR
-            watch(ints, c, x, w, first, v, ready)
-            if x[w + REFUSED] > MOST_REFUSED:
-                x[w + MOVED] = 1.0
+    ready = x[w + TAKEN] > 10.0 * n + 30.0
+    scale = noise_scale(x, w)
+    if doubt(x, w, y, fitted, leverage, scale * root, n):
+        refuse(ints, c, x, w, first, error, ready)
         return error
     x[w + REFUSED] = 0.0
     v = error / root
     if known and leverage < 1.0:
-        z = v / noise_scale(x, w)
-        z = min(max(z, -FAR), FAR)
+        z = v / scale
+        z = min(max(z, -LARGE), LARGE)
         watch(ints, c, x, w, first, z, ready)
     factor = c[FORGETTING]
     kind = ints[KIND]
@@ -175,20 +216,9 @@ def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, 
     rotate(x, at, n, first, row, work, y, 1.0)
     if factor < 1.0 and kind == DIRECTIONAL:
         kept = factor
-        beta = factor
-        if leverage < np.inf:
-            beta = factor - (1.0 - factor) / leverage if leverage > 0.0 else 1.0
-        if leverage > 1e-12:
-            new = y - (error / (1.0 + leverage) if leverage < np.inf else 0.0)
-            rotate(x, at, n, first, row, work, new, beta - 1.0)
+        forget_along(x, at, n, first, row, work, y, error, leverage, factor)
     if factor < 1.0 and kind == RESETTING:
-        period = np.floor(1.0 / (1.0 - factor) + 0.5)
-        if x[SINCE] % period == period - 1.0 and x[w + IDLE] == 0.0:
-            for i in range(n):
-                x[at + i] *= CUT
-            x[w + SQUARES] *= CUT
-            x[w + WEIGHT] *= CUT
-            x[w + WEIGHT2] *= CUT * CUT
+        reset(x, w, at, n, factor)
     if leverage < np.inf:
         x[w + SQUARES] = kept * x[w + SQUARES] + error * error / (1.0 + leverage / kept)
     learn(x, w, y, v if leverage < 1.0 else np.nan, kept)

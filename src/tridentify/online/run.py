@@ -138,7 +138,7 @@ def run(
             theta.append(np.full(n, np.nan))
             std.append(np.full(n, np.nan))
         times.append(state.time)
-        flags.append(Flag(int(np.bitwise_or.reduce(seen))) | state.flags)
+        flags.append((Flag(int(np.bitwise_or.reduce(seen))) & ~Flag.NOT_READY) | state.flags)
     return Run(
         np.array(times),
         state.stage.setting.names,

@@ -41,6 +41,7 @@ Ints = NDArray[np.int64]
 
 LEAST_FORGETTING = 0.5
 SAME = 1e-9
+BATCH = 256
 
 
 class NotReadyError(UndeterminedError):
@@ -100,8 +101,12 @@ class Estimator(ABC):
         """
 
     @abstractmethod
-    def constants_for(self, blueprint: Blueprint, setting: Setting, interval: float) -> Array:
-        """``c`` of the kernels for a sample that comes after another interval [s]."""
+    def is_ready(self, state: State) -> bool:
+        """Whether the samples so far determine the coefficients."""
+
+    @abstractmethod
+    def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
+        """(k, ...) ``c`` of the kernels for samples that come after other intervals [s]."""
 
     @abstractmethod
     def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
@@ -149,7 +154,7 @@ class Estimator(ABC):
                 f"found structure={type(structure).__name__}; expected a Structure; write for "
                 "example Structure(poles=2, zeros=1)"
             )
-        if not _is_number(dt) or not 0.0 < float(dt) < math.inf:
+        if not is_number(dt) or not 0.0 < float(dt) < math.inf:
             raise SamplingError(
                 f"found dt={shown(dt)}; expected a sampling interval above zero, in seconds; "
                 "correct it"
@@ -217,6 +222,8 @@ class Estimator(ABC):
             The interval is not above zero.
         """
         values, stage = state
+        if stage.method is not self:
+            check_owner(self, stage.method)
         blueprint = stage.blueprint
         ints = blueprint.ints
         x = values.copy()
@@ -262,6 +269,7 @@ class Estimator(ABC):
         """
         u, y = (np.ascontiguousarray(_table(one), dtype=np.float64) for one in (u, y))
         setting = state.stage.setting
+        check_owner(self, state.stage.method)
         if u.shape[1] != setting.n_inputs or y.shape[1] != setting.n_outputs or len(u) != len(y):
             raise ChannelCountError(
                 f"found samples of shape {u.shape} and {y.shape}; expected "
@@ -271,12 +279,7 @@ class Estimator(ABC):
         innovations = np.full(y.shape, np.nan)
         flags = np.zeros(len(y), dtype=np.int64)
         if intervals is not None:
-            for k in range(len(y)):
-                after = float(intervals[k])
-                state, error = self.step(state, u[k], y[k], interval=after)
-                innovations[k] = error
-                flags[k] = int(state.values[intake.FLAGS])
-            return state, innovations, flags
+            return self._feed_unevenly(state, u, y, intervals, innovations, flags)
         run = self.run_kernel
         k = 0
         x = state.values.copy()
@@ -290,6 +293,39 @@ class Estimator(ABC):
             if x[intake.EVENT]:
                 state = self._settle(state)
                 x = state.values.copy() if k < len(y) else state.values
+        return state, innovations, flags
+
+    def _feed_unevenly(
+        self,
+        state: State,
+        u: Array,
+        y: Array,
+        intervals: Array,
+        innovations: Array,
+        flags: NDArray[np.int64],
+    ) -> tuple[State, Array, NDArray[np.int64]]:
+        """Sample by sample; the matrices of many intervals are made together."""
+        m = u.shape[1]
+        at, end = intake.INBOX, intake.INBOX + m + y.shape[1]
+        made: tuple[Blueprint, int, Array] | None = None
+        for k, interval in enumerate(intervals.tolist()):
+            stage = state.stage
+            regular, seconds = checked_interval(state, interval)
+            constants = stage.blueprint.constants
+            if not regular:
+                if made is None or made[0] is not stage.blueprint or k >= made[1] + len(made[2]):
+                    ahead = np.maximum(intervals[k : k + BATCH], SAME * stage.setting.dt)
+                    found = self.constants_for(stage.blueprint, stage.setting, ahead)
+                    made = stage.blueprint, k, found
+                constants = made[2][k - made[1]]
+            x = state.values.copy()
+            x[at : at + m], x[at + m : end] = u[k], y[k]
+            self.step_kernel(stage.blueprint.ints, constants, x, seconds)
+            state = State(x, stage)
+            innovations[k] = state.innovations
+            flags[k] = int(x[intake.FLAGS])
+            if x[intake.EVENT]:
+                state = self._settle(state)
         return state, innovations, flags
 
     def _settle(self, state: State) -> State:
@@ -326,6 +362,20 @@ class Estimator(ABC):
         return {"name": self.name, "options": options}
 
 
+def check_owner(method: Estimator, owner: object) -> None:
+    """Refuse a state that another estimator made.
+
+    Raises
+    ------
+    OptionError
+    """
+    if method != owner:
+        raise OptionError(
+            f"found a state of {shown(owner)} in {shown(method)}; expected one that this "
+            "estimator made; go on with state.method"
+        )
+
+
 def kept_samples(state: State) -> Array:
     """(n, n_inputs + n_outputs + 1) the samples that are kept: interval, inputs, outputs."""
     x, stage = state
@@ -345,7 +395,7 @@ def check_forgetting(forgetting: object) -> None:
     ------
     OptionError
     """
-    if not _is_number(forgetting) or not LEAST_FORGETTING <= float(forgetting) <= 1.0:  # type: ignore[arg-type]
+    if not is_number(forgetting) or not LEAST_FORGETTING <= float(forgetting) <= 1.0:  # type: ignore[arg-type]
         raise OptionError(
             f"found forgetting={shown(forgetting)}; expected a factor from {LEAST_FORGETTING:g} to "
             "1 (1 forgets nothing; 1 / (1 - forgetting) samples are remembered); correct it"
@@ -365,22 +415,39 @@ def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
         )
 
 
-def _after(state: State, interval: float) -> tuple[Array, float]:
-    if not _is_number(interval) or not 0.0 < float(interval) < math.inf:
+def checked_interval(state: State, interval: float) -> tuple[bool, float]:
+    """Whether an interval is the usual one, and the interval [s].
+
+    Raises
+    ------
+    SamplingError
+        It is not above zero.
+    UnsupportedError
+        It is not the usual one, and there are delays.
+    """
+    if not is_number(interval) or not 0.0 < float(interval) < math.inf:
         raise SamplingError(
             f"found interval={shown(interval)}; expected the time since the sample before, above "
             "zero, in seconds; leave the sample out, or correct it"
         )
     seconds = float(interval)
-    setting, blueprint = state.stage.setting, state.stage.blueprint
+    setting = state.stage.setting
     if abs(seconds - setting.dt) <= SAME * setting.dt or state.values[intake.COUNT] == 0.0:
-        return blueprint.constants, setting.dt
+        return True, setting.dt
     if any(setting.delays):
         raise UnsupportedError(
             f"found interval={seconds:g} s with a delay; expected samples every {setting.dt:g} s, "
             "since the delayed input is kept in samples; resample the stream, or drop the delay"
         )
-    return state.method.constants_for(blueprint, setting, seconds), seconds
+    return False, seconds
+
+
+def _after(state: State, interval: float) -> tuple[Array, float]:
+    regular, seconds = checked_interval(state, interval)
+    setting, blueprint = state.stage.setting, state.stage.blueprint
+    if regular:
+        return blueprint.constants, seconds
+    return state.method.constants_for(blueprint, setting, np.array([seconds]))[0], seconds
 
 
 def _put(x: Array, setting: Setting, u: ArrayLike, y: ArrayLike) -> None:
@@ -421,7 +488,8 @@ def _names(what: str, names: Sequence[str]) -> list[str]:
     return list(names)
 
 
-def _is_number(value: object) -> bool:
+def is_number(value: object) -> bool:
+    """Whether a value is a real number."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 

@@ -14,12 +14,15 @@ from tridentify.numerics.realization import Complex, sort_poles
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.blueprint import Setting
 from tridentify.record import Record
+from tridentify.strategy.outliers import gross_outliers
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 
 VAGUE = 0.5
+SUSPICIOUS = 10.0
+LEAST_FAR = 0.005
 GROWTH = 1.5
 USABLE = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.POSTERIOR_MEAN)
 
@@ -30,6 +33,45 @@ class Found(NamedTuple):
     poles: Complex
     noise_std: Array
     certain: bool
+
+
+def far_off(setting: Setting, samples: Array) -> Array:
+    """The samples without outputs that are far from all others, before there is a model.
+
+    Only where second differences are spread far beyond their median is a robust parallel model
+    asked (`strategy.outliers`). At both ends it cannot judge: there nothing is left out.
+
+    Parameters
+    ----------
+    setting : Setting
+    samples : (n, n_inputs + n_outputs + 1) array
+
+    Returns
+    -------
+    array of the same shape
+        The same array where nothing is far off.
+    """
+    m, n = setting.n_inputs, len(samples)
+    y = samples[:, 1 + m :]
+    bends = np.abs(np.diff(y, 2, axis=0))
+    if not np.all(np.isfinite(bends).any(axis=0)):
+        return samples
+    usual = np.nanmedian(bends, axis=0)
+    if not np.any(np.nanmax(bends, axis=0) > SUSPICIOUS * usual):
+        return samples
+    try:
+        with one_blas_thread():
+            far = gross_outliers([record_of(setting, samples)], setting.structure)[0]
+    except (TridentifyError, np.linalg.LinAlgError):
+        return samples
+    edge = 2 * setting.n_poles + 2
+    far[:edge] = False
+    far[n - edge :] = False
+    if far.sum() < max(1.0, LEAST_FAR * n):
+        return samples
+    kept = samples.copy()
+    kept[:, 1 + m :][far] = np.nan
+    return kept
 
 
 def first_try(setting: Setting) -> int:
@@ -54,7 +96,6 @@ def search(setting: Setting, samples: Array, begun_anew: bool) -> Found | None:
     begun_anew : bool
         Whether they begin in the middle, from any state.
     """
-    record = record_of(setting, samples)
     structure = setting.structure
     if begun_anew:
         structure = Structure(
@@ -62,6 +103,7 @@ def search(setting: Setting, samples: Array, begun_anew: bool) -> Found | None:
             drift=structure.drift, initial_state="free",
         )  # fmt: skip
     try:
+        record = record_of(setting, samples)
         with one_blas_thread():
             found = ThreeModel(noise="white", finish="likelihood").estimate([record], structure)
     except (TridentifyError, np.linalg.LinAlgError):

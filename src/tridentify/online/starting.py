@@ -15,11 +15,15 @@ from tridentify.output_error.nuisance import Nuisances, build
 
 Array = NDArray[np.float64]
 
+CLOCKS = (
+    intake.COUNT, intake.SEEN, intake.FILLED, intake.ALARM, intake.FLAGS, intake.EXTRA,
+)  # fmt: skip
+
 
 def run_kept(
     method: Estimator, setting: Setting, blueprint: Blueprint, x: Array, samples: Array
-) -> None:
-    """Run kept samples through the kernel of a method; events are passed over."""
+) -> NDArray[np.int64]:
+    """Run kept samples through the kernel of a method, events passed over; gives the flags."""
     m = setting.n_inputs
     u = np.ascontiguousarray(samples[:, 1 : 1 + m])
     y = np.ascontiguousarray(samples[:, 1 + m :])
@@ -33,15 +37,26 @@ def run_kept(
                 blueprint.ints, blueprint.constants, x, u, y, k, len(y), innovations, flags
             )
             x[intake.FILLED] = 0.0
-        return
+        return flags
     at = intake.INBOX
+    each = method.constants_for(blueprint, setting, np.where(regular, setting.dt, samples[:, 0]))
     for k, after in enumerate(samples[:, 0].tolist()):
         x[at : at + m], x[at + m : at + samples.shape[1] - 1] = u[k], y[k]
-        constants = blueprint.constants
-        if not regular[k]:
-            constants = method.constants_for(blueprint, setting, after)
+        constants = blueprint.constants if regular[k] else each[k]
         method.step_kernel(blueprint.ints, constants, x, after)
-        x[intake.FILLED] = 0.0
+        x[intake.FILLED], flags[k] = 0.0, int(x[intake.FLAGS])
+    return flags
+
+
+def without(samples: Array, flags: NDArray[np.int64], n_inputs: int) -> Array | None:
+    """The samples without the outputs that were found doubtful; None where none was."""
+    doubted = (flags & intake.DOUBTED) > 0
+    doubted &= np.any(np.isfinite(samples[:, 1 + n_inputs :]), axis=1)
+    if not doubted.any():
+        return None
+    kept = samples.copy()
+    kept[doubted, 1 + n_inputs :] = np.nan
+    return kept
 
 
 def calm(x: Array, stage: Stage) -> None:
@@ -87,7 +102,14 @@ def take_clocks(old: Array, was: Blueprint, x: Array, blueprint: Blueprint, kept
     kept : int
         Samples that were run.
     """
-    for slot in (intake.COUNT, intake.SEEN, intake.FILLED, intake.ALARM, intake.FLAGS):
+    for slot in (
+        intake.COUNT,
+        intake.SEEN,
+        intake.FILLED,
+        intake.ALARM,
+        intake.FLAGS,
+        intake.EXTRA,
+    ):
         x[slot] = old[slot]
     x[intake.BORN] = old[intake.TIME] - x[intake.TIME]
     x[intake.TIME] = old[intake.TIME]

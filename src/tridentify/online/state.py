@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.encoding import load_document, save_document
+from tridentify.errors import TridentifyError
 from tridentify.numerics.realization import Complex
 from tridentify.online import intake
 from tridentify.online.blueprint import Blueprint, Nuisance, Setting
@@ -110,13 +111,13 @@ class State(NamedTuple):
     @property
     def flags(self) -> Flag:
         """What is the matter now."""
-        waiting = _NOT_READY if self.stage.searching else 0
-        return Flag(int(self.values[intake.FLAGS]) | waiting)
+        waiting = 0 if self.stage.method.is_ready(self) else _NOT_READY
+        return Flag((int(self.values[intake.FLAGS]) & ~_NOT_READY) | waiting)
 
     @property
     def seen(self) -> Flag:
-        """Everything that was the matter since the beginning."""
-        return Flag(int(self.values[intake.SEEN])) | self.flags
+        """Everything that was the matter since the beginning, but for not being ready."""
+        return Flag(int(self.values[intake.SEEN])) | (self.flags & ~Flag.NOT_READY)
 
     @property
     def changes(self) -> tuple[int, ...]:
@@ -211,7 +212,7 @@ class State(NamedTuple):
         DataError
             It is damaged, or of another version.
         """
-        return load_document(path, KEY, SCHEMA, _build, "state", "State")
+        return load_document(path, KEY, SCHEMA, _checked, "state", "State")
 
 
 def packed(values: Array) -> str:
@@ -243,6 +244,13 @@ def method_from_dict(document: Mapping[str, Any]) -> Maker:
         options[key] = value
     made: Maker = MAKERS[document["name"]](**options)
     return made
+
+
+def _checked(document: dict[str, Any]) -> State:
+    try:
+        return _build(document)
+    except (IndexError, OverflowError, TridentifyError) as error:
+        raise ValueError(str(error)) from error
 
 
 def _build(document: Mapping[str, Any]) -> State:

@@ -48,7 +48,13 @@ def problem_of(setting: Setting, blueprint: Blueprint, x: Array) -> Problem:
 
 
 def solve_steps(
-    setting: Setting, blueprint: Blueprint, x: Array, poles: Complex, *, choose: bool
+    setting: Setting,
+    blueprint: Blueprint,
+    x: Array,
+    poles: Complex,
+    *,
+    choose: bool,
+    passes: int = PASSES,
 ) -> Solution:
     """Steps 1 and 2 with filter and basis re-adapted, to the minimum of the output error.
 
@@ -62,6 +68,8 @@ def solve_steps(
         Where to begin.
     choose : bool
         Whether nuisance terms that the structure leaves open may be dropped; by AICc.
+    passes : int
+        Most passes of Steps 1 and 2 before the last steps on the output error.
 
     Raises
     ------
@@ -71,7 +79,7 @@ def solve_steps(
     base = problem_of(setting, blueprint, x)
     full = blueprint.nuisance
     start = "free" if full.free else setting.structure.initial_state
-    best = _solved(base, Nuisances(start, full.offset, full.drift), None, poles)
+    best = _solved(base, Nuisances(start, full.offset, full.drift), None, poles, passes)
     if not choose:
         return best
     begun_anew = x[intake.BORN] > 0.0
@@ -80,7 +88,7 @@ def solve_steps(
         if nuisances.initial_state == "equilibrium":
             at = int(blueprint.ints[intake.AT_FIRST_INPUT])
             constants = -x[at : at + setting.n_inputs]
-        found = _solved(base, nuisances, constants, best.point.poles)
+        found = _solved(base, nuisances, constants, best.point.poles, 0)
         if found.criterion < best.criterion:
             best = found
     return best
@@ -105,19 +113,20 @@ def _others(setting: Setting, full: Nuisances, begun_anew: bool) -> Sequence[Nui
 
 
 def _solved(
-    base: Problem, nuisances: Nuisances, constants: Array | None, poles: Complex
+    base: Problem, nuisances: Nuisances, constants: Array | None, poles: Complex, passes: int
 ) -> Solution:
     variant = Variant(
         nuisances.initial_state == "free", nuisances.offset, nuisances.drift, (constants,)
     )
     recorder = Recorder()
     admissible, _ = base.admissible(poles)
-    start = adapt(base, variant, admissible, recorder, PASSES)
+    if passes:
+        admissible = adapt(base, variant, admissible, recorder, passes).poles
 
     def at(trial: Complex) -> Point:
         return evaluate_variant(base, variant, trial)
 
-    point, status, why = finish(at, at(start.poles), recorder)
+    point, status, why = finish(at, at(admissible), recorder)
     return Solution(point, status, why, nuisances, recorder, criterion(point))
 
 

@@ -66,17 +66,19 @@ from tridentify.online.seam import (
     Estimator,
     check_choice,
     check_forgetting,
+    is_number,
     kept_samples,
     not_ready,
 )
 from tridentify.online.search import (
     checked_start,
+    far_off,
     first_try,
     next_try,
     poles_of_start,
     search,
 )
-from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks
+from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
 from tridentify.online.state import Stage, State
 from tridentify.online.steps import directions_of, estimate_of, solve_steps
 from tridentify.online.summary import carried, moved
@@ -85,6 +87,7 @@ from tridentify.transfer_function import TransferFunction
 Array = NDArray[np.float64]
 
 REPEATS = 3
+ROUNDS = 3
 NEAR = 0.01
 SHARE = 0.5
 QUARTER = 0.25
@@ -156,7 +159,7 @@ class ThreeModel(Estimator):
                 f"found samples={shown(self.samples)}; expected a whole number of at least "
                 f"{LEAST_SAMPLES}; leave it out or correct it"
             )
-        if self.clock is not None and not 0.0 < float(self.clock) < np.inf:
+        if self.clock is not None and not (is_number(self.clock) and 0.0 < self.clock < np.inf):
             raise OptionError(
                 f"found clock={shown(self.clock)}; expected a time above zero, in seconds; leave "
                 "it out or correct it"
@@ -182,9 +185,13 @@ class ThreeModel(Estimator):
             return collecting(setting).size
         return parallel(setting, blueprint.poles, blueprint.nuisance, keep, 1.0, 0).size
 
-    def constants_for(self, blueprint: Blueprint, setting: Setting, interval: float) -> Array:
-        """``c`` for a sample that comes after another interval."""
-        return constants_for(blueprint, setting, interval)
+    def is_ready(self, state: State) -> bool:
+        """Whether a model has been found."""
+        return not state.stage.searching
+
+    def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
+        """``c`` for samples that come after other intervals."""
+        return constants_for(blueprint, setting, intervals)
 
     def tick(self, state: State) -> State:
         """Search, or follow the poles with filter and basis."""
@@ -235,8 +242,9 @@ class ThreeModel(Estimator):
         try:
             with one_blas_thread():
                 solution = solve_steps(
-                    stage.setting, stage.blueprint, x, stage.poles, choose=self.forgetting == 1.0
-                )
+                    stage.setting, stage.blueprint, x, stage.poles,
+                    choose=self.forgetting == 1.0, passes=1,
+                )  # fmt: skip
                 return estimate_of(stage.setting, stage.blueprint, x, solution, self.name)
         except (TridentifyError, np.linalg.LinAlgError) as error:
             raise not_ready(count, "do not determine the coefficients") from error
@@ -259,7 +267,7 @@ class ThreeModel(Estimator):
     def _search(self, state: State) -> State:
         x, stage = state
         setting = stage.setting
-        samples = kept_samples(state)
+        samples = far_off(setting, kept_samples(state))
         begun_anew = x[intake.COUNT] > len(samples)
         found = search(setting, samples, begun_anew)
         full = len(samples) >= self.samples
@@ -271,10 +279,27 @@ class ThreeModel(Estimator):
         for i in range(setting.n_outputs):
             x[watch_of(stage.blueprint, i) + intake.SCALE] = found.noise_std[i]
         nuisance = Nuisance.of(setting.structure, begun_anew)
-        return self._run_again(state, found.poles, nuisance, samples)
+        x[intake.FILLED] = 0.0
+        state = State(x, stage.but(past=(samples,)))
+        launched, flags = self._run_again(state, found.poles, nuisance, samples)
+        for _ in range(ROUNDS):
+            kept = without(samples, flags, setting.n_inputs)
+            found = None if kept is None else search(setting, kept, begun_anew)
+            if kept is None or found is None:
+                break
+            samples = kept
+            cleaned = x.copy()
+            cleaned[intake.FILLED] = 0.0
+            for i in range(setting.n_outputs):
+                cleaned[watch_of(stage.blueprint, i) + intake.SCALE] = found.noise_std[i]
+            again = State(cleaned, stage.but(past=(samples,)))
+            launched, flags = self._run_again(again, found.poles, nuisance, samples)
+        return launched
 
-    def _run_again(self, state: State, poles: Complex, nuisance: Nuisance, samples: Array) -> State:
-        """The samples that were kept, through the bank of other poles."""
+    def _run_again(
+        self, state: State, poles: Complex, nuisance: Nuisance, samples: Array
+    ) -> tuple[State, NDArray[np.int64]]:
+        """The samples that were kept, through the bank of other poles; and their flags."""
         old, stage = state
         setting = stage.setting
         near = admissible(setting, poles, samples)
@@ -288,7 +313,7 @@ class ThreeModel(Estimator):
             at, m = int(blueprint.ints[intake.AT_REFERENCE]), setting.n_inputs
             x[at : at + m] = old[at : at + m]
             x[intake.COUNT] = 1.0
-        run_kept(self, setting, blueprint, x, samples)
+        flags = run_kept(self, setting, blueprint, x, samples)
         take_clocks(old, stage.blueprint, x, blueprint, len(samples))
         head, width = int(blueprint.ints[intake.AT_CHUNK]), samples.shape[1]
         count = int(old[intake.FILLED]) * width
@@ -299,10 +324,10 @@ class ThreeModel(Estimator):
         try:
             solution = solve_steps(setting, blueprint, x, near, choose=False)
         except (TridentifyError, np.linalg.LinAlgError):
-            return State(x, stage.but(blueprint=blueprint, poles=near, searching=False))
+            return State(x, stage.but(blueprint=blueprint, poles=near, searching=False)), flags
         found = with_directions(blueprint, directions_of(setting, blueprint, solution))
         poles = solution.point.poles
-        return State(x, stage.but(blueprint=found, poles=poles, searching=False))
+        return State(x, stage.but(blueprint=found, poles=poles, searching=False)), flags
 
     def _follow(self, state: State) -> State:
         x, stage = state
@@ -321,7 +346,7 @@ class ThreeModel(Estimator):
         kept = bool(stage.blueprint.ints[intake.CHUNK])
         early = kept and x[intake.SINCE] <= self.samples
         if early and distance > NEAR:
-            return self._run_again(state, poles, nuisance, kept_samples(state))
+            return self._run_again(state, poles, nuisance, kept_samples(state))[0]
         if distance <= NEAR and (early or not kept):
             judged = directions_of(setting, stage.blueprint, solution)
             blueprint = with_directions(stage.blueprint, judged)

@@ -74,6 +74,7 @@ MOSTLY = 0.5
 LOST = 10.0
 LONGEST = 20_000
 TESTED = 200_000
+PASSED = "noise white: the residual passes the portmanteau test"
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +118,8 @@ def settle(
     seek: Seek,
     say: Callable[[str], None],
     most: int = MOST_STEPS,
+    *,
+    white: bool = False,
 ) -> Coloured:
     """Model the noise if that is asked for, or if the residual is not white.
 
@@ -137,6 +140,8 @@ def settle(
         Is told what is going on.
     most : int
         Most steps on the output error in each round.
+    white : bool
+        Whether the residual is known to pass the test.
 
     Returns
     -------
@@ -156,11 +161,12 @@ def settle(
         note = str(refusal).partition(";")[0].removeprefix("found ")
         told = () if at_rounding(first.point) else (f"noise taken as white: {note}",)
         return Coloured(first, reasons + told, False)
+    if white and noise == "auto":
+        return Coloured(first, (*reasons, PASSED), False)
     residuals = _series(first.point, TESTED)
     tinted = tuple(noise == "ar" or not is_white(series) for series in residuals)
     if not any(tinted):
-        told = ("noise white: the residual passes the portmanteau test",)
-        return Coloured(first, reasons + told, False)
+        return Coloured(first, (*reasons, PASSED), False)
     if noise == "auto":
         tinted = tuple(
             coloured and not _follows_input(first.point, i, residuals[i])

@@ -53,7 +53,7 @@ from tridentify.numerics.realization import (
     side_by_side,
 )
 from tridentify.output_error.problem import Problem, Variant
-from tridentify.regression import Regression, regress, response_of
+from tridentify.regression import LONG, Regression, regress, response_of
 
 Array = NDArray[np.float64]
 
@@ -286,6 +286,31 @@ class Point:
             delays = np.clip(moved, floors, self.problem.limits)
         return Proposal(np.concatenate(roots), decrease, delays)
 
+    @property
+    def looseness(self) -> float:
+        """The largest standard error of a pole over the pole's own decay rate.
+
+        With ``A r = z r``, ``l A = z l`` and ``l r = 1`` a change of ``alpha`` moves the pole ``z``
+        by ``- (l B) (alpha r)``. Poles that nearly meet are loose, and those that only follow the
+        noise.
+        """
+        found = self._decomposition
+        if not found.s[-1] > 0:
+            return float("inf")
+        root = np.zeros((found.n_scores, found.s.size))
+        root[found.kept] = found.vt.T / found.s / found.scale[:, None]
+        worst = 0.0
+        for one in self.branches:
+            z, right = np.linalg.eig(one.inner.a)
+            try:
+                drive = np.linalg.solve(right, one.inner.b.astype(np.complex128))
+            except np.linalg.LinAlgError:
+                return float("inf")
+            moved = drive[:, None] * (right.T @ root[one.poles])
+            errors = np.sqrt(np.sum(np.abs(moved) ** 2, axis=1))
+            worst = max(worst, float(np.max(errors / np.abs(z.real))))
+        return worst
+
     def residuals(self, most: int | None = None) -> tuple[Array, ...]:
         """Recorded minus fitted outputs over time, (n_samples, n_outputs) per experiment.
 
@@ -293,17 +318,21 @@ class Point:
         """
         found = []
         for e, experiment in enumerate(self.problem.experiments):
-            layout = self.regressions[e].layout
+            layout, bank = self.regressions[e].layout, self.bank
+            if experiment.n_samples > LONG and len(self.branches) == 1:
+                # the outputs use the poles once
+                bank = self.branches[0].inner
+                layout = replace(layout, order=bank.order)
             rows = np.zeros((self.problem.n_outputs, layout.n_signals))
             for i, fit in enumerate(self.fits):
                 for j in range(layout.n_inputs):
-                    rows[i, layout.input_states(j)] = self.response.rows[i, j]
+                    rows[i, layout.input_states(j)] = self.response.rows[i, j, : bank.order]
                     rows[i, layout.direct(j)] = self.response.direct[i, j]
                 if layout.free:
-                    rows[i, : layout.order] = self.response.free[e, i]
+                    rows[i, : layout.order] = self.response.free[e, i, : bank.order]
                 terms = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
                 rows[i, layout.nuisance] = terms
-            found.append(experiment.y[:most] - response_of(experiment, self.bank, rows, most))
+            found.append(experiment.y[:most] - response_of(experiment, bank, rows, most))
         return tuple(found)
 
     def sensitivities(self, combinations: Array, output: int) -> tuple[Array, ...]:

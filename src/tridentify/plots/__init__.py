@@ -12,6 +12,7 @@ from tridentify.plots.fit import plot_fit
 from tridentify.plots.pole_zero import plot_pole_zero
 from tridentify.plots.record import plot_record
 from tridentify.plots.residual import plot_residual
+from tridentify.plots.trajectory import plot_trajectory
 
 __all__ = [
     "plot_bode",
@@ -20,4 +21,5 @@ __all__ = [
     "plot_pole_zero",
     "plot_record",
     "plot_residual",
+    "plot_trajectory",
 ]

@@ -44,10 +44,11 @@ from tridentify.output_error.point import Point, bank_of, evaluate, evaluate_var
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress
 from tridentify.strategy.moves import Move, moved_poles
-from tridentify.strategy.passes import adapt
+from tridentify.strategy.passes import MOST_ADAPTED, adapt
 from tridentify.strategy.starts import (
     SLOW_EDGE,
     ParallelStart,
+    best_laguerre,
     discrete_poles,
     enriched_starts,
     laguerre_starts,
@@ -77,6 +78,12 @@ NEAR = 20.0
 HELPED = 0.005
 WORTHWHILE = 50.0
 TESTED = 200_000
+CERTAIN = 0.1
+FEW_ADAPTED = 3
+PLAUSIBLE = 30.0
+HOPELESS = 2.0
+ALIKE = 0.02
+WINDOW = "window of the record: "
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,10 +107,29 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """Triangles of the whole record at poles, for whoever begins there."""
+    """Triangles of the whole record at poles, for whoever begins there, and if it ends there too.
+
+    ``white`` says that the residual there passed for white noise.
+    """
 
     poles: Complex
     whole: tuple[Regression, ...]
+    white: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """Where the poles of a window led on the whole record.
+
+    ``alone`` says that there is one choice of nuisance terms, and that it was finished.
+    """
+
+    near: Complex
+    poles: Complex
+    point: Point
+    whole: tuple[Regression, ...]
+    alone: bool
+    passes: tuple[Pass, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,6 +164,8 @@ class Search:
         The last places looked at.
     known : Known, optional
         Triangles of the whole record, where they were made.
+    end : End, optional
+        Where the window's poles led on the whole record.
     """
 
     n_starts: int
@@ -148,20 +176,28 @@ class Search:
     variant: Variant | None = None
     scan: Scan | None = None
     known: Known | None = None
+    end: End | None = None
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
         if not is_large(base):
             self._keep(self.move(self.follow(base, variants)).poles)
             return
-        piece, whole = window(base), averaged(base)
-        if not (is_usable(piece) and is_usable(whole)):
+        piece = window(base)
+        passes: list[Pass] = []
+        first: Found | None = None
+        near: Point | None = None
+        if is_usable(piece):
+            if self._at_once(base, variants, piece):
+                return
+            first = self.follow(piece, [free_variant(piece)], WINDOW)
+            near = self.move(first, WINDOW)
+            passes = list(self.recorder.passes)
+            if first.settled and self._suffices(base, variants, near, passes):
+                return
+        whole = averaged(base)
+        if first is None or near is None or not is_usable(whole):
             self._keep(self.move(self.follow(base, variants)).poles)
-            return
-        first = self.follow(piece, [free_variant(piece)], "window of the record: ")
-        near = self.move(first, "window of the record: ")
-        passes = list(self.recorder.passes)
-        if first.settled and self._suffices(base, variants[-1], near, passes):
             return
         if first.settled:
             second = self.begin(whole, variants, "record averaged: ", most=1)
@@ -171,25 +207,54 @@ class Search:
         blind = explained(far) < WORTHWHILE <= explained(near)
         self._choose(base, near.poles, far.poles, passes, blind)
 
+    def _at_once(self, base: Problem, variants: Sequence[Variant], piece: Problem) -> bool:
+        """Whether the window's best Laguerre model leads to an end that leaves no doubt."""
+        variant = free_variant(piece)
+        start = best_laguerre(piece, variant)
+        reachable = start.criterion + PLAUSIBLE
+        poles = start.reduced_poles()
+        if poles is None:
+            return False
+        name = WINDOW + start.name
+        point = self._adapted(piece, variant, poles, reachable, None, name, FEW_ADAPTED)
+        if criterion(point) >= reachable:
+            return False
+        return self._suffices(base, variants, point, self.recorder.passes, CERTAIN)
+
     def _suffices(
-        self, base: Problem, variant: Variant, near: Point, passes: Sequence[Pass]
+        self,
+        base: Problem,
+        variants: Sequence[Variant],
+        near: Point,
+        passes: Sequence[Pass],
+        loosest: float = np.inf,
     ) -> bool:
         """Whether the window's poles leave nothing but white noise on the whole record.
 
         Then there is nothing for the averaged record to find. Slow dynamics that the window cannot
         show are looked for in block means of the residual.
+
+        A pole or pair at the wrong place has next to nothing to explain, and is loose. Where all
+        poles are much less loose than ``loosest`` none of them needs to be looked for elsewhere.
         """
         if explained(near) < WORTHWHILE or base.noise:
             return False
-        poles = _sharpened(base, near.poles)
-        bank = bank_of(base, poles, 2)[0]
-        whole = tuple(regress(e, bank) for e in base.experiments)
-        point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
-        if at_rounding(point) or not _is_white(point):
+        shown = np.sqrt(near.counts.sum() / sum(e.n_samples for e in base.experiments))
+        if near.looseness * shown > HOPELESS * loosest:
             return False
-        self._keep(poles, passes)
-        self.known = Known(poles, whole)
+        end = self.end
+        if end is None or not np.allclose(end.near, near.poles, rtol=ALIKE, atol=0.0):
+            end = self.end = _end_of(base, variants, near, loosest)
+        if end is None or end.point.looseness > loosest or not _is_white(end.point):
+            return False
+        self._keep(end.poles, [*passes, *end.passes])
+        self.known = Known(end.poles, end.whole, end.alone)
         return True
+
+    def saw_white(self, point: Point) -> bool:
+        """Whether the search saw that the residual of this very point passes for white noise."""
+        known = self.known
+        return known is not None and known.white and np.array_equal(known.poles, point.poles)
 
     def again(self, base: Problem, variant: Variant, poles: Complex) -> Complex:
         """Another way in, after the end turned out to lie at a limit: runaway poles put back.
@@ -349,10 +414,11 @@ class Search:
         reachable: float,
         best: Point | None,
         name: str,
+        most: int = MOST_ADAPTED,
     ) -> Point:
         """Adapted passes and, where they do not reach the criterion, steps on the cost."""
         own = Recorder()
-        point = adapt(base, variant, poles, own)
+        point = adapt(base, variant, poles, own, most)
         if criterion(point) >= reachable:
             at = partial(evaluate_variant, base, variant)
             point = finish(at, evaluate_variant(base, variant, point.poles), own, MOST_TRIED)[0]
@@ -384,6 +450,29 @@ class Search:
             name = where + "numerators of full degree first"
             best = self._adapted(base, variant, point.poles, reachable, best, name)
         return best
+
+
+def _end_of(base: Problem, variants: Sequence[Variant], near: Point, loosest: float) -> End | None:
+    """Where a window's poles lead on the whole record; None where that is no end of use."""
+    poles, variant = _sharpened(base, near.poles), variants[-1]
+    bank = bank_of(base, poles, 2)[0]
+    whole = tuple(regress(e, bank) for e in base.experiments)
+    point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
+    if at_rounding(point) or point.looseness > HOPELESS * loosest:
+        return None
+    alone = len(variants) == 1 and _is_all_of(variant, base)
+    own = Recorder()
+    if alone:
+        point = finish(partial(evaluate, variant.problem(base)), point, own)[0]
+        poles, whole = point.poles, point.regressions
+    return End(near.poles, poles, point, whole, alone, tuple(own.passes))
+
+
+def _is_all_of(variant: Variant, base: Problem) -> bool:
+    """Whether a choice of nuisance terms leaves out none that the problem has, and adds none."""
+    own = (variant.free, variant.offset, variant.drift)
+    same = all((e.free, e.offset, e.drift) == own for e in base.experiments)
+    return same and all(constants is None for constants in variant.constants)
 
 
 def _sharpened(base: Problem, poles: Complex) -> Complex:

@@ -6,7 +6,9 @@ Two of them complement each other.
 edges. The whole record in little, good for dynamics slower than a block.
 
 *Window*: a stretch at the full rate, where the output moves most, with a free initial state.
-Good for dynamics that are shorter than the window.
+Good for dynamics that are shorter than the window. A record that starts at rest, or in equilibrium,
+gives its beginning, if the output moves there too: the initial state is known, which halves the
+columns.
 
 Delays stay what they are, in seconds. Where time is not uniform the averages are weighted by the
 time between the samples.
@@ -19,12 +21,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Experiment
 
+Array = NDArray[np.float64]
+
 LARGE = 5_000
+AS_GOOD = 0.5
 SMALL = 2_000
 
 
@@ -64,28 +70,34 @@ def _averaged(e: Experiment, block: int) -> Experiment:
     if count < 2:
         return e
     kept = count * block
-    edges = e.instants[:kept:block]
-    # in the last block the input is held to its end
-    spans = np.diff(e.instants[: kept + 1])
-    spans = np.append(spans, spans[-1:])[:kept].reshape(count, block, 1)
-    u = (e.u[:kept].reshape(count, block, -1) * spans).sum(axis=1) / spans.sum(axis=1)
+    u = e.u[:kept].reshape(count, block, -1)
+    if e.t is None:
+        u = u.mean(axis=1)
+    else:
+        # in the last block the input is held to its end
+        spans = np.diff(e.t[: kept + 1])
+        spans = np.append(spans, spans[-1:])[:kept].reshape(count, block, 1)
+        u = (u * spans).sum(axis=1) / spans.sum(axis=1)
     start = -(-e.start // block)
     y = e.y[:kept:block].copy()
     y[:start] = np.nan
+    t = None if e.t is None else e.t[:kept:block]
     return replace(
         e,
         u=np.ascontiguousarray(u),
         y=y,
-        dt=e.dt * block if e.t is None else typical_step(edges),
+        dt=e.dt * block if t is None else typical_step(t),
         intersample="zoh",
         noise=(),
-        t=None if e.t is None else edges,
+        t=t,
         start=start,
     )
 
 
 def window(problem: Problem, samples: int = SMALL) -> Problem:
-    """A stretch of the longest experiment where the output moves most, initial state free.
+    """A stretch of the longest experiment where the output moves most.
+
+    The initial state is free, but at the beginning of a record where it is known.
 
     Parameters
     ----------
@@ -108,21 +120,34 @@ def window(problem: Problem, samples: int = SMALL) -> Problem:
         float(weights @ (second[k : k + 2].sum(0) - first[k : k + 2].sum(0) ** 2 / length))
         for k in range(len(starts))
     ]
-    start = starts[int(np.argmax(movement))]
+    most = int(np.argmax(movement))
+    known = not e.free and movement[0] >= AS_GOOD * movement[most]
+    known = known and _is_driven(e.u[:length], e.u[starts[most] : starts[most] + length])
+    start = 0 if known else starts[most]
     part = slice(start, start + length)
-    since = e.instants[part] - e.instants[start]
-    arrived = int(np.searchsorted(since, longest - 1e-6 * e.dt)) if longest else 0
+    since = None if e.t is None else e.t[part] - e.t[start]
+    arrived = e.start
+    if not known:
+        late = np.arange(length) * e.dt if since is None else since
+        arrived = int(np.searchsorted(late, longest - 1e-6 * e.dt)) if longest else 0
     y = e.y[part].copy()
     y[:arrived] = np.nan
     piece = replace(
         e,
         u=np.ascontiguousarray(e.u[part]),
         y=y,
-        free=True,
-        t=None if e.t is None else since,
+        free=not known,
+        t=since,
         start=arrived,
     )
     return problem.over([piece])
+
+
+def _is_driven(begun: Array, other: Array) -> bool:
+    """Whether inputs from rest do about as much in the one stretch as in the other."""
+    moved = other - other.mean(axis=0)
+    energy = np.einsum("ij,ij->j", begun, begun)
+    return bool(np.all(energy >= AS_GOOD * np.einsum("ij,ij->j", moved, moved)) and np.all(energy))
 
 
 def free_variant(problem: Problem) -> Variant:
