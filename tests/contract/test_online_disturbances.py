@@ -372,7 +372,7 @@ def test_a_step_of_the_coefficients_is_found(key, change):
     """Within 50 s of 500, none before, and what comes after is the new plant."""
     when, second = 10_000, CHANGES[change]
     u, y = changing(20_000, when, TRUTH, second)
-    run = online.run(PLAIN[key], Record(u, y, dt=DT), ASKED, every=1.0)
+    run = online.run(PLAIN[key], Record(u, y, dt=DT), ASKED, every=25.0)
     assert run.state.changes, "no change found"
     assert when <= run.state.changes[0] <= when + 1000
     assert run.state.seen & Flag.CHANGED
