@@ -114,3 +114,6 @@ def take_clocks(old: Array, was: Blueprint, x: Array, blueprint: Blueprint, kept
     x[intake.BORN] = old[intake.TIME] - x[intake.TIME]
     x[intake.TIME] = old[intake.TIME]
     x[intake.SINCE], x[intake.EVENT] = float(kept), 0.0
+    first, last = int(was.ints[intake.AT_LARGEST]), int(was.ints[intake.AT_CHUNK])
+    to = int(blueprint.ints[intake.AT_LARGEST])
+    x[to : to + last - first] = old[first:last]
