@@ -38,7 +38,7 @@ def signals(seed, n_samples=1000, noise=0.05):
 
 
 def stream(method, u, y, dt=DT):
-    return online.run(method, Record(u, y, dt=dt), Structure(2, 1, **REST))
+    return online.run(method, Record(u, y, dt=dt), Structure(2, 1, **REST), every=250 * dt)
 
 
 @every_method
@@ -112,11 +112,11 @@ def test_what_comes_later_does_not_change_what_was_said(key, seed, later):
     other_y[later:] = rng.standard_normal(1000 - later)
     structure, method = Structure(2, 1, **REST), METHODS[key](1.0)
     runs = [
-        online.run(method, Record(*pair, dt=DT), structure, every=5 * DT)
+        online.run(method, Record(*pair, dt=DT), structure, every=50 * DT)
         for pair in ((u, y), (other_u, other_y))
     ]
     before = runs[0].time < (later - 0.5) * DT
-    assert before.sum() > 90
+    assert before.sum() >= 9
     assert np.array_equal(runs[0].theta[before], runs[1].theta[before], equal_nan=True)
     assert np.array_equal(runs[0].std[before], runs[1].std[before], equal_nan=True)
     assert np.array_equal(runs[0].innovations[:later], runs[1].innovations[:later], equal_nan=True)

@@ -99,7 +99,7 @@ def drawn(request):
     """(truth, bound, estimates, standard errors); a draw that fails fails the test."""
     case = BENCHMARKS[request.param]
     found = [
-        online.run(online.ThreeModel(), record, case.structure).estimate
+        online.run(online.ThreeModel(), record, case.structure, every=1e9).estimate
         for record in case.draws(DRAWS)
     ]
     values = np.array([estimate.theta for estimate in found])
