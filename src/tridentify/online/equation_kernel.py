@@ -19,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled, correct, drift, predict, solve_triangle
-from tridentify.online.intake import (
+from tridentify.online.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.parallel_kernel import absorb, refuse
+from tridentify.online.slots import (
     ALARMED,
     AT_BEFORE,
     AT_COVARIANCE,
@@ -77,14 +79,7 @@ from tridentify.online.intake import (
     UPPER,
     WALKERS,
     WATCH,
-    count,
-    doubt,
-    learn,
-    noise_scale,
-    take_in,
-    watch,
 )
-from tridentify.online.parallel_kernel import absorb, refuse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]

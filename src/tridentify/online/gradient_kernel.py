@@ -22,7 +22,34 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import along, compiled, descend
-from tridentify.online.intake import (
+from tridentify.online.gradient_slots import (
+    ANSWERS,
+    C_FITS,
+    C_SECOND,
+    FROM,
+    KEPT,
+    KNOWN,
+    MEMORY,
+    MOMENTS,
+    OWN,
+    PACE,
+    PARALLEL_UNKNOWNS,
+    POLES,
+    RATE,
+    READY,
+    SERIES,
+    SERIES_UNKNOWNS,
+    SUMMED,
+    WHITE,
+    X_FITS,
+    X_MOMENTS,
+    X_ROOM,
+    X_SECOND,
+    fits_stride,
+)
+from tridentify.online.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.parallel_kernel import advance, complete_row, refuse
+from tridentify.online.slots import (
     ALARMED,
     AT_ROW,
     AT_WATCH,
@@ -41,53 +68,24 @@ from tridentify.online.intake import (
     INNOVATION,
     INPUTS,
     LARGE,
-    MOST_REFUSED,
     MOVED,
     NOT_EXCITED,
     NOT_READY,
     ORDER,
-    OUTLIER,
     OUTPUTS,
     REFUSED,
     SCALE,
     SINCE,
     SQUARES,
     TAKEN,
-    TOLD,
     WATCH,
-    count,
-    doubt,
-    learn,
-    noise_scale,
-    take_in,
-    watch,
 )
-from tridentify.online.parallel_kernel import advance, complete_row
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# places in ints
-(
-    SERIES, PARALLEL_UNKNOWNS, SERIES_UNKNOWNS, POLES, ANSWERS, KEPT, OWN, C_FITS, C_SECOND, X_FITS,
-    X_SECOND, X_MOMENTS, X_ROOM,
-) = range(51, 64)  # fmt: skip
 
-# places in c
-RATE, KNOWN, READY, PACE = range(4, 8)
-
-# slots of x
-FROM, MOMENTS, SUMMED = 13, 14, 15
-
-MEMORY = 6.0
-WHITE = 0.25
-
-
-@compiled("int64(int64[::1])")
-def fits_stride(ints: Ints) -> int:
-    """Numbers in ``c`` for the fits of one output."""
-    n, k1, k3 = ints[COLUMNS], ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS]
-    return int(k1 * (n + k1) + n + k3 * (n + k3) + ints[OWN] * n + 1)
+stride_of = compiled("int64(int64[::1])")(fits_stride)
 
 
 @compiled("void(float64[::1], float64[::1], int64, int64, int64, int64, int64, int64)")
@@ -175,7 +173,7 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
     k1, k3, row = ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS], ints[AT_ROW]
     w = ints[AT_WATCH] + output * ints[WATCH]
     y = x[INBOX + ints[INPUTS] + output]
-    t1 = ints[C_FITS] + output * fits_stride(ints)
+    t1 = ints[C_FITS] + output * stride_of(ints)
     t0 = t1 + k1 * (n + k1)
     t3 = t0 + n
     theta1 = ints[X_FITS] + output * (k1 + k3 + 2)
@@ -197,17 +195,14 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
     taken = x[w + TAKEN]
     ready = c[READY] > 0.0 and taken > 10.0 * n + 30.0 and leverage < WHITE
     known = x[w + SCALE] > 0.0
-    if doubt(x, w, y, fitted, leverage, n):
-        if int(x[FLAGS]) & OUTLIER:
-            x[w + REFUSED] += 1.0
-            watch(ints, c, x, w, first, TOLD if error > 0.0 else -TOLD, ready)
-            if x[w + REFUSED] > MOST_REFUSED:
-                x[w + MOVED] = 1.0
+    scale = noise_scale(x, w)
+    if doubt(x, w, y, fitted, leverage, scale * np.sqrt(1.0 + leverage), n):
+        refuse(ints, c, x, w, first, error, ready)
         return float(error)
     x[w + REFUSED] = 0.0
     v = error / np.sqrt(1.0 + leverage)
     if known:
-        z = v / noise_scale(x, w)
+        z = v / scale
         watch(ints, c, x, w, first, min(max(z, -LARGE), LARGE), ready)
     move(c, x, theta1, k1, phi1, t1 + k1 * n, taken, step, 1.0, y - parallel)
     if ints[SERIES]:
@@ -240,7 +235,7 @@ def second(
     """Step 2 on the output of the series model, or of the parallel one before there is another."""
     k1, k3, row = ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS], ints[AT_ROW]
     m, q, d, kept, poles = ints[INPUTS], ints[ORDER], ints[ANSWERS], ints[KEPT], ints[POLES]
-    base = ints[C_FITS] + output * fits_stride(ints)
+    base = ints[C_FITS] + output * stride_of(ints)
     t0 = base + k1 * (n + k1)
     t3 = t0 + n
     t2 = t3 + k3 * (n + k3)

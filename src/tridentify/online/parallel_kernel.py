@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled, forget, innovate, rotate
-from tridentify.online.intake import (
+from tridentify.online.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.slots import (
     ALARMED,
     AT_FACTOR,
     AT_LINE,
@@ -32,8 +33,11 @@ from tridentify.online.intake import (
     C_TAPS,
     COLLECTING,
     COLUMNS,
+    CUT,
+    DIRECTIONAL,
     DRIFT,
     EVENT,
+    EXPONENTIAL,
     FACTOR,
     FIRST,
     FITTED,
@@ -60,6 +64,7 @@ from tridentify.online.intake import (
     OUTPUTS,
     PACE,
     REFUSED,
+    RESETTING,
     SCALE,
     SINCE,
     SQUARES,
@@ -70,19 +75,10 @@ from tridentify.online.intake import (
     WATCH,
     WEIGHT,
     WEIGHT2,
-    count,
-    doubt,
-    learn,
-    noise_scale,
-    take_in,
-    watch,
 )
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-EXPONENTIAL, DIRECTIONAL, RESETTING = range(3)
-CUT = 0.1
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
