@@ -151,8 +151,8 @@ def _courses(ax: Any, data: dict[str, Any], k: int) -> None:
         ax.plot(time, theta[:, k], color=colours[name], linewidth=0.9, label=name)
     truth = list(TRUTH.values())[k](time)
     ax.plot(time, truth, color=BLACK, linewidth=1.2, linestyle="--", label="truth")
-    spread = np.ptp(truth) or 0.3 * truth[0]
-    ax.set_ylim(truth.min() - 0.4 * spread, truth.max() + 0.4 * spread)
+    spread = np.ptp(truth) or truth[0]
+    ax.set_ylim(truth.min() - 0.5 * spread, truth.max() + 0.5 * spread)
 
 
 def _against_memory(ax: Any, rows: dict[str, Any], k: int) -> None:
@@ -168,6 +168,7 @@ def _against_memory(ax: Any, rows: dict[str, Any], k: int) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_xticks(MEMORIES, [f"{m:g}" for m in MEMORIES])
+    ax.set_yticks((5, 10, 20, 50), ("5", "10", "20", "50"))
     ax.minorticks_off()
 
 
