@@ -32,7 +32,8 @@ time update of Thornton by weighted Gram-Schmidt; both keep ``D`` positive.
 *Gradient.* The rule ``d theta_i / dt = lambda_i eps phi_i`` over one interval ``h`` by the
 backward Euler method is ``theta' = theta + h lambda phi eps / (1 + h sum lambda_i phi_i^2)``: a
 normalised step that is stable for any ``lambda >= 0``, as the error after it is ``eps / (1 +
-...)``.
+...)``. With operators that are combinations ``S phi`` the rule moves ``theta`` along ``P phi, P =
+S' lambda S``, and the same holds with ``phi' P phi`` for any ``P`` without negative eigenvalues.
 
 All of them work in place on one vector, at offsets, so that a whole estimator is one plain array.
 They are compiled when this module is imported, so it is imported where it is needed.
@@ -323,3 +324,55 @@ def drift(
         x[work + j * m] = total
     for j in range(n):
         x[at + j] = x[work + j * m]
+
+
+@compiled("float64(float64[::1], int64, int64, float64[::1], int64, int64)")
+def along(x: Array, row: int, n: int, c: Array, gains: int, out: int) -> float:
+    """``P phi`` for a row, written to ``x[out : out + n]``; gives ``phi' P phi``.
+
+    Parameters
+    ----------
+    c : array
+        Holds ``P`` (n, n), row by row, from ``gains`` on.
+    """
+    total = 0.0
+    for i in range(n):
+        value = 0.0
+        at = gains + i * n
+        for j in range(n):
+            value += c[at + j] * x[row + j]
+        x[out + i] = value
+        total += x[row + i] * value
+    return total
+
+
+@compiled("void(float64[::1], int64, int64, int64, float64, float64, float64, float64)")
+def descend(
+    x: Array,
+    theta: int,
+    n: int,
+    direction: int,
+    size: float,
+    gain: float,
+    error: float,
+    weight: float,
+) -> None:
+    """One step of the gradient rule by the backward Euler method.
+
+    Parameters
+    ----------
+    direction : int
+        Where ``P phi`` stands (`along`).
+    size : float
+        ``phi' P phi`` times the weight.
+    gain : float
+        Rate times interval.
+    error : float
+        ``y - phi' theta`` before the step.
+    weight : float
+        Of its square.
+    """
+    share = gain * weight * error / (1.0 + gain * size)
+    if abs(share) < np.inf:
+        for i in range(n):
+            x[theta + i] += share * x[direction + i]

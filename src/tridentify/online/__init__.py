@@ -2,6 +2,7 @@
 
 from tridentify.online.equation import Kalman, RecursiveLeastSquares
 from tridentify.online.flags import Flag
+from tridentify.online.gradient import Gradient
 from tridentify.online.registry import ESTIMATORS
 from tridentify.online.run import Run, run
 from tridentify.online.seam import Estimator, NotReadyError
@@ -12,6 +13,7 @@ __all__ = [
     "ESTIMATORS",
     "Estimator",
     "Flag",
+    "Gradient",
     "Kalman",
     "NotReadyError",
     "RecursiveLeastSquares",

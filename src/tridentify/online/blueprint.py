@@ -209,6 +209,7 @@ def _blueprint(
     ints[intake.AT_LINE] = plan.take(m * int(ints[intake.LINE]))
     ints[intake.AT_REFERENCE] = plan.take(m)
     ints[intake.AT_FIRST_INPUT] = plan.take(m)
+    ints[intake.AT_LARGEST] = plan.take(2 * (m + p))
     ints[intake.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
     ints[intake.AT_CHUNK] = plan.take(int(ints[intake.CHUNK]) * (m + p + 1))
     judged = directions + directions * (directions + 1) // 2 + intake.SUMS

@@ -177,6 +177,7 @@ def equation_blueprint(
     ints[intake.AT_LINE] = plan.take(m * int(ints[intake.LINE]))
     ints[intake.AT_REFERENCE] = plan.take(m)
     ints[intake.AT_FIRST_INPUT] = plan.take(m)
+    ints[intake.AT_LARGEST] = plan.take(2 * (m + p))
     ints[intake.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
     ints[intake.AT_CHUNK] = plan.take(0)
     judged = coefficients + coefficients * (coefficients + 1) // 2 + intake.SUMS

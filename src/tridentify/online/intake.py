@@ -57,8 +57,8 @@ INBOX = 16
     C_DIRECT, C_START, AT_REFERENCE, EQUILIBRIUM, COLLECTING, AT_FIRST_INPUT, C_MAPS, C_EXTRA,
     DIRECTIONS, DIRECTIONS_STRIDE, AT_IMPULSE, AT_INPUTS, AT_OUTPUTS, AT_BEFORE, C_OUTPUT, C_BASIS,
     C_MONIC, C_ZEROS, AT_THETA, AT_GAIN, AT_COVARIANCE, FILTERING, WALKERS, C_WALK, C_WIDTHS,
-    COEFFICIENTS, LEARNING,
-) = range(51)  # fmt: skip
+    COEFFICIENTS, LEARNING, AT_LARGEST,
+) = range(52)  # fmt: skip
 N_INTS = 64
 
 # places in c
@@ -86,7 +86,7 @@ FAR, UNSURE = 6.0, 8.0
 TOLD, LARGE = 2.0, 3.0
 RARE = 0.01
 MOST_REFUSED = 25
-LARGEST = 1e100
+LARGEST, SENSELESS = 1e100, 1e6
 TRACE = 1e-5
 FLOOR_PACE = 16.0
 TO_SCALE = 1.4826022185056018  # of a normal's median modulus
@@ -95,6 +95,7 @@ LEVEL = 40.0
 SCALES, PER_SCALE, SUMS = 3, 16, 4
 IDLE_SHARE = 0.01
 IDLE_BLOCKS = 8.0
+HELD_BLOCKS = 2.0
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], float64)", inline=True)
@@ -104,6 +105,20 @@ def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
     flags = CHANGED if x[COUNT] < x[ALARM] else 0
     x[EVENT] = 0.0
     line, at = ints[LINE], ints[AT_LINE]
+    for k in range(m + p):
+        # a value a million times the largest so far is none; three in a row are
+        size = abs(x[INBOX + k])
+        most = ints[AT_LARGEST] + 2 * k
+        if size <= SENSELESS * x[most] or x[most] == 0.0 or x[most + 1] >= 2.0:
+            if size < LARGEST:
+                x[most] = max(x[most], size)
+                x[most + 1] = 0.0
+        elif size < LARGEST:
+            x[most + 1] += 1.0
+            x[INBOX + k] = np.nan
+            flags |= OUTLIER
+        if k >= m and not (abs(x[INBOX + k]) < LARGEST):
+            flags |= MISSING_OUTPUT
     for j in range(m):
         u = x[INBOX + j]
         own = at + j * line
@@ -233,7 +248,9 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     width = k + k * (k + 1) // 2
     own = w + SCORES + k + scale * (width + SUMS)
     state = own + width
-    if scale + 1 < SCALES:
+    # while the input rests there is nothing to judge by
+    resting = scale == 0 and x[w + IDLE] > 0.0
+    if scale + 1 < SCALES and not resting:
         for i in range(width):
             x[own + width + SUMS + i] += x[own + i]
     usual = w + SCORES + k + SCALES * (width + SUMS)
@@ -273,7 +290,7 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
         x[w + IDLE] = x[w + IDLE] + 1.0 if idle else 0.0
     for i in range(width):
         x[own + i] = 0.0
-    if ready and directions > 0:
+    if ready and directions > 0 and not (resting or idle):
         ratio = total / directions
         norm = 1.0 + x[state + 1]
         x[state + 3] += 1.0

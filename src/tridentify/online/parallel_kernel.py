@@ -40,6 +40,7 @@ from tridentify.online.intake import (
     FLAGS,
     FORGETTING,
     FREE,
+    HELD_BLOCKS,
     IDLE,
     IDLE_BLOCKS,
     INBOX,
@@ -47,6 +48,7 @@ from tridentify.online.intake import (
     INPUTS,
     KIND,
     LARGE,
+    LEARNING,
     LINE,
     MOST_REFUSED,
     MOVED,
@@ -207,6 +209,8 @@ def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, 
         z = v / scale
         z = min(max(z, -LARGE), LARGE)
         watch(ints, c, x, w, first, z, ready)
+    if ints[LEARNING] > 0 and x[w + IDLE] >= HELD_BLOCKS:
+        return error
     factor = c[FORGETTING]
     kind = ints[KIND]
     kept = 1.0

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 from tridentify.online.equation import Kalman, RecursiveLeastSquares
+from tridentify.online.gradient import Gradient
 from tridentify.online.seam import Estimator
 from tridentify.online.three_model import ThreeModel
 
@@ -14,6 +15,7 @@ ESTIMATORS: Mapping[str, Callable[[], Estimator]] = MappingProxyType(
         "three-model": ThreeModel,
         "recursive-least-squares": RecursiveLeastSquares,
         "kalman": Kalman,
+        "gradient": Gradient,
     }
 )
 """Name -> estimator with its default options; the command line and the contract tests read it."""

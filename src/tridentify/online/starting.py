@@ -63,7 +63,9 @@ def calm(x: Array, stage: Stage) -> None:
     """Forget what led to an alarm."""
     for i in range(stage.setting.n_outputs):
         w = watch_of(stage.blueprint, i)
-        end = w + int(stage.blueprint.ints[intake.WATCH])
+        # what is usual of the excitation stays
+        ints = stage.blueprint.ints
+        end = w + int(ints[intake.WATCH] - ints[intake.DIRECTIONS])
         x[w + intake.SCORES : end] = 0.0
         x[w + intake.INSIDE] = 0.0
         x[w + intake.MOVED] = 0.0
@@ -114,3 +116,6 @@ def take_clocks(old: Array, was: Blueprint, x: Array, blueprint: Blueprint, kept
     x[intake.BORN] = old[intake.TIME] - x[intake.TIME]
     x[intake.TIME] = old[intake.TIME]
     x[intake.SINCE], x[intake.EVENT] = float(kept), 0.0
+    first, last = int(was.ints[intake.AT_LARGEST]), int(was.ints[intake.AT_CHUNK])
+    to = int(blueprint.ints[intake.AT_LARGEST])
+    x[to : to + last - first] = old[first:last]

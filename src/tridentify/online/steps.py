@@ -13,7 +13,7 @@ from tridentify.numerics.realization import Complex
 from tridentify.online import intake
 from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
-from tridentify.output_error.finish import Recorder, criterion, finish
+from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finish
 from tridentify.output_error.nuisance import Nuisances
 from tridentify.output_error.point import Point, evaluate_variant, linear_blocks
 from tridentify.output_error.problem import Problem, Variant
@@ -126,7 +126,7 @@ def _solved(
     def at(trial: Complex) -> Point:
         return evaluate_variant(base, variant, trial)
 
-    point, status, why = finish(at, at(admissible), recorder)
+    point, status, why = finish(at, at(admissible), recorder, settled=SETTLED_LONG)
     return Solution(point, status, why, nuisances, recorder, criterion(point))
 
 

@@ -254,6 +254,10 @@ def carried(old: Blueprint, x: Array, new: Blueprint) -> Array:
         was, is_ = watch_of(old, i), watch_of(new, i)
         found[is_ : is_ + intake.SCORES] = x[was : was + intake.SCORES]
         found[is_ + intake.INSIDE] = 0.0
+        count = int(a[intake.DIRECTIONS])
+        if count and count == b[intake.DIRECTIONS]:
+            end, stop = was + int(a[intake.WATCH]), is_ + int(b[intake.WATCH])
+            found[stop - count : stop] = x[end - count : end]
     return found
 
 

@@ -1,0 +1,605 @@
+"""The three models on-line as the paper has them: every weight by the gradient rule.
+
+    d beta_i / dt = lambda_i eps phi_i                                     (paper, Step 1)
+
+moves the weights of all three models with every sample, in cascade:
+
+*Step 1*, the parallel model ``y_M = sum beta_i W_i u``. ``W_i`` are orthonormal functions: Laguerre
+functions, which span what the all-pass powers of the paper's eq. (4) span, or those on the poles of
+the model, twice each.
+
+*Step 2*, the series-parallel model on a noise-free output, ``eps = (a / c) y_M - (b / c) u``. Its
+regressors are ``y_M`` and ``u`` through the filter; as ``y_M`` is a combination of the states of a
+bank, so are they, with weights that are linear in the present ``beta``. Nothing is lost between the
+samples.
+
+*Step 3*, the series model ``y ~ (b_hat / a_hat) u + sum beta_i W_i (b_hat / a_hat) u``, with the
+model as of the last tick. A weight of ``W_0 = 1`` can only scale ``b_hat``. Where ``b`` has several
+coefficients each of them gets a weight, ``sum_j beta_j (p^j / a_hat) u``; for a constant ``b``
+that is the paper's model. The regressors are then the derivatives of the output with respect to
+all coefficients, so a point where nothing moves is a stationary point of the output error.
+
+*Step 4*: from the first tick on Step 2 works on the output of Step 3. At a tick the model becomes
+what Step 2 has found, ``c`` its denominator, and the bank moves on to its poles, three times each;
+states and weights go over so that the parallel model does not jump, and Steps 2 and 3 begin anew at
+the same physical model, ``beta = (1, 0, ..., 0)``. A model that has hardly moved, such that what is
+of second order in the move stays below the standard error, is left as it is.
+
+*Step length.* Backward Euler over a sample is stable for any rate (`numerics.recursive`).
+``lambda_i`` is ``rate`` over the mean square of ``phi_i``: then a coefficient has the time constant
+``1 / rate`` whatever the units, if the regressors are orthogonal. The paper asks for operators that
+are; functions that are orthonormal for white noise are not for a recorded input, and the rule is
+then slower by the condition number of their correlations, often thousands. So at each tick the
+operators are made orthogonal for the input seen, by the running mean of ``z z'``
+(``orthogonal=False`` leaves them as they are). Directions that carry less than 1e-8 of what
+their members do are left slow.
+
+*Averages.* At a fixed rate the weights never come to rest: they hold the noise of the last ``1 /
+rate`` seconds. The mean over many time constants is as good as least squares (Polyak & Juditsky
+1992). Step 2's coefficients are averaged over periods of six time constants. If ``rate`` is not
+given the clock slows down: when there are sixteen periods they are joined two by two, the period
+doubles and the rate is halved, so that the gain falls like ``1 / t`` and the estimate, the mean
+over all but the oldest quarter (and the first two periods), converges. A ``rate`` that is given
+stays, and the mean is over the last six periods: that is for coefficients that move. One over the
+rate should be many samples for each unknown; a rate near one over the sampling interval is stable
+but biased, as Step 2 then works on the noise that Step 3 has followed.
+
+*Standard errors* are those of the scatter of ten or more periods (batch means), widened by
+Student's distribution; with fewer they are those of least squares over the samples averaged, for
+white noise. Neither tells of a bias or a lag: what a convergence that is not complete leaves, or
+coefficients that move. The regressors of Step 2 hold what noise the weights of Step 3 carry: a bias
+of second order, which shrinks with the rate.
+
+References
+----------
+A. Silvestrov, M. Ostroverkhov, L. Spinul, O. Khalimovskyy, H. Veshchykov, System Research and
+Information Technologies 2025(2).
+B. T. Polyak, A. B. Juditsky, SIAM J. Control Optim. 30(4) (1992), 838-855.
+L. Ljung, T. Soderstrom, Theory and Practice of Recursive Identification, MIT Press 1983.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import OptionError, UnsupportedError, shown
+from tridentify.estimate import Estimate, Status, Trace
+from tridentify.methods.filtered import checked_filter
+from tridentify.numerics.realization import denominator, sort_poles
+from tridentify.numerics.threads import one_blas_thread
+from tridentify.online import gradient_kernel as kernel
+from tridentify.online import intake
+from tridentify.online.blueprint import (
+    Blueprint,
+    Nuisance,
+    Setting,
+    collecting,
+    constants_for,
+    fresh,
+    watch_of,
+)
+from tridentify.online.gradient_kernel import gradient_run, gradient_step
+from tridentify.online.gradient_periods import (
+    SURE,
+    average,
+    begin_period,
+    coefficients_of,
+    columns_between,
+    expected_covariance,
+    first_rate,
+    fitted_to,
+    mean_of,
+    near_enough,
+    outputs_of,
+    present,
+    samples_of_period,
+    scatter,
+    stable_poles,
+    used_of,
+)
+from tridentify.online.gradient_plan import (
+    Basis,
+    Tables,
+    plan,
+    size_of,
+)
+from tridentify.online.gradient_vector import (
+    as_expected,
+    models_of,
+    moments_of,
+    noise_of,
+    put_parallel,
+    put_unknowns,
+    refer,
+    signals_of,
+    still_series,
+    write_moments,
+)
+from tridentify.online.result import assembled
+from tridentify.online.seam import Estimator, check_choice, kept_samples, not_ready
+from tridentify.online.search import (
+    checked_start,
+    far_off,
+    first_try,
+    next_try,
+    poles_of_start,
+    search,
+)
+from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
+from tridentify.online.state import Stage, State
+from tridentify.online.summary import carried
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+
+MOST_KEPT = 2000
+ALARM_LASTS = 200
+WARM_UP = 10
+MOST_PERIODS, FIXED_PERIODS = 16, 8
+SCATTERED = 10
+LINEAR = 0.1
+SETTLING = 2
+
+
+@dataclass(frozen=True)
+class Gradient(Estimator):
+    """The three models by the gradient rule, one sample at a time.
+
+    Parameters
+    ----------
+    rate : float, optional
+        One over the time constant of every weight [1/s]. Without it the rate begins with what the
+        first samples suggest and falls like one over the time, so that the estimate converges.
+    gamma : float, optional
+        Parameter of the Laguerre functions of the paper's fixed basis [rad/s]: then nothing is
+        searched, and the strategy begins on this basis.
+    n_operators : int
+        How many of them.
+    filter : sequence of float, optional
+        Coefficients of the first ``c(p)``, descending powers; by default ``(p + gamma)^(n + 1)``.
+        Given without ``gamma``, the latter is the geometric mean of its roots' magnitudes.
+    start : TransferFunction or Estimate, optional
+        Model to begin with; without it and without ``gamma`` the first samples are searched.
+    on_change : {"restart", "flag"}
+        Whether a change of the coefficients makes the estimator begin anew, or is only flagged.
+    orthogonal : bool
+        Whether the operators are made orthogonal for the input that was seen.
+
+    Raises
+    ------
+    OptionError
+        An option is out of range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, online, simulate
+    >>> u = np.sign(np.sin(np.arange(2000) ** 1.5))
+    >>> y = simulate(TransferFunction([0.5], [1.0, 1.0, 3.0]), Record(u, u, dt=0.05))
+    >>> method = online.Gradient(gamma=2.0, filter=(1.0, 5.0, 6.0, 7.0))
+    >>> run = online.run(method, Record(u, y, dt=0.05), Structure(2, 0))
+    >>> run.estimate.theta.round(2).tolist()
+    [1.0, 3.0, 0.5]
+    """
+
+    rate: float | None = None
+    gamma: float | None = None
+    n_operators: int = 3
+    filter: tuple[float, ...] | None = None
+    start: TransferFunction | None = None
+    on_change: str = "restart"
+    orthogonal: bool = True
+
+    name: ClassVar[str] = "gradient"
+    step_kernel = staticmethod(gradient_step)
+    run_kernel = staticmethod(gradient_run)
+
+    def __post_init__(self) -> None:
+        _check_above_zero("rate", self.rate, "1/s")
+        _check_above_zero("gamma", self.gamma, "rad/s")
+        whole = isinstance(self.n_operators, int) and not isinstance(self.n_operators, bool)
+        if not whole or self.n_operators < 1:
+            raise OptionError(
+                f"found n_operators={shown(self.n_operators)}; expected a whole number above zero; "
+                "correct it"
+            )
+        object.__setattr__(self, "filter", checked_filter(self.filter))
+        object.__setattr__(self, "start", checked_start(self.start))
+        check_choice("on_change", self.on_change, ("restart", "flag"))
+        if self.start is not None and self.fixed:
+            raise OptionError(
+                "found start with gamma or filter; expected one of the two, as both say where to "
+                "begin; leave one out"
+            )
+
+    @property
+    def fixed(self) -> bool:
+        """Whether it begins on the fixed basis of the paper."""
+        return self.gamma is not None or self.filter is not None
+
+    # ------------------------------------------------------------------------------ the beginning
+    def begin(self, setting: Setting) -> State:
+        """The state before the first sample."""
+        if setting.structure.drift is True:
+            raise UnsupportedError(
+                f"found drift=True; {self.name} on-line estimates no drift; leave it out, or use "
+                "online.ThreeModel()"
+            )
+        if not self.fixed and self.start is None:
+            blueprint = collecting(setting)
+            x = fresh(blueprint)
+            x[intake.TICK] = first_try(setting)
+            return State(x, Stage(self, setting, blueprint, blueprint.poles))
+        nuisance = _nuisance(setting, False)
+        if self.start is None:
+            basis = self._paper_basis(setting, nuisance)
+            return self._begun(basis, np.zeros(basis.unknowns))
+        poles = poles_of_start(self.start, setting)
+        basis = Basis.on_model(setting, nuisance, poles)
+        return self._begun(basis, basis.unknowns_of(coefficients_of(self.start, setting)))
+
+    def _paper_basis(self, setting: Setting, nuisance: Nuisance) -> Basis:
+        n, gamma = setting.n_poles, self.gamma
+        if self.filter is None:
+            assert gamma is not None
+            poles = np.full(n + 1, -gamma, dtype=np.complex128)
+        else:
+            poles = sort_poles(np.roots(self.filter).astype(np.complex128))
+            if gamma is None:
+                gamma = float(np.exp(np.mean(np.log(np.abs(poles)))))
+        if poles.size < n:
+            raise OptionError(
+                f"found filter={self.filter} of degree {poles.size} with {n} poles; expected a "
+                "degree of at least the number of poles; raise the degree"
+            )
+        return Basis.fixed(setting, nuisance, gamma, self.n_operators, poles)
+
+    def _begun(self, basis: Basis, unknowns: Array) -> State:
+        """With nothing known of the input."""
+        setting = basis.setting
+        blueprint = plan(basis)
+        rate = self.rate or first_rate(basis, 0.0)
+        models = outputs_of(basis, unknowns)
+        tables = self._tables(basis, models, models, None, np.ones(setting.n_outputs))
+        quick = max(rate, 1.0 / (WARM_UP * setting.dt))
+        blueprint = replace(tables, rate=quick).written(basis, blueprint)
+        x = fresh(blueprint)
+        x[kernel.FROM] = np.inf
+        x[intake.TICK] = setting.late + WARM_UP * (basis.unknowns + setting.n_inputs)
+        put_unknowns(blueprint, x, unknowns)
+        stage = Stage(self, setting, blueprint, basis.filter_poles, searching=False)
+        return State(x, stage.but(extra=_extra(np.zeros((0, 0)), rate, 0)))
+
+    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
+        """Length of the vector that goes with a blueprint."""
+        return size_of(blueprint) if blueprint.poles.size else collecting(setting).size
+
+    def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
+        """``c`` for samples that come after other intervals."""
+        return constants_for(blueprint, setting, intervals)
+
+    # ------------------------------------------------------------------------------- the slow clock
+    def tick(self, state: State) -> State:
+        """Search, or let the model follow Step 2."""
+        with one_blas_thread():
+            return self._search(state) if state.stage.searching else self._follow(state)
+
+    def _search(self, state: State) -> State:
+        x, stage = state
+        setting = stage.setting
+        samples = far_off(setting, kept_samples(state))
+        begun_anew = x[intake.COUNT] > len(samples)
+        found = search(setting, samples, begun_anew)
+        full = len(samples) >= MOST_KEPT
+        if found is None or not (found.certain or full):
+            x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
+            return shortened(state, samples) if full else state
+        poles = admissible(setting, found.poles, samples)
+        basis = Basis.on_model(setting, _nuisance(setting, begun_anew), poles)
+        rows = self._rows(x, stage, basis, samples)
+        unknowns, models = fitted_to(basis, rows, samples)
+        constant, matrix = basis.physical
+        theta = constant + matrix @ unknowns
+        moments = rows.T @ rows / len(rows)
+        cov = expected_covariance(basis, models, moments, found.noise_std**2, len(rows))[0]
+        a = slice(0, setting.n_poles)
+        near = np.all(np.isfinite(cov)) and np.all(
+            np.sqrt(np.diagonal(cov)[a]) < LINEAR * np.abs(theta[a])
+        )
+        if not near and not full:
+            x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
+            return state
+        tables = self._tables(basis, models, models, moments, found.noise_std**2)
+        begun = self._replayed(state, basis, samples, tables, unknowns, found.noise_std)
+        cleaned = without(samples, begun[1], setting.n_inputs)
+        if cleaned is None:
+            return begun[0]
+        unknowns, models = fitted_to(basis, rows, cleaned)
+        tables = replace(tables, models=models, signals=models)
+        return self._replayed(state, basis, cleaned, tables, unknowns, found.noise_std)[0]
+
+    def _replayed(
+        self, state: State, basis: Basis, samples: Array, tables: Tables, unknowns: Array,
+        noise: Array,
+    ) -> tuple[State, NDArray[np.int64]]:  # fmt: skip
+        """The kept samples on the bank of the model that was found in them, and their flags."""
+        old, stage = state
+        setting, count = stage.setting, float(len(samples))
+        rate = self.rate or first_rate(basis, count)
+        assert tables.moments is not None
+        blueprint = replace(tables, rate=rate).written(basis, plan(basis))
+        x = fresh(blueprint)
+        refer(old, x, blueprint)
+        for i in range(setting.n_outputs):
+            x[watch_of(blueprint, i) + intake.SCALE] = noise[i]
+        write_moments(blueprint, x, tables.moments, count)
+        put_unknowns(blueprint, x, unknowns)
+        x[kernel.FROM] = np.inf
+        flags = run_kept(self, setting, blueprint, x, samples)
+        take_clocks(old, stage.blueprint, x, blueprint, len(samples))
+        x[intake.FILLED] = 0.0
+        put_unknowns(blueprint, x, unknowns)
+        still_series(basis, blueprint, x)
+        constant, matrix = basis.physical
+        first = np.concatenate([[count], constant + matrix @ unknowns])
+        found = stage.but(
+            blueprint=blueprint, poles=basis.filter_poles, past=(), searching=False,
+            extra=_extra(first[None, :], rate, 0),
+        )  # fmt: skip
+        calm(x, found)
+        begin_period(x, setting, rate, rested=False)
+        return State(x, found), flags
+
+    def _rows(self, old: Array, stage: Stage, basis: Basis, samples: Array) -> Array:
+        """The row of each kept sample."""
+        setting, blueprint = stage.setting, plan(basis)
+        x = fresh(blueprint)
+        refer(old, x, blueprint)
+        n, at, m = blueprint.n_columns, int(blueprint.ints[intake.AT_ROW]), setting.n_inputs
+        rows = np.zeros((len(samples), n))
+        for k, after in enumerate(samples[:, 0].tolist()):
+            c = blueprint.constants
+            if k and abs(after - setting.dt) > 1e-9 * setting.dt:
+                c = constants_for(blueprint, setting, np.array([after]))[0]
+            x[intake.INBOX : intake.INBOX + m] = samples[k, 1 : 1 + m]
+            x[intake.INBOX + m : intake.INBOX + samples.shape[1] - 1] = samples[k, 1 + m :]
+            gradient_step(blueprint.ints, c, x, after)
+            if not (basis.nuisance.free and k < setting.late):
+                rows[k, int(x[intake.FIRST]) :] = x[at + int(x[intake.FIRST]) : at + n]
+        return rows
+
+    def _follow(self, state: State) -> State:
+        x, stage = state
+        setting, blueprint = stage.setting, stage.blueprint
+        batches, rate, periods = _read(stage)
+        basis = Basis.of(setting, blueprint)
+        if not blueprint.constants[kernel.KNOWN]:
+            begin_period(x, setting, rate, rested=False)
+            return self._again(State(x, stage), basis, batches, rate, 0)
+        if x[kernel.FROM] == np.inf:
+            begin_period(x, setting, rate, rested=True)
+            return self._again(State(x, stage), basis, batches, rate, periods)
+        if x[kernel.SUMMED] < 0.5 * samples_of_period(setting, rate):
+            x[intake.TICK] = x[intake.COUNT] + np.ceil(0.5 * samples_of_period(setting, rate))
+            return state
+        theta, mean = mean_of(basis, blueprint, x)
+        if not basis.adapted and periods + 1 < SETTLING:
+            begin_period(x, setting, rate, rested=False)
+            return self._again(state, basis, batches, rate, periods + 1)
+        if basis.adapted:
+            row = np.concatenate([[x[kernel.SUMMED]], theta])[None, :]
+            batches = np.vstack([batches.reshape(-1, row.size), row])
+            batches, rate = self._joined(batches, rate)
+        target = theta if len(batches) < 2 * SURE else average(batches)
+        if not np.all(np.isfinite(target)):
+            target = theta
+        poles = stable_poles(target[: setting.n_poles], setting)
+        if poles is None or (basis.adapted and near_enough(poles, basis, batches)):
+            begin_period(x, setting, rate, rested=True)
+            return self._again(state, basis, batches, rate, periods + 1)
+        new = Basis.on_model(setting, blueprint.nuisance, poles)
+        target = np.concatenate([denominator(poles)[1:], target[setting.n_poles :]])
+        return self._moved(state, basis, new, target, mean, (batches, rate, periods + 1))
+
+    def _joined(self, batches: Array, rate: float) -> tuple[Array, float]:
+        """Not too many periods; the clock slows down where it may."""
+        if self.rate is not None:
+            return batches[-FIXED_PERIODS:], rate
+        if len(batches) < MOST_PERIODS:
+            return batches, rate
+        pairs = batches.reshape(-1, 2, batches.shape[1])
+        weights = pairs[:, :, :1]
+        total = weights.sum(axis=1)
+        return np.hstack([total, (weights * pairs[:, :, 1:]).sum(axis=1) / total]), 0.5 * rate
+
+    def _tables(
+        self, basis: Basis, models: Array, signals: Array, moments: Array | None, noise: Array
+    ) -> Tables:
+        """Tables with neither a rate nor readiness yet."""
+        weights = 1.0 / np.maximum(noise, 1e-12 * max(float(noise.max()), 1e-280))
+        return Tables(
+            models, signals, weights / weights.mean(), moments, self.orthogonal, 0.0, False
+        )
+
+    def _again(
+        self, state: State, basis: Basis, batches: Array, rate: float, periods: int
+    ) -> State:
+        """The same model; the step lengths are brought up to date."""
+        x, stage = state
+        blueprint = stage.blueprint
+        models = models_of(basis, blueprint)
+        signals = signals_of(basis, blueprint, x)[1]
+        tables = self._tables(
+            basis, models, signals, moments_of(blueprint, x), noise_of(blueprint, x)
+        )
+        ready = basis.adapted and len(batches) >= SURE
+        found = replace(tables, rate=rate, ready=ready).written(basis, blueprint)
+        as_expected(blueprint, x)
+        return State(x, stage.but(blueprint=found, extra=_extra(batches, rate, periods)))
+
+    def _moved(
+        self, state: State, old: Basis, new: Basis, theta: Array, mean: Array,
+        extra: tuple[Array, float, int],
+    ) -> State:  # fmt: skip
+        """The models on the bank of another denominator."""
+        x, stage = state
+        batches, rate, periods = extra
+        setting, was = stage.setting, stage.blueprint
+        blueprint = plan(new)
+        found = carried(was, x, blueprint)
+        if old.adapted:
+            a, b = int(was.ints[intake.AT_WATCH]), int(blueprint.ints[intake.AT_WATCH])
+            size = setting.n_outputs * int(was.ints[intake.WATCH])
+            found[b : b + size] = x[a : a + size]
+        move = columns_between(old, new)
+        at, to = int(was.ints[intake.AT_ROW]), int(blueprint.ints[intake.AT_ROW])
+        found[to : to + new.width] = move @ x[at : at + old.width]
+        if found[intake.FIRST]:
+            found[intake.FIRST] = new.poles.size
+        moments = move @ moments_of(was, x) @ move.T
+        write_moments(blueprint, found, moments, float(x[kernel.MOMENTS]))
+        parallel, working = (one @ move.T for one in signals_of(old, was, x))
+        unknowns = new.unknowns_of(theta)
+        models = outputs_of(new, unknowns)
+        if new.nuisance.free:
+            impulse = slice(0, new.kept)
+            models[:, impulse] = working[:, impulse]
+        if new.nuisance.offset:
+            models[:, -1] = working[:, -1]
+        put_parallel(new, blueprint, found, parallel)
+        put_unknowns(blueprint, found, unknowns)
+        tables = self._tables(new, models, models, moments, noise_of(was, x))
+        tables = replace(tables, rate=rate, ready=len(batches) >= SURE)
+        blueprint = tables.written(new, blueprint)
+        as_expected(blueprint, found)
+        begin_period(found, setting, rate, rested=False)
+        return State(
+            found,
+            stage.but(
+                blueprint=blueprint,
+                poles=new.filter_poles,
+                extra=_extra(batches, rate, periods),
+            ),
+        )
+
+    # --------------------------------------------------------------------------------- a change
+    def alarmed(self, state: State) -> State:
+        """Note the change; begin anew if so told."""
+        x, stage = state
+        here = int(x[intake.COUNT])
+        changed = stage.but(changes=(*stage.changes, here - 1))
+        x[intake.ALARM] = here + ALARM_LASTS
+        x[intake.FLAGS] = float(int(x[intake.FLAGS]) | intake.CHANGED)
+        calm(x, changed)
+        if self.on_change == "flag":
+            return State(x, changed)
+        if self.fixed or self.start is not None:
+            return self._refreshed(State(x, changed))
+        if not stage.blueprint.poles.size:
+            return State(x, changed)
+        basis = Basis.of(stage.setting, stage.blueprint)
+        blueprint = replace(plan(basis, True), constants=stage.blueprint.constants.copy())
+        blueprint.constants[kernel.READY] = 0.0
+        blueprint.constants[kernel.RATE] = self.rate or first_rate(basis, 0.0)
+        anew = fresh(blueprint)
+        head = int(blueprint.ints[intake.AT_CHUNK])
+        a, b = int(stage.blueprint.ints[intake.AT_WATCH]), int(blueprint.ints[intake.AT_WATCH])
+        anew[:head], anew[b:] = x[:head], x[a:]
+        anew[intake.FILLED] = anew[kernel.SUMMED] = 0.0
+        anew[kernel.FROM] = np.inf
+        anew[intake.BORN] = x[intake.TIME] + stage.setting.dt
+        anew[intake.TICK] = here + first_try(stage.setting)
+        return State(anew, changed.but(blueprint=blueprint, past=(), searching=True))
+
+    def _refreshed(self, state: State) -> State:
+        """From the present model, at the rate of the beginning."""
+        x, stage = state
+        basis = Basis.of(stage.setting, stage.blueprint)
+        if not stage.blueprint.constants[kernel.KNOWN]:
+            return state
+        rate = self.rate or first_rate(basis, 0.0)
+        begin_period(x, stage.setting, rate, rested=False)
+        with one_blas_thread():
+            return self._again(State(x, stage), basis, np.zeros((0, 0)), rate, 0)
+
+    # ------------------------------------------------------------------------------- the estimate
+    def estimate(self, state: State) -> Estimate:
+        """The coefficients with their standard errors.
+
+        Parameters
+        ----------
+        state : State
+
+        Returns
+        -------
+        Estimate
+            Mean over the periods, as the module says.
+
+        Raises
+        ------
+        NotReadyError
+            The samples so far do not determine them.
+        """
+        x, stage = state
+        count = int(x[intake.COUNT])
+        if stage.searching:
+            raise not_ready(count, "are still searched for a model")
+        setting, blueprint = stage.setting, stage.blueprint
+        basis = Basis.of(setting, blueprint)
+        batches = _read(stage)[0]
+        if not len(batches) and x[kernel.SUMMED] < basis.unknowns:
+            batches = present(basis, blueprint, x)
+        elif x[kernel.SUMMED] > 0:
+            theta, _ = mean_of(basis, blueprint, x)
+            row = np.concatenate([[x[kernel.SUMMED]], theta])[None, :]
+            batches = np.vstack([batches.reshape(-1, row.size), row])
+        if not basis.adapted or not len(batches) or batches[:, 0].sum() < basis.unknowns:
+            raise not_ready(count, "are too few for the gradient rule to come to rest")
+        used = used_of(batches)
+        theta = average(batches)
+        with one_blas_thread():
+            cov, condition = expected_covariance(
+                basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x),
+                noise_of(blueprint, x), float(used[:, 0].sum()),
+            )  # fmt: skip
+        if not np.all(np.isfinite(cov)) or not np.all(np.isfinite(theta)):
+            raise not_ready(count, "do not determine the coefficients")
+        if len(used) >= SCATTERED:
+            cov = scatter(used)
+        noise = noise_of(blueprint, x)
+        notes = (f"mean over {len(used)} periods", f"rate {blueprint.constants[kernel.RATE]:.3g}")
+        trace = Trace((), (), notes, "gradient rule")
+        return assembled(
+            setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name, condition
+        )
+
+
+def _extra(batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
+    return (batches.ravel(), np.array([rate, float(periods)]))
+
+
+def _read(stage: Stage) -> tuple[Array, float, int]:
+    flat, (rate, periods) = stage.extra
+    return flat.reshape(-1, len(stage.setting.names) + 1), float(rate), int(periods)
+
+
+def _nuisance(setting: Setting, restarted: bool) -> Nuisance:
+    found = Nuisance.of(setting.structure, restarted)
+    return Nuisance(found.free, found.offset, False)
+
+
+def _check_above_zero(name: str, value: object, unit: str) -> None:
+    number = isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+    if value is not None and not (number and 0.0 < float(value) < np.inf):  # type: ignore[arg-type]
+        raise OptionError(
+            f"found {name}={shown(value)}; expected a number above zero, in {unit}; leave it out "
+            "or correct it"
+        )
+
+
+__all__: Sequence[str] = ("Gradient",)

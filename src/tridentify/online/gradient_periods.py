@@ -1,0 +1,209 @@
+"""Periods of the gradient rule: how long they are, their mean and scatter, the model they give."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from tridentify.errors import OptionError
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.online import gradient_kernel as kernel
+from tridentify.online import intake
+from tridentify.online.blueprint import Blueprint, Setting
+from tridentify.online.gradient_kernel import MEMORY
+from tridentify.online.gradient_plan import Basis, inverse_of, without_constant
+from tridentify.online.summary import transfer
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+
+PER_UNKNOWN, SLOWER = 10, 4.0
+SURE = 4
+FIRST = 2
+SMALL = 0.1
+DEGENERATE = 1e-13
+FASTEST, BELOW_NYQUIST, LEAST_DAMPED = 20.0, 0.98, 1e-6
+ROUNDING = 1e-12
+
+
+def first_rate(basis: Basis, searched: float) -> float:
+    """Where the rate begins [1/s]: slower than the slowest pole, with samples for each unknown."""
+    dt = basis.setting.dt
+    few = PER_UNKNOWN * basis.unknowns * dt
+    slow = SLOWER / float(np.min(np.abs(basis.filter_poles)))
+    most = max(searched, 2.0 * PER_UNKNOWN * basis.unknowns) * dt
+    return 1.0 / max(few, 0.25 * searched * dt, min(slow, most))
+
+
+def samples_of_period(setting: Setting, rate: float) -> float:
+    """Samples of a period."""
+    return max(float(np.ceil(MEMORY / (rate * setting.dt))), 8.0)
+
+
+def begin_period(x: Array, setting: Setting, rate: float, *, rested: bool) -> None:
+    """Begin to average: at once, or where models begin anew after half of a period."""
+    length = samples_of_period(setting, rate)
+    x[intake.TICK] = x[intake.COUNT] + np.ceil(length if rested else 0.5 * length)
+    x[kernel.FROM] = x[intake.COUNT] if rested else np.inf
+    x[kernel.SUMMED] = 0.0
+
+
+def mean_of(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Array]:
+    """Mean of the coefficients, and of the unknowns, over the present period."""
+    at, k = int(blueprint.ints[kernel.X_SECOND]), basis.unknowns
+    mean = x[at + k + 1 : at + 2 * k + 1] / max(float(x[kernel.SUMMED]), 1.0)
+    constant, matrix = basis.physical
+    return constant + matrix @ mean, mean
+
+
+def present(basis: Basis, blueprint: Blueprint, x: Array) -> Array:
+    """The coefficients as they are, as one period; none before the step lengths are known."""
+    constant, matrix = basis.physical
+    if not blueprint.constants[kernel.KNOWN]:
+        return np.zeros((0, constant.size + 1))
+    at = int(blueprint.ints[kernel.X_SECOND])
+    remembered = 2.0 / float(blueprint.constants[kernel.RATE] * basis.setting.dt)
+    row = [min(float(x[intake.COUNT]), remembered)], constant + matrix @ x[at : at + basis.unknowns]
+    return np.concatenate(row)[None, :]
+
+
+def used_of(batches: Array) -> Array:
+    """All periods but the oldest quarter, and the first two."""
+    return batches[max(len(batches) // 4, min(FIRST, len(batches) - 1)) :]
+
+
+def average(batches: Array) -> Array:
+    """Mean of the coefficients over the periods that are used, by samples."""
+    used = used_of(batches)
+    return np.asarray(used[:, 0] @ used[:, 1:] / used[:, 0].sum())
+
+
+def scatter(used: Array) -> Array:
+    """Covariance of the mean from the scatter of the periods."""
+    weights = used[:, 0] / used[:, 0].sum()
+    off = used[:, 1:] - weights @ used[:, 1:]
+    k = len(used)
+    widened = float(scipy.stats.t.ppf(0.975, k - 1) / scipy.stats.norm.ppf(0.975))
+    return np.asarray(widened**2 * (off.T * weights) @ off / (k - 1))
+
+
+def near_enough(poles: Complex, basis: Basis, batches: Array) -> bool:
+    """Whether a move of the poles may be left out: its square is far below the standard error."""
+    old = basis.filter_poles
+    rates = np.maximum(-old.real, LEAST_DAMPED * np.abs(old))
+    distance = float(np.max(np.abs(poles - old) / rates))
+    if distance < ROUNDING:
+        return True
+    used = used_of(batches)
+    if len(used) < SURE:
+        return False
+    n = basis.n_poles
+    std = np.sqrt(np.diagonal(scatter(used)))[:n]
+    sizes = np.maximum(np.abs(average(batches)[:n]), 1e-300)
+    return distance**2 < SMALL * float(np.min(std / sizes))
+
+
+def stable_poles(a: Array, setting: Setting) -> Complex | None:
+    """Roots of a denominator, reflected and held where samples can show them."""
+    if not np.all(np.isfinite(a)):
+        return None
+    n = a.size
+    unit = max(float(np.max(np.abs(a) ** (1.0 / np.arange(1, n + 1)))), 1e-300)
+    scaled = np.concatenate([[1.0], a / unit ** np.arange(1, n + 1)])
+    poles = unit * np.roots(scaled).astype(np.complex128)
+    if poles.size != n or not np.all(np.isfinite(poles)):
+        return None
+    poles = poles * np.minimum(1.0, FASTEST / setting.dt / np.maximum(np.abs(poles), 1e-300))
+    limit = BELOW_NYQUIST * np.pi / setting.dt
+    imag = np.clip(poles.imag, -limit, limit)
+    least = np.maximum(LEAST_DAMPED * np.abs(imag), 1e-6 * float(np.max(np.abs(poles))))
+    return sort_poles(-np.maximum(np.abs(poles.real), least) + 1j * imag)
+
+
+def fitted_to(basis: Basis, rows: Array, samples: Array) -> tuple[Array, Array]:
+    """``b``, free response and constant by least squares for given poles."""
+    setting = basis.setting
+    unknowns = np.zeros(basis.unknowns)
+    models = np.zeros((setting.n_outputs, basis.width))
+    for i in range(setting.n_outputs):
+        y = samples[:, 1 + setting.n_inputs + i]
+        good = (np.abs(y) < intake.LARGEST) & np.any(rows != 0, axis=1)
+        table = basis.numerators(i)
+        if basis.nuisance.offset:
+            table = np.vstack([table, basis.at(basis.width - 1)])
+        columns = rows[good] @ table.T
+        sizes = np.linalg.norm(columns, axis=0)
+        sizes = np.where(sizes > 0, sizes, 1.0)
+        weights = np.linalg.lstsq(columns / sizes, y[good], rcond=None)[0] / sizes
+        place = basis.n_poles + i * basis.own
+        unknowns[place : place + basis.own] = weights[: basis.own]
+        models[i] = weights @ table
+    return unknowns, models
+
+
+def coefficients_of(start: TransferFunction, setting: Setting) -> Array:
+    """Coefficients of a model that was given, on the orders that are asked for."""
+    den = np.asarray(start.den[0][0], dtype=np.float64)
+    parts = [den[1:] / den[0]]
+    for i, row in enumerate(setting.zeros):
+        for j, m in enumerate(row):
+            try:
+                num = np.trim_zeros(np.asarray(start.num[i][j], dtype=np.float64), "f") / den[0]
+            except IndexError:
+                num = np.zeros(m + 2)
+            if num.size > m + 1:
+                raise OptionError(
+                    f"found a start with other channels or more than {m} zeros; expected those of "
+                    "the structure; give another model, or leave start out"
+                )
+            parts.append(np.pad(num, (m + 1 - num.size, 0)))
+    return np.concatenate(parts)
+
+
+def outputs_of(basis: Basis, unknowns: Array) -> Array:
+    """(n_outputs, n) the outputs of the model that Step 2's unknowns stand for, as rows."""
+    outputs = range(basis.setting.n_outputs)
+    return np.array([basis.output_of(i, unknowns) for i in outputs])
+
+
+def columns_between(old: Basis, new: Basis) -> Array:
+    """(n', n) what takes a row on the columns of one bank to those of another."""
+    move = transfer(old.bank, new.bank)
+    found = np.zeros((new.width, old.width))
+    for j in range(-int(old.nuisance.free), old.setting.n_inputs):
+        found[new.channel(j), old.channel(j)] = move
+    rest = old.width - old.direct(0)
+    found[new.width - rest :, old.width - rest :] = np.eye(rest)
+    return found
+
+
+def expected_covariance(
+    basis: Basis, signals: Array, moments: Array, noise: Array, count: float
+) -> tuple[Array, float]:
+    """Covariance of least squares over so many samples, and the condition of its columns."""
+    p, k, offset = basis.setting.n_outputs, basis.unknowns, basis.nuisance.offset
+    size = k + p * offset
+    noise = np.maximum(noise, 1e-300)
+    total = np.zeros((size, size))
+    for i in range(p):
+        table = np.zeros((size, basis.width))
+        table[:k] = basis.second(i, without_constant(basis, signals[i]))
+        if offset:
+            table[k + i, -1] = 1.0
+        total += table @ moments @ table.T / noise[i]
+    means = np.diagonal(total)
+    live = means > 1e-24 * max(float(means.max()), 1e-300)
+    live &= means > 0
+    root = np.where(live, 1.0 / np.sqrt(np.where(live, means, 1.0)), 0.0)
+    scaled = (total * root[:, None] * root)[np.ix_(live, live)]
+    values = np.linalg.eigvalsh(scaled) if scaled.size else np.zeros(1)
+    if not live[: basis.n_poles].all() or values[0] < DEGENERATE:
+        return np.full((1, 1), np.nan), np.inf
+    inverse = np.zeros((k, k))
+    inside = np.flatnonzero(live)
+    whole = inverse_of(total[np.ix_(live, live)], DEGENERATE)
+    own = inside < k
+    inverse[np.ix_(inside[own], inside[own])] = whole[np.ix_(own, own)] / count
+    matrix = basis.physical[1]
+    return matrix @ inverse @ matrix.T, float(np.sqrt(values[-1] / values[0]))
