@@ -51,6 +51,7 @@ def trackers() -> dict[str, Any]:
         )
     for drift in DRIFTS:
         found[f"Kalman, drift {drift:g}"] = online.Kalman(drift=drift)
+    found["Gradient"] = online.Gradient()
     factor = 1.0 - TIME_STEP / 10.0
     found |= {
         "ThreeModel, memory 10 s, directional": online.ThreeModel(
@@ -186,6 +187,7 @@ def unbiased() -> dict[str, Any]:
     return {
         "ThreeModel": online.ThreeModel(),
         "RecursiveLeastSquares": online.RecursiveLeastSquares(),
+        "Gradient": online.Gradient(),
     }
 
 

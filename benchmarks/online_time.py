@@ -56,6 +56,7 @@ def methods(order: int) -> dict[str, Any]:
     return {
         "RecursiveLeastSquares": online.RecursiveLeastSquares(filter=own_filter),
         "Kalman": online.Kalman(filter=own_filter),
+        "Gradient": online.Gradient(filter=own_filter),
         "ThreeModel": online.ThreeModel(start=begin),
     }
 
