@@ -104,12 +104,13 @@ def stepped(before: Plant, after: Plant, u: Array, dt: float, change: int) -> Ar
     """Noise-free output from rest of a plant that becomes another one at sample ``change``."""
     state, parts = np.zeros(len(before.a)), []
     for plant, piece in ((before, u[:change]), (after, u[change:])):
+        if not piece.size:
+            continue
         transition, column, direct = held(np.array(plant.a), np.array(plant.b), dt)
         system = (transition, column[:, None], np.eye(1, state.size), np.array([[direct]]), dt)
         _, y, states = scipy.signal.dlsim(system, piece, x0=state)
         parts.append(y[:, 0])
-        if piece.size:
-            state = transition @ states[-1] + column * piece[-1]
+        state = transition @ states[-1] + column * piece[-1]
     return np.concatenate(parts)
 
 

@@ -26,10 +26,10 @@ from tridentify import Record, Structure, online
 from tridentify.plots.style import BLACK, BLUE, ORANGE, SKY, dress
 
 Array = NDArray[np.float64]
-SETTLED, EVERY = 50.0, 10.0
-MEMORIES = (2.0, 5.0, 10.0, 25.0)
-DRIFTS = (0.003, 0.01, 0.03, 0.1)
-TRACKING_DRAWS, BIAS_DRAWS = 4, 200
+SETTLED, EVERY = 50.0, 20.0
+MEMORIES, CLOCK = (5.0, 10.0, 25.0), 5.0
+DRIFTS = (0.003, 0.01, 0.03)
+TRACKING_DRAWS, BIAS_DRAWS = 2, 100
 SPAN = 1.959964
 
 
@@ -44,19 +44,20 @@ def trackers() -> dict[str, Any]:
     for seconds in MEMORIES:
         factor = 1.0 - TIME_STEP / seconds
         found[f"ThreeModel, memory {seconds:g} s"] = online.ThreeModel(
-            forgetting=factor, on_change="flag"
+            forgetting=factor, on_change="flag", clock=CLOCK
         )
         found[f"RecursiveLeastSquares, memory {seconds:g} s"] = online.RecursiveLeastSquares(
             forgetting=factor, on_change="flag"
         )
     for drift in DRIFTS:
         found[f"Kalman, drift {drift:g}"] = online.Kalman(drift=drift)
+    found["Gradient"] = online.Gradient()
+    factor = 1.0 - TIME_STEP / 10.0
     found |= {
         "ThreeModel, memory 10 s, directional": online.ThreeModel(
-            forgetting=1.0 - TIME_STEP / 10.0, forget="directional", on_change="flag"
+            forgetting=factor, forget="directional", on_change="flag", clock=CLOCK
         ),
-        "ThreeModel, memory 10 s, restart": online.ThreeModel(forgetting=1.0 - TIME_STEP / 10.0),
-        "ThreeModel, no forgetting, restart": online.ThreeModel(),
+        "ThreeModel, memory 10 s, restart": online.ThreeModel(forgetting=factor, clock=CLOCK),
     }
     return found
 
@@ -151,8 +152,8 @@ def _courses(ax: Any, data: dict[str, Any], k: int) -> None:
         ax.plot(time, theta[:, k], color=colours[name], linewidth=0.9, label=name)
     truth = list(TRUTH.values())[k](time)
     ax.plot(time, truth, color=BLACK, linewidth=1.2, linestyle="--", label="truth")
-    spread = np.ptp(truth) or 0.3 * truth[0]
-    ax.set_ylim(truth.min() - 0.4 * spread, truth.max() + 0.4 * spread)
+    spread = np.ptp(truth) or truth[0]
+    ax.set_ylim(truth.min() - 0.5 * spread, truth.max() + 0.5 * spread)
 
 
 def _against_memory(ax: Any, rows: dict[str, Any], k: int) -> None:
@@ -168,6 +169,7 @@ def _against_memory(ax: Any, rows: dict[str, Any], k: int) -> None:
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_xticks(MEMORIES, [f"{m:g}" for m in MEMORIES])
+    ax.set_yticks((5, 10, 20, 50), ("5", "10", "20", "50"))
     ax.minorticks_off()
 
 
@@ -185,7 +187,7 @@ def unbiased() -> dict[str, Any]:
     return {
         "ThreeModel": online.ThreeModel(),
         "RecursiveLeastSquares": online.RecursiveLeastSquares(),
-        "Kalman, drift 0.001": online.Kalman(drift=0.001),
+        "Gradient": online.Gradient(),
     }
 
 
@@ -198,9 +200,11 @@ def bias(quick: bool) -> dict[str, Any]:
         for name, method in unbiased().items():
             theta, std = [], []
             for draw in range(draws):
-                end = online.run(method, cell.record(0, draw), structure(cell.plant)).estimate
-                theta.append(end.theta.tolist())
-                std.append(end.std.tolist())
+                one = cell.record(0, draw)
+                end = online.run(method, one, structure(cell.plant), every=1e9).estimate
+                nothing = [np.nan] * cell.plant.theta.size
+                theta.append(nothing if end is None else end.theta.tolist())
+                std.append(nothing if end is None else end.std.tolist())
             rows[name] = {"theta": theta, "std": std}
             print(f"bias: {cell.name}, {name}", file=sys.stderr, flush=True)
         found["cells"][cell.name] = {
@@ -224,14 +228,20 @@ def bias_table(data: dict[str, Any]) -> list[str]:
         lines.append(f"{'':34s}" + "     bias %   bounds  RMSE/bound" * truth.size)
         for name, row in cell["rows"].items():
             theta, std = (np.array(row[key], dtype=np.float64) for key in ("theta", "std"))
-            error = theta - truth
+            given = np.all(np.isfinite(theta), axis=1)
+            error, std = (theta - truth)[given], std[given]
             mean, rmse = error.mean(axis=0), np.sqrt(np.mean(error**2, axis=0))
             cells = "".join(
                 f"{100 * m / t:11.2f}{m / b:9.2f}{r / b:12.2f} "
                 for m, r, t, b in zip(mean, rmse, truth, bound, strict=True)
             )
             inside = 100 * np.mean(np.abs(error) < SPAN * std, axis=0)
-            lines.append(f"  {name:32s}{cells}  " + " ".join(f"{v:4.0f}" for v in inside))
+            missing = int(np.sum(~given))
+            lines.append(
+                f"  {name:32s}{cells}  "
+                + " ".join(f"{v:4.0f}" for v in inside)
+                + (f"   without an estimate: {missing}" if missing else "")
+            )
     return lines
 
 

@@ -32,8 +32,8 @@ HERE = Path(__file__).resolve().parent
 DT = {SECOND.name: 0.05, RAO_GARNIER.name: 0.01}
 HOLD, DECIBEL = 8, 10.0
 PLANTS = {2: SECOND, 4: RAO_GARNIER}
-ROUNDS = 3
-SIZES = (1_000_000, 4_000_000)
+ROUNDS = 2
+SIZES = (500_000, 2_000_000)
 ONCE = 1e9  # s: one estimate, at the end
 AIMS = {"RecursiveLeastSquares, order 2": 10e6, "ThreeModel, order 2": 2e6}
 AIM_STEP, WARM, STEPS = 5.0, 20_000, 300_000
@@ -56,6 +56,7 @@ def methods(order: int) -> dict[str, Any]:
     return {
         "RecursiveLeastSquares": online.RecursiveLeastSquares(filter=own_filter),
         "Kalman": online.Kalman(filter=own_filter),
+        "Gradient": online.Gradient(filter=own_filter),
         "ThreeModel": online.ThreeModel(start=begin),
     }
 
