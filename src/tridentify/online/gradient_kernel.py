@@ -41,19 +41,16 @@ from tridentify.online.intake import (
     INNOVATION,
     INPUTS,
     LARGE,
-    MOST_REFUSED,
     MOVED,
     NOT_EXCITED,
     NOT_READY,
     ORDER,
-    OUTLIER,
     OUTPUTS,
     REFUSED,
     SCALE,
     SINCE,
     SQUARES,
     TAKEN,
-    TOLD,
     WATCH,
     count,
     doubt,
@@ -62,16 +59,16 @@ from tridentify.online.intake import (
     take_in,
     watch,
 )
-from tridentify.online.parallel_kernel import advance, complete_row
+from tridentify.online.parallel_kernel import advance, complete_row, refuse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# places in ints
+# places in ints: those of the estimators on the equation error, which has no part here
 (
     SERIES, PARALLEL_UNKNOWNS, SERIES_UNKNOWNS, POLES, ANSWERS, KEPT, OWN, C_FITS, C_SECOND, X_FITS,
     X_SECOND, X_MOMENTS, X_ROOM,
-) = range(51, 64)  # fmt: skip
+) = range(34, 47)  # fmt: skip
 
 # places in c
 RATE, KNOWN, READY, PACE = range(4, 8)
@@ -81,6 +78,7 @@ FROM, MOMENTS, SUMMED = 13, 14, 15
 
 MEMORY = 6.0
 WHITE = 0.25
+DOUBTS, TELLS = 0.5, 1.0  # of READY: a sample may be doubted; a change may be told
 
 
 @compiled("int64(int64[::1])")
@@ -195,19 +193,17 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
     x[w + INNOVATION] = error
     leverage = min(0.5 * step * k, 0.9)
     taken = x[w + TAKEN]
-    ready = c[READY] > 0.0 and taken > 10.0 * n + 30.0 and leverage < WHITE
+    ready = c[READY] > DOUBTS and taken > 10.0 * n + 30.0 and leverage < WHITE
     known = x[w + SCALE] > 0.0
-    if doubt(x, w, y, fitted, leverage, n):
-        if int(x[FLAGS]) & OUTLIER:
-            x[w + REFUSED] += 1.0
-            watch(ints, c, x, w, first, TOLD if error > 0.0 else -TOLD, ready)
-            if x[w + REFUSED] > MOST_REFUSED:
-                x[w + MOVED] = 1.0
+    scale = noise_scale(x, w)
+    own = scale * np.sqrt(1.0 + leverage) if c[READY] > 0.0 else np.inf
+    if doubt(x, w, y, fitted, leverage, own, n):
+        refuse(ints, c, x, w, first, error, ready)
         return float(error)
     x[w + REFUSED] = 0.0
     v = error / np.sqrt(1.0 + leverage)
     if known:
-        z = v / noise_scale(x, w)
+        z = v / scale
         watch(ints, c, x, w, first, min(max(z, -LARGE), LARGE), ready)
     move(c, x, theta1, k1, phi1, t1 + k1 * n, taken, step, 1.0, y - parallel)
     if ints[SERIES]:
