@@ -47,8 +47,10 @@ but biased, as Step 2 then works on the noise that Step 3 has followed.
 *Standard errors* are those of the scatter of ten or more periods (batch means), widened by
 Student's distribution; with fewer they are those of least squares over the samples averaged, for
 white noise. Neither tells of a bias or a lag: what a convergence that is not complete leaves, or
-coefficients that move. The regressors of Step 2 hold what noise the weights of Step 3 carry: a bias
-of second order, which shrinks with the rate.
+coefficients that move. The regressors of Step 2 hold what noise the weights of Step 3 carry, and so
+does its equation error: a bias of second order. From the fourth period on Step 2 therefore moves
+along the regressors of the model that stood at the last tick, which hold none of it (an
+instrumental variable, as in Young 2011); ``eps`` is as before.
 
 References
 ----------
@@ -56,6 +58,7 @@ A. Silvestrov, M. Ostroverkhov, L. Spinul, O. Khalimovskyy, H. Veshchykov, Syste
 Information Technologies 2025(2).
 B. T. Polyak, A. B. Juditsky, SIAM J. Control Optim. 30(4) (1992), 838-855.
 L. Ljung, T. Soderstrom, Theory and Practice of Recursive Identification, MIT Press 1983.
+P. C. Young, Recursive Estimation and Time-Series Analysis, 2nd ed., Springer 2011.
 """
 
 from __future__ import annotations

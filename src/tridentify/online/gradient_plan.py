@@ -344,7 +344,7 @@ def _size(ints: NDArray[np.int64]) -> int:
     unknowns = int(ints[kernel.POLES] + ints[intake.OUTPUTS] * ints[kernel.OWN])
     fits = 2 * int(ints[kernel.PARALLEL_UNKNOWNS] + ints[kernel.SERIES_UNKNOWNS])
     answers = channels * int(ints[kernel.KEPT] * ints[kernel.ANSWERS])
-    room = max(fits, answers + int(ints[intake.COLUMNS]) + 2 * unknowns)
+    room = max(fits, answers + int(ints[intake.COLUMNS]) + 3 * unknowns)
     return int(ints[kernel.X_ROOM]) + room
 
 
@@ -392,7 +392,8 @@ class Tables:
             one, own = basis.parallel, basis.numerators(i)
             third = basis.series(i, model) if basis.adapted else np.zeros((0, basis.width))
             parts = [one, self._gains(one), model, third, self._gains(third), own]
-            block = np.concatenate([*(part.ravel() for part in parts), [weight]])
+            still = basis.second(i, model)
+            block = np.concatenate([*(part.ravel() for part in parts), [weight], still.ravel()])
             c[first + i * stride : first + (i + 1) * stride] = block
             if self.moments is not None:
                 table = basis.second(i, signal)
