@@ -19,7 +19,7 @@ from tridentify.errors import OptionError, UnsupportedError
 from tridentify.numerics.realization import cascade, numerators, sort_poles
 from tridentify.numerics.recursive import along, descend
 from tridentify.online import gradient_kernel as kernel
-from tridentify.online import intake
+from tridentify.online import slots
 from tridentify.online.blueprint import Nuisance, Setting
 from tridentify.online.gradient_periods import scatter, stable_poles
 from tridentify.online.gradient_plan import Basis, gains, inverse_of
@@ -184,16 +184,16 @@ def test_the_parallel_model_does_not_jump_when_the_bank_moves():
         old, new = before.stage.blueprint, state.stage.blueprint
         if not np.array_equal(old.poles, new.poles):
             outputs = []
-            for one in (method.step_kernel, None):
+            for one in (method.kernels().step, None):
                 x = before.values.copy()
-                x[intake.INBOX : intake.INBOX + 2] = u[k], y[k]
+                x[slots.INBOX : slots.INBOX + 2] = u[k], y[k]
                 stage = before.stage
                 if one is None:
                     x, stage = state.values, state.stage
                 else:
                     one(old.ints, old.constants, x, DT)
                 basis = Basis.of(stage.setting, stage.blueprint)
-                row = x[int(stage.blueprint.ints[intake.AT_ROW]) :][: basis.width]
+                row = x[int(stage.blueprint.ints[slots.AT_ROW]) :][: basis.width]
                 outputs.append(signals_of(basis, stage.blueprint, x)[0][0] @ row)
             jumps.append(abs(outputs[1] - outputs[0]))
     assert jumps
@@ -306,8 +306,8 @@ def test_samples_that_cannot_be_leave_no_trace():
     bad[5000], bad[5500], bad[6000] = np.inf, 1e300, -1e30
     method = online.Gradient()
     state, _, flags = walked(method, u, bad)
-    assert flags[5500] & intake.MISSING_OUTPUT
-    assert flags[6000] & intake.OUTLIER
+    assert flags[5500] & slots.MISSING_OUTPUT
+    assert flags[6000] & slots.OUTLIER
     one, two = method.estimate(state), method.estimate(clean)
     assert not state.changes
     assert np.all(np.abs(one.theta - two.theta) < 2.0 * two.std)
@@ -324,7 +324,7 @@ def test_a_constant_input_for_long_does_no_harm():
     state, _, _ = walked(method, u[:10_000], y[:10_000])
     before = method.estimate(state)
     state, _, flags = method.feed(state, u[10_000:50_000].copy(), y[10_000:50_000].copy())
-    assert flags[-1] & intake.NOT_EXCITED
+    assert flags[-1] & slots.NOT_EXCITED
     rest = method.estimate(state)
     assert np.all(np.abs(rest.theta - before.theta) < 3.0 * before.std)
     assert np.all(rest.std > 0.5 * before.std)

@@ -18,6 +18,7 @@ from tridentify.cli import (
     demo_command,
     identify_command,
     physical_command,
+    stream_command,
     study_command,
     terminal,
 )
@@ -51,6 +52,7 @@ app.command("identify")(identify_command.identify)
 app.command("physical")(physical_command.physical)
 app.command("channels")(channels_command.channels)
 app.command("demo")(demo_command.demo)
+app.command("stream")(stream_command.stream)
 app.command("study")(study_command.study)
 
 

@@ -136,6 +136,18 @@ def show_json(document: Mapping[str, Any]) -> None:
         print(json.dumps(plain(document), indent=1, allow_nan=False))
 
 
+def show_json_line(document: Mapping[str, Any]) -> None:
+    """Print one JSON object on a line of its own on standard output, and see it off.
+
+    Parameters
+    ----------
+    document : mapping
+        As for `show_json`.
+    """
+    with _to_the_reader():
+        print(json.dumps(plain(document), allow_nan=False))
+
+
 @contextmanager
 def _to_the_reader() -> Iterator[None]:
     """Write to standard output for good, or close it so that nothing complains at the end."""
@@ -194,6 +206,11 @@ def complain_in_full(error: BaseException) -> None:
     sys.stderr.write("".join(traceback.format_exception(error)))
 
 
+def error_console() -> Console:
+    """Make a console on standard error."""
+    return _Console(sys.stderr)
+
+
 class Activity:
     """What is going on, shown on standard error while it lasts.
 
@@ -206,7 +223,7 @@ class Activity:
     """
 
     def __init__(self) -> None:
-        console = _Console(sys.stderr)
+        console = error_console()
         self._bar: Progress | None = None
         if console.is_terminal and not console.is_dumb_terminal:
             spinner = "dots" if console.encoding.startswith("utf") else "line"

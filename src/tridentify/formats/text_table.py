@@ -121,9 +121,9 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
     cells, line = header
     names = tuple(cell.strip() for cell in cells)
     first_line = opening.first_line
-    if _all_numbers(names):
+    if all_numbers(names):
         commented = [cell.strip() for cell in opening.comment.split(opening.separator)]
-        if len(commented) != len(names) or _all_numbers(commented):
+        if len(commented) != len(names) or all_numbers(commented):
             raise MissingHeaderError(
                 f"found numbers ({shown(opening.separator.join(names))}) in the first line of "
                 f"{shown(file.name)}; expected the names of the columns; add a header line"
@@ -131,7 +131,7 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
         names, units, line = tuple(commented), ("",) * len(commented), first_line - 1
     else:
         below = next(((cells, n) for cells, n in rows if cells), ([], 0))
-        units = _unit_cells(below[0], len(names))
+        units = unit_cells(below[0], len(names))
         line = below[1] if any(units) else line
     named = [name for name in names if name]
     for name in named:
@@ -143,17 +143,18 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
     return TextTable(file, encoding, opening.separator, names, units, first_line, line)
 
 
-def _all_numbers(cells: Sequence[str]) -> bool:
-    return all(_number(cell) is not None for cell in cells if cell)
+def all_numbers(cells: Sequence[str]) -> bool:
+    """Whether all cells that are not blank are numbers."""
+    return all(read_number(cell) is not None for cell in cells if cell)
 
 
-def _unit_cells(cells: Sequence[str], width: int) -> tuple[str, ...]:
+def unit_cells(cells: Sequence[str], width: int) -> tuple[str, ...]:
     """Give the units of a line of units, or blanks if the line is none."""
     texts = [cell.strip() for cell in cells]
     blank = ("",) * width
     if len(texts) != width or not any(len(text) > 0 for text in texts):
         return blank
-    if any(_number(text) is not None and text for text in texts) or not all(
+    if any(read_number(text) is not None and text for text in texts) or not all(
         _UNIT_CELL.fullmatch(text) or text in ("", "-", "°", "%", "1") for text in texts
     ):
         return blank
@@ -335,7 +336,7 @@ def _lines(stream: TextIO) -> Iterator[str]:
         yield line
 
 
-def _number(cell: str, decimal: str = ".") -> float | None:
+def read_number(cell: str, decimal: str = ".") -> float | None:
     """Give the number a cell holds, nan when it is blank, None when it is text."""
     text = cell.strip()
     if text.lower() in MISSING:
@@ -421,7 +422,7 @@ def _read_exactly(
                 f"{width} as in the header; the file may be cut off or damaged: repair that line"
             )
         for store, column, seen in zip(values, columns, groups, strict=True):
-            number = _number(cells[column], decimal)
+            number = read_number(cells[column], decimal)
             if number is None:
                 if decimal == "." and _DECIMAL_COMMA.fullmatch(cells[column].strip()):
                     raise _DecimalCommaFound
@@ -469,7 +470,9 @@ def _text_in_column(
 ) -> TextInColumnError | ThousandsSeparatorError:
     text = cell.strip()
     where = f"in column {shown(table.names[column])}, line {line} of {shown(table.path.name)}"
-    if _GROUPED.fullmatch(text) or (decimal == "," and "." in text and _number(text) is not None):
+    if _GROUPED.fullmatch(text) or (
+        decimal == "," and "." in text and read_number(text) is not None
+    ):
         return ThousandsSeparatorError(
             f"found {shown(cell)} {where}, where points and commas may be decimal signs or groups "
             "of thousands; expected numbers without groups, with one decimal sign; write the file "

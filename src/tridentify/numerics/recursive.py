@@ -102,15 +102,6 @@ def _stamp() -> tuple[tuple[str, float, int], ...]:
     return tuple((one.name, one.stat().st_mtime, one.stat().st_size) for one in files)
 
 
-def size(n: int) -> int:
-    """Numbers that a triangle of ``n`` columns takes.
-
-    ``d`` (n), ``t`` (n), the largest entry of every column (n), the information that arrives (n),
-    and the rows of ``U`` to the right of the diagonal.
-    """
-    return 4 * n + n * (n - 1) // 2
-
-
 @compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)", inline=True)
 def innovate(x: Array, at: int, n: int, first: int, row: int, work: int) -> tuple[float, float]:
     """Prediction ``z' theta`` and ``z' P z`` of a row, before it is absorbed.

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.discretize import Discrete, discretize
 from tridentify.numerics.realization import Cascade, Complex, cascade
-from tridentify.numerics.recursive import size
 from tridentify.numerics.sampled import split_delay
-from tridentify.online import intake
+from tridentify.online import slots
+from tridentify.online.slots import triangle_size
 from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
@@ -140,7 +140,7 @@ class Blueprint:
     @property
     def n_columns(self) -> int:
         """Width of a row."""
-        return int(self.ints[intake.COLUMNS])
+        return int(self.ints[slots.COLUMNS])
 
 
 class Plan:
@@ -190,52 +190,52 @@ def _blueprint(
     kind: int = 0,
 ) -> Blueprint:
     m, p, q = setting.n_inputs, setting.n_outputs, poles.size
-    ints = np.zeros(intake.N_INTS, dtype=np.int64)
+    ints = np.zeros(slots.N_INTS, dtype=np.int64)
     columns = q * (m + nuisance.free) + m + nuisance.offset + nuisance.drift if q else 0
-    ints[intake.INPUTS], ints[intake.OUTPUTS] = m, p
-    ints[intake.ORDER], ints[intake.COLUMNS] = q, columns
-    ints[intake.FREE], ints[intake.OFFSET] = nuisance.free, nuisance.offset
-    ints[intake.DRIFT], ints[intake.KIND] = nuisance.drift, kind
-    ints[intake.BEGIN] = setting.late if nuisance.free else 0
-    ints[intake.UPPER] = int(np.any(poles.imag != 0))
+    ints[slots.INPUTS], ints[slots.OUTPUTS] = m, p
+    ints[slots.ORDER], ints[slots.COLUMNS] = q, columns
+    ints[slots.FREE], ints[slots.OFFSET] = nuisance.free, nuisance.offset
+    ints[slots.DRIFT], ints[slots.KIND] = nuisance.drift, kind
+    ints[slots.BEGIN] = setting.late if nuisance.free else 0
+    ints[slots.UPPER] = int(np.any(poles.imag != 0))
     directions = setting.n_directions if q else 0
-    ints[intake.DIRECTIONS] = directions
-    ints[intake.DIRECTIONS_STRIDE] = directions * columns
-    ints[intake.BLOCK] = max(20, 4 * directions)
-    ints[intake.COLLECTING] = q == 0
-    ints[intake.CHUNK] = chunk or (CHUNK if q == 0 else 0)
-    plan = Plan(intake.INBOX + m + p)
-    ints[intake.LINE] = max(whole for whole, _ in setting.shifts) + 3
-    ints[intake.AT_LINE] = plan.take(m * int(ints[intake.LINE]))
-    ints[intake.AT_REFERENCE] = plan.take(m)
-    ints[intake.AT_FIRST_INPUT] = plan.take(m)
-    ints[intake.AT_LARGEST] = plan.take(2 * (m + p))
-    ints[intake.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
-    ints[intake.AT_CHUNK] = plan.take(int(ints[intake.CHUNK]) * (m + p + 1))
-    judged = directions + directions * (directions + 1) // 2 + intake.SUMS
-    ints[intake.WATCH] = intake.SCORES + 2 * directions + intake.SCALES * judged
-    ints[intake.AT_WATCH] = plan.take(p * int(ints[intake.WATCH]))
-    ints[intake.AT_ROW] = plan.take(columns)
-    ints[intake.AT_WORK] = plan.take(max(columns, q))
-    ints[intake.FACTOR] = size(columns)
-    ints[intake.AT_FACTOR] = plan.take(p * int(ints[intake.FACTOR]))
-    constants = Plan(intake.CONSTANTS)
-    ints[intake.C_STEP] = constants.take(q * q)
-    ints[intake.C_TAPS] = constants.take(3 * m * q)
-    ints[intake.C_DIRECT] = constants.take(2 * m)
-    ints[intake.C_START] = constants.take(1 + q)
-    ints[intake.C_EXTRA] = constants.take(m)
-    ints[intake.C_MAPS] = constants.take(p * directions * columns)
+    ints[slots.DIRECTIONS] = directions
+    ints[slots.DIRECTIONS_STRIDE] = directions * columns
+    ints[slots.BLOCK] = max(20, 4 * directions)
+    ints[slots.COLLECTING] = q == 0
+    ints[slots.CHUNK] = chunk or (CHUNK if q == 0 else 0)
+    plan = Plan(slots.INBOX + m + p)
+    ints[slots.LINE] = max(whole for whole, _ in setting.shifts) + 3
+    ints[slots.AT_LINE] = plan.take(m * int(ints[slots.LINE]))
+    ints[slots.AT_REFERENCE] = plan.take(m)
+    ints[slots.AT_FIRST_INPUT] = plan.take(m)
+    ints[slots.AT_LARGEST] = plan.take(2 * (m + p))
+    ints[slots.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
+    ints[slots.AT_CHUNK] = plan.take(int(ints[slots.CHUNK]) * (m + p + 1))
+    judged = directions + directions * (directions + 1) // 2 + slots.SUMS
+    ints[slots.WATCH] = slots.SCORES + 2 * directions + slots.SCALES * judged
+    ints[slots.AT_WATCH] = plan.take(p * int(ints[slots.WATCH]))
+    ints[slots.AT_ROW] = plan.take(columns)
+    ints[slots.AT_WORK] = plan.take(max(columns, q))
+    ints[slots.FACTOR] = triangle_size(columns)
+    ints[slots.AT_FACTOR] = plan.take(p * int(ints[slots.FACTOR]))
+    constants = Plan(slots.CONSTANTS)
+    ints[slots.C_STEP] = constants.take(q * q)
+    ints[slots.C_TAPS] = constants.take(3 * m * q)
+    ints[slots.C_DIRECT] = constants.take(2 * m)
+    ints[slots.C_START] = constants.take(1 + q)
+    ints[slots.C_EXTRA] = constants.take(m)
+    ints[slots.C_MAPS] = constants.take(p * directions * columns)
     c = np.zeros(constants.at)
-    c[intake.INTERVAL], c[intake.FORGETTING] = setting.dt, forgetting
-    c[intake.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
+    c[slots.INTERVAL], c[slots.FORGETTING] = setting.dt, forgetting
+    c[slots.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
     found = Blueprint(ints, c, plan.at, poles, nuisance)
     for j, (whole, _) in enumerate(setting.shifts):
-        c[ints[intake.C_EXTRA] + j] = whole
+        c[ints[slots.C_EXTRA] + j] = whole
     if q:
         bank = found.bank
-        c[ints[intake.C_START]] = NEGLIGIBLE * np.abs(bank.b).max()
-        c[ints[intake.C_START] + 1 : ints[intake.C_START] + 1 + q] = bank.b
+        c[ints[slots.C_START]] = NEGLIGIBLE * np.abs(bank.b).max()
+        c[ints[slots.C_START] + 1 : ints[slots.C_START] + 1 + q] = bank.b
         fill_inputs(c, ints, setting, bank, setting.dt)
     return found
 
@@ -247,11 +247,11 @@ def constants_for(blueprint: Blueprint, setting: Setting, intervals: Array) -> A
         ints, bank, m = blueprint.ints, blueprint.bank, setting.n_inputs
         found = discretize_each(bank, intervals, setting.intersample)
         q, k = bank.order, intervals.size
-        at = int(ints[intake.C_STEP])
+        at = int(ints[slots.C_STEP])
         c[:, at : at + q * q] = found.transition.reshape(k, -1)
         taps = np.zeros((k, m, 3, q))
         taps[:, :, 0], taps[:, :, 1] = found.from_next[:, None], found.from_current[:, None]
-        at = int(ints[intake.C_TAPS])
+        at = int(ints[slots.C_TAPS])
         c[:, at : at + 3 * m * q] = taps.reshape(k, -1)
     return c
 
@@ -269,7 +269,7 @@ def fill_inputs(c: Array, ints: Ints, setting: Setting, bank: Cascade, interval:
     q, foh = bank.order, setting.intersample == "foh"
     b = bank.b[:, None]
     whole = discretize(bank.a, b, interval, setting.intersample)
-    at = int(ints[intake.C_STEP])
+    at = int(ints[slots.C_STEP])
     c[at : at + q * q] = whole.transition.ravel()
     for j, (_, part) in enumerate(setting.shifts):
         taps = np.zeros((3, q))
@@ -287,9 +287,9 @@ def fill_inputs(c: Array, ints: Ints, setting: Setting, bank: Cascade, interval:
             else:
                 taps[2] = (two.transition @ one.from_current)[:, 0]
                 taps[1] = two.from_current[:, 0]
-        at = int(ints[intake.C_TAPS]) + 3 * j * q
+        at = int(ints[slots.C_TAPS]) + 3 * j * q
         c[at : at + 3 * q] = taps.ravel()
-        at = int(ints[intake.C_DIRECT]) + 2 * j
+        at = int(ints[slots.C_DIRECT]) + 2 * j
         c[at : at + 2] = (1.0 - part, part) if foh else (float(not part), float(part > 0))
 
 
@@ -297,10 +297,10 @@ def fresh(blueprint: Blueprint) -> Array:
     """The vector before the first sample."""
     x = np.zeros(blueprint.size)
     ints = blueprint.ints
-    for i in range(int(ints[intake.OUTPUTS])):
-        w = int(ints[intake.AT_WATCH] + i * ints[intake.WATCH])
-        x[w + intake.HIGHEST], x[w + intake.LOWEST] = -np.inf, np.inf
-        x[w + intake.INNOVATION] = np.nan
+    for i in range(int(ints[slots.OUTPUTS])):
+        w = int(ints[slots.AT_WATCH] + i * ints[slots.WATCH])
+        x[w + slots.HIGHEST], x[w + slots.LOWEST] = -np.inf, np.inf
+        x[w + slots.INNOVATION] = np.nan
     return x
 
 
@@ -314,16 +314,16 @@ def with_directions(blueprint: Blueprint, directions: Array) -> Blueprint:
         Each a combination of the columns.
     """
     c = blueprint.constants.copy()
-    at = int(blueprint.ints[intake.C_MAPS])
+    at = int(blueprint.ints[slots.C_MAPS])
     c[at : at + directions.size] = directions.ravel()
     return replace(blueprint, constants=c)
 
 
 def watch_of(blueprint: Blueprint, output: int) -> int:
     """Where the watch of an output begins."""
-    return int(blueprint.ints[intake.AT_WATCH] + output * blueprint.ints[intake.WATCH])
+    return int(blueprint.ints[slots.AT_WATCH] + output * blueprint.ints[slots.WATCH])
 
 
 def factor_of(blueprint: Blueprint, output: int) -> int:
     """Where the triangle of an output begins."""
-    return int(blueprint.ints[intake.AT_FACTOR] + output * blueprint.ints[intake.FACTOR])
+    return int(blueprint.ints[slots.AT_FACTOR] + output * blueprint.ints[slots.FACTOR])

@@ -32,6 +32,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -50,9 +51,8 @@ from tridentify.numerics.realization import (
     numerators,
     sort_poles,
 )
-from tridentify.numerics.recursive import size
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online import intake
+from tridentify.online import slots
 from tridentify.online.blueprint import (
     NEGLIGIBLE,
     Blueprint,
@@ -66,11 +66,10 @@ from tridentify.online.blueprint import (
     fresh,
     watch_of,
 )
-from tridentify.online.equation_kernel import equation_run, equation_step
-from tridentify.online.parallel_kernel import DIRECTIONAL, EXPONENTIAL, RESETTING
 from tridentify.online.result import assembled
 from tridentify.online.seam import (
     Estimator,
+    Kernels,
     check_choice,
     check_forgetting,
     kept_samples,
@@ -84,6 +83,7 @@ from tridentify.online.search import (
     poles_of_start,
     search,
 )
+from tridentify.online.slots import DIRECTIONAL, EXPONENTIAL, RESETTING, triangle_size
 from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
 from tridentify.online.state import Stage, State
 from tridentify.transfer_function import TransferFunction
@@ -161,57 +161,57 @@ def equation_blueprint(
     nuisance = Nuisance(wanted.free or wanted.offset, wanted.offset, False)
     coefficients = len(setting.names)
     columns = p * (q * nuisance.free + nuisance.offset) + coefficients
-    ints = np.zeros(intake.N_INTS, dtype=np.int64)
-    ints[intake.INPUTS], ints[intake.OUTPUTS] = m, p
-    ints[intake.ORDER], ints[intake.COLUMNS] = q, columns
-    ints[intake.FREE], ints[intake.OFFSET], ints[intake.KIND] = (*nuisance[:2], kind)
-    ints[intake.BEGIN] = setting.late if nuisance.free else 0
-    ints[intake.UPPER] = int(np.any(poles.imag != 0))
-    ints[intake.COEFFICIENTS] = coefficients
-    ints[intake.DIRECTIONS], ints[intake.DIRECTIONS_STRIDE] = coefficients, 0
-    ints[intake.BLOCK] = max(20, 4 * coefficients)
-    ints[intake.FILTERING], ints[intake.LEARNING] = filtering, LEARNING
-    ints[intake.WALKERS] = coefficients if filtering else 0
-    plan = Plan(intake.INBOX + m + p)
-    ints[intake.LINE] = max(whole for whole, _ in setting.shifts) + 3
-    ints[intake.AT_LINE] = plan.take(m * int(ints[intake.LINE]))
-    ints[intake.AT_REFERENCE] = plan.take(m)
-    ints[intake.AT_FIRST_INPUT] = plan.take(m)
-    ints[intake.AT_LARGEST] = plan.take(2 * (m + p))
-    ints[intake.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
-    ints[intake.AT_CHUNK] = plan.take(0)
-    judged = coefficients + coefficients * (coefficients + 1) // 2 + intake.SUMS
-    ints[intake.WATCH] = intake.SCORES + 2 * coefficients + intake.SCALES * judged
-    ints[intake.AT_WATCH] = plan.take(p * int(ints[intake.WATCH]))
-    ints[intake.AT_ROW] = plan.take(columns)
-    ints[intake.AT_WORK] = plan.take(max(columns, q))
-    ints[intake.AT_IMPULSE] = plan.take(q)
-    ints[intake.AT_INPUTS] = plan.take(m * q)
-    ints[intake.AT_OUTPUTS] = plan.take(p * q)
-    ints[intake.AT_BEFORE] = plan.take(p)
-    ints[intake.AT_THETA] = plan.take(columns)
-    ints[intake.FACTOR] = 0 if filtering else size(columns)
-    ints[intake.AT_FACTOR] = plan.take(int(ints[intake.FACTOR]))
+    ints = np.zeros(slots.N_INTS, dtype=np.int64)
+    ints[slots.INPUTS], ints[slots.OUTPUTS] = m, p
+    ints[slots.ORDER], ints[slots.COLUMNS] = q, columns
+    ints[slots.FREE], ints[slots.OFFSET], ints[slots.KIND] = (*nuisance[:2], kind)
+    ints[slots.BEGIN] = setting.late if nuisance.free else 0
+    ints[slots.UPPER] = int(np.any(poles.imag != 0))
+    ints[slots.COEFFICIENTS] = coefficients
+    ints[slots.DIRECTIONS], ints[slots.DIRECTIONS_STRIDE] = coefficients, 0
+    ints[slots.BLOCK] = max(20, 4 * coefficients)
+    ints[slots.FILTERING], ints[slots.LEARNING] = filtering, LEARNING
+    ints[slots.WALKERS] = coefficients if filtering else 0
+    plan = Plan(slots.INBOX + m + p)
+    ints[slots.LINE] = max(whole for whole, _ in setting.shifts) + 3
+    ints[slots.AT_LINE] = plan.take(m * int(ints[slots.LINE]))
+    ints[slots.AT_REFERENCE] = plan.take(m)
+    ints[slots.AT_FIRST_INPUT] = plan.take(m)
+    ints[slots.AT_LARGEST] = plan.take(2 * (m + p))
+    ints[slots.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
+    ints[slots.AT_CHUNK] = plan.take(0)
+    judged = coefficients + coefficients * (coefficients + 1) // 2 + slots.SUMS
+    ints[slots.WATCH] = slots.SCORES + 2 * coefficients + slots.SCALES * judged
+    ints[slots.AT_WATCH] = plan.take(p * int(ints[slots.WATCH]))
+    ints[slots.AT_ROW] = plan.take(columns)
+    ints[slots.AT_WORK] = plan.take(max(columns, q))
+    ints[slots.AT_IMPULSE] = plan.take(q)
+    ints[slots.AT_INPUTS] = plan.take(m * q)
+    ints[slots.AT_OUTPUTS] = plan.take(p * q)
+    ints[slots.AT_BEFORE] = plan.take(p)
+    ints[slots.AT_THETA] = plan.take(columns)
+    ints[slots.FACTOR] = 0 if filtering else triangle_size(columns)
+    ints[slots.AT_FACTOR] = plan.take(int(ints[slots.FACTOR]))
     if filtering:
-        ints[intake.AT_COVARIANCE] = plan.take(columns * (columns + 1) // 2)
-        ints[intake.AT_GAIN] = plan.take(columns + columns * (columns + coefficients))
-    constants = Plan(intake.CONSTANTS)
-    ints[intake.C_STEP] = constants.take(q * q)
-    ints[intake.C_TAPS] = constants.take(3 * m * q)
-    ints[intake.C_DIRECT] = constants.take(2 * m)
-    ints[intake.C_START] = constants.take(1 + q)
-    ints[intake.C_EXTRA] = constants.take(m)
-    ints[intake.C_OUTPUT] = constants.take(2 * q)
-    ints[intake.C_BASIS] = constants.take(q * q)
-    ints[intake.C_MONIC] = constants.take(q + 1 + p)
-    ints[intake.C_ZEROS] = constants.take(m * p + 1)
+        ints[slots.AT_COVARIANCE] = plan.take(columns * (columns + 1) // 2)
+        ints[slots.AT_GAIN] = plan.take(columns + columns * (columns + coefficients))
+    constants = Plan(slots.CONSTANTS)
+    ints[slots.C_STEP] = constants.take(q * q)
+    ints[slots.C_TAPS] = constants.take(3 * m * q)
+    ints[slots.C_DIRECT] = constants.take(2 * m)
+    ints[slots.C_START] = constants.take(1 + q)
+    ints[slots.C_EXTRA] = constants.take(m)
+    ints[slots.C_OUTPUT] = constants.take(2 * q)
+    ints[slots.C_BASIS] = constants.take(q * q)
+    ints[slots.C_MONIC] = constants.take(q + 1 + p)
+    ints[slots.C_ZEROS] = constants.take(m * p + 1)
     if filtering:
-        ints[intake.C_WALK] = constants.take(columns * coefficients)
-        ints[intake.C_WIDTHS] = constants.take(coefficients)
+        ints[slots.C_WALK] = constants.take(columns * coefficients)
+        ints[slots.C_WIDTHS] = constants.take(coefficients)
     c = np.zeros(constants.at)
     # a triangle that all outputs share takes a row of each
-    c[intake.INTERVAL], c[intake.FORGETTING] = setting.dt, forgetting ** (1.0 / p)
-    c[intake.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
+    c[slots.INTERVAL], c[slots.FORGETTING] = setting.dt, forgetting ** (1.0 / p)
+    c[slots.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
     _write_filter(c, ints, setting, cascade(poles), weights)
     return Blueprint(ints, c, plan.at, poles, nuisance)
 
@@ -221,24 +221,24 @@ def _write_filter(
 ) -> None:
     m, q, n = setting.n_inputs, bank.order, setting.n_poles
     for j, (whole, _) in enumerate(setting.shifts):
-        c[ints[intake.C_EXTRA] + j] = whole
-    at = int(ints[intake.C_START])
+        c[ints[slots.C_EXTRA] + j] = whole
+    at = int(ints[slots.C_START])
     c[at] = NEGLIGIBLE * np.abs(bank.b).max()
     c[at + 1 : at + 1 + q] = bank.b
     fill_inputs(c, ints, setting, bank, setting.dt)
     joined = discretize_each(bank, np.array([setting.dt]), "foh")
-    at = int(ints[intake.C_OUTPUT])
+    at = int(ints[slots.C_OUTPUT])
     c[at : at + q], c[at + q : at + 2 * q] = joined.from_current[0], joined.from_next[0]
     basis = degree_basis(bank)
-    at = int(ints[intake.C_BASIS])
+    at = int(ints[slots.C_BASIS])
     c[at : at + q * q] = basis.rows.ravel()
-    at = int(ints[intake.C_MONIC])
+    at = int(ints[slots.C_MONIC])
     if q == n:
         c[at + q] = 1.0
     else:
         c[at : at + q] = basis.rows[n] / basis.leading[n]
     c[at + q + 1 : at + q + 1 + weights.size] = weights
-    at = int(ints[intake.C_ZEROS])
+    at = int(ints[slots.C_ZEROS])
     c[at : at + m * setting.n_outputs] = np.ravel(setting.zeros)
     c[at + m * setting.n_outputs] = n
 
@@ -250,8 +250,13 @@ class EquationError(Estimator):
     start: TransferFunction | None
     on_change: str
 
-    step_kernel = staticmethod(equation_step)
-    run_kernel = staticmethod(equation_run)
+    @staticmethod
+    @cache
+    def kernels() -> Kernels:
+        """The compiled sample loop."""
+        from tridentify.online.equation_kernel import equation_run, equation_step
+
+        return Kernels(equation_step, equation_run)
 
     def plan(
         self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool, filtering: bool
@@ -279,11 +284,11 @@ class EquationError(Estimator):
         else:
             blueprint = collecting(setting)
             x = fresh(blueprint)
-            x[intake.TICK] = first_try(setting)
+            x[slots.TICK] = first_try(setting)
             return State(x, Stage(self, setting, blueprint, blueprint.poles))
         blueprint = self.plan(setting, poles, weights, restarted=False, filtering=False)
         x = fresh(blueprint)
-        x[intake.TICK] = self.wait(setting, blueprint)
+        x[slots.TICK] = self.wait(setting, blueprint)
         return State(x, Stage(self, setting, blueprint, poles, searching=False))
 
     def wait(self, setting: Setting, blueprint: Blueprint) -> float:
@@ -294,7 +299,7 @@ class EquationError(Estimator):
         """Length of the vector that goes with a blueprint."""
         if not blueprint.poles.size:
             return collecting(setting).size
-        filtering = bool(blueprint.ints[intake.FILTERING])
+        filtering = bool(blueprint.ints[slots.FILTERING])
         weights = np.ones(setting.n_outputs)
         restarted = blueprint.nuisance.free
         return self.plan(
@@ -306,7 +311,7 @@ class EquationError(Estimator):
         x, stage = state
         if stage.searching:
             return False
-        k = int(stage.blueprint.ints[intake.COEFFICIENTS])
+        k = int(stage.blueprint.ints[slots.COEFFICIENTS])
         root = unknowns_of(stage.blueprint, x, stage.setting.n_outputs)[1]
         return bool(np.all(np.isfinite(root[-k:])))
 
@@ -315,7 +320,7 @@ class EquationError(Estimator):
         c = constants_for(blueprint, setting, intervals)
         if blueprint.poles.size:
             joined = discretize_each(blueprint.bank, intervals, "foh")
-            at, q = int(blueprint.ints[intake.C_OUTPUT]), blueprint.poles.size
+            at, q = int(blueprint.ints[slots.C_OUTPUT]), blueprint.poles.size
             c[:, at : at + q] = joined.from_current
             c[:, at + q : at + 2 * q] = joined.from_next
         return c
@@ -327,12 +332,12 @@ class EquationError(Estimator):
         x, stage = state
         setting = stage.setting
         samples = far_off(setting, kept_samples(state))
-        begun_anew = x[intake.COUNT] > len(samples)
+        begun_anew = x[slots.COUNT] > len(samples)
         with one_blas_thread():
             found = search(setting, samples, begun_anew)
         full = len(samples) >= MOST_KEPT
         if found is None or not (found.certain or full):
-            x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
+            x[slots.TICK] = x[slots.COUNT] + next_try(len(samples)) - len(samples)
             return shortened(state, samples) if full else state
         poles = admissible(setting, found.poles, samples)
         weights = 1.0 / np.where(found.noise_std > 0, found.noise_std, 1.0)
@@ -345,9 +350,9 @@ class EquationError(Estimator):
             fed = fresh(blueprint)
             run_kept(self, setting, blueprint, fed, cleaned)
         take_clocks(x, stage.blueprint, fed, blueprint, len(samples))
-        fed[intake.FILLED] = 0.0
+        fed[slots.FILLED] = 0.0
         wait = self.wait(setting, blueprint)
-        fed[intake.TICK] = max(wait - len(samples), 1.0) + fed[intake.COUNT] if wait else 0.0
+        fed[slots.TICK] = max(wait - len(samples), 1.0) + fed[slots.COUNT] if wait else 0.0
         anew = stage.but(blueprint=blueprint, poles=poles, past=(), searching=False)
         calm(fed, anew)
         return State(fed, anew)
@@ -355,10 +360,10 @@ class EquationError(Estimator):
     def alarmed(self, state: State) -> State:
         """Note the change; take the weight off the past if so told."""
         x, stage = state
-        here = int(x[intake.COUNT])
+        here = int(x[slots.COUNT])
         changed = stage.but(changes=(*stage.changes, here - 1))
-        x[intake.ALARM] = here + ALARM_LASTS
-        x[intake.FLAGS] = float(int(x[intake.FLAGS]) | intake.CHANGED)
+        x[slots.ALARM] = here + ALARM_LASTS
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
         calm(x, stage)
         if self.on_change == "restart":
             self.loosen(x, stage.blueprint)
@@ -367,16 +372,16 @@ class EquationError(Estimator):
     def loosen(self, x: Array, blueprint: Blueprint) -> None:
         """Leave the past the weight of one sample."""
         ints, n = blueprint.ints, blueprint.n_columns
-        remembered = max(float(x[watch_of(blueprint, 0) + intake.WEIGHT]), 1.0)
-        if ints[intake.FILTERING]:
-            at = int(ints[intake.AT_COVARIANCE])
+        remembered = max(float(x[watch_of(blueprint, 0) + slots.WEIGHT]), 1.0)
+        if ints[slots.FILTERING]:
+            at = int(ints[slots.AT_COVARIANCE])
             x[at : at + n] *= WIDER
             return
-        at = int(ints[intake.AT_FACTOR])
+        at = int(ints[slots.AT_FACTOR])
         x[at : at + n] /= remembered
-        for i in range(int(ints[intake.OUTPUTS])):
+        for i in range(int(ints[slots.OUTPUTS])):
             w = watch_of(blueprint, i)
-            for slot in (intake.SQUARES, intake.WEIGHT, intake.WEIGHT2, intake.SPREAD):
+            for slot in (slots.SQUARES, slots.WEIGHT, slots.WEIGHT2, slots.SPREAD):
                 x[w + slot] /= remembered
 
     def estimate(self, state: State) -> Estimate:
@@ -398,17 +403,17 @@ class EquationError(Estimator):
         """
         x, stage = state
         setting, blueprint = stage.setting, stage.blueprint
-        count = int(x[intake.COUNT])
+        count = int(x[slots.COUNT])
         if stage.searching:
             raise not_ready(count, "are still searched for a filter")
-        k = int(blueprint.ints[intake.COEFFICIENTS])
+        k = int(blueprint.ints[slots.COEFFICIENTS])
         unknowns, root, noise = unknowns_of(blueprint, x, setting.n_outputs)
         if not np.all(np.isfinite(root[-k:])):
             raise not_ready(count, "do not determine the coefficients")
         maps = maps_of(setting, blueprint.bank)
         theta = maps.constant + maps.matrix @ unknowns[-k:]
         spread = maps.matrix @ root[-k:]
-        filtering = bool(blueprint.ints[intake.FILTERING])
+        filtering = bool(blueprint.ints[slots.FILTERING])
         trace = Trace((), (), (f"filter of degree {blueprint.poles.size}",), "recursive")
         return assembled(
             setting, blueprint, x, theta, spread @ spread.T, noise, Status.SETTLED, trace,
@@ -436,22 +441,22 @@ def unknowns_of(blueprint: Blueprint, x: Array, n_outputs: int) -> tuple[Array, 
     squares, weight, weight2, taken = np.zeros((4, n_outputs))
     for i in range(n_outputs):
         w = watch_of(blueprint, i)
-        squares[i], weight[i] = x[w + intake.SQUARES], x[w + intake.WEIGHT]
-        weight2[i], taken[i] = x[w + intake.WEIGHT2], x[w + intake.TAKEN]
-    at = int(ints[intake.C_MONIC]) + blueprint.poles.size + 1
+        squares[i], weight[i] = x[w + slots.SQUARES], x[w + slots.WEIGHT]
+        weight2[i], taken[i] = x[w + slots.WEIGHT2], x[w + slots.TAKEN]
+    at = int(ints[slots.C_MONIC]) + blueprint.poles.size + 1
     scales = blueprint.constants[at : at + n_outputs]
     noise = squares / np.maximum(weight - n / n_outputs, 1.0) / scales**2
-    if ints[intake.FILTERING]:
-        at, theta = int(ints[intake.AT_COVARIANCE]), int(ints[intake.AT_THETA])
+    if ints[slots.FILTERING]:
+        at, theta = int(ints[slots.AT_COVARIANCE]), int(ints[slots.AT_THETA])
         upper = np.eye(n)
         for j in range(n):
             begin = at + n + j * (j - 1) // 2
             upper[:j, j] = x[begin : begin + j]
         return x[theta : theta + n].copy(), upper * np.sqrt(x[at : at + n]), noise
-    at = int(ints[intake.AT_FACTOR])
+    at = int(ints[slots.AT_FACTOR])
     d = x[at : at + n]
     unit = np.eye(n)
-    unit[np.triu_indices(n, 1)] = x[at + 4 * n : at + int(ints[intake.FACTOR])]
+    unit[np.triu_indices(n, 1)] = x[at + 4 * n : at + int(ints[slots.FACTOR])]
     live = d > 0
     unknowns = scipy.linalg.solve_triangular(unit, x[at + n : at + 2 * n], unit_diagonal=True)
     common = float(squares.sum() / max(weight.sum() - n, 1.0))
@@ -613,28 +618,28 @@ class Kalman(EquationError):
         if stage.searching:
             return super().tick(state)
         old, setting = stage.blueprint, stage.setting
-        if old.ints[intake.FILTERING]:
+        if old.ints[slots.FILTERING]:
             return state
         unknowns, root, _ = unknowns_of(old, x, setting.n_outputs)
         if not np.all(np.isfinite(root)):
-            x[intake.TICK] = x[intake.COUNT] + self.wait(setting, old)
+            x[slots.TICK] = x[slots.COUNT] + self.wait(setting, old)
             return state
-        at = int(old.ints[intake.C_MONIC]) + old.poles.size + 1
+        at = int(old.ints[slots.C_MONIC]) + old.poles.size + 1
         weights = old.constants[at : at + setting.n_outputs]
         new = self.plan(setting, old.poles, weights, restarted=old.nuisance.free, filtering=True)
         walk, widths = self._walk(setting, new, unknowns)
         c = new.constants
-        at = int(new.ints[intake.C_WALK])
+        at = int(new.ints[slots.C_WALK])
         c[at : at + walk.size] = walk.ravel()
-        at = int(new.ints[intake.C_WIDTHS])
+        at = int(new.ints[slots.C_WIDTHS])
         c[at : at + widths.size] = widths
         found = np.zeros(new.size)
-        end = int(old.ints[intake.AT_FACTOR])
+        end = int(old.ints[slots.AT_FACTOR])
         found[:end] = x[:end]
         n = new.n_columns
-        found[int(new.ints[intake.AT_THETA]) :][:n] = unknowns
+        found[int(new.ints[slots.AT_THETA]) :][:n] = unknowns
         diagonal = np.diagonal(root)
-        at = int(new.ints[intake.AT_COVARIANCE])
+        at = int(new.ints[slots.AT_COVARIANCE])
         found[at : at + n] = diagonal**2
         upper = root / diagonal
         for j in range(n):

@@ -19,7 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled, correct, drift, predict, solve_triangle
-from tridentify.online.intake import (
+from tridentify.online.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.parallel_kernel import absorb, refuse
+from tridentify.online.slots import (
     ALARMED,
     AT_BEFORE,
     AT_COVARIANCE,
@@ -47,12 +49,14 @@ from tridentify.online.intake import (
     C_ZEROS,
     COLLECTING,
     COLUMNS,
+    DOUBTED,
     EVENT,
     FILTERING,
     FIRST,
     FITTED,
     FLAGS,
     FREE,
+    HELD_BLOCKS,
     IDLE,
     IDLE_BLOCKS,
     INBOX,
@@ -61,6 +65,7 @@ from tridentify.online.intake import (
     LARGE,
     LARGEST,
     LINE,
+    MISSING_OUTPUT,
     MOVED,
     NOT_EXCITED,
     NOT_READY,
@@ -74,14 +79,7 @@ from tridentify.online.intake import (
     UPPER,
     WALKERS,
     WATCH,
-    count,
-    doubt,
-    learn,
-    noise_scale,
-    take_in,
-    watch,
 )
-from tridentify.online.parallel_kernel import absorb, refuse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -251,6 +249,8 @@ def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
     if own > 0.0:
         z = min(max(v / own, -LARGE), LARGE)
         watch(ints, c, x, w, int(x[FIRST]), z, True)
+    if x[w + IDLE] >= HELD_BLOCKS:
+        return float(error)
     correct(x, theta, at, n, work, ints[AT_GAIN], error, noise)
     x[w + SQUARES] += error * error / (1.0 + leverage)
     learn(x, w, y, v, 1.0)
@@ -272,6 +272,7 @@ def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
     n, theta = ints[COLUMNS], ints[AT_THETA]
     begun = not ints[FREE] or x[SINCE] >= ints[BEGIN]
     idle = False
+    resting = False
     for i in range(p):
         w = ints[AT_WATCH] + i * ints[WATCH]
         before = ints[AT_BEFORE] + i
@@ -292,7 +293,12 @@ def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
         else:
             first = int(x[FIRST])
             absorb(ints, c, x, w, ints[AT_FACTOR], n, first, told)
-        if x[w + TAKEN] == taken and x[w + TAKEN] > 2.0 * n:
+        held = x[w + IDLE] >= HELD_BLOCKS
+        resting = resting or held
+        refused = x[w + TAKEN] == taken
+        if held:
+            refused = int(x[FLAGS]) & (MISSING_OUTPUT | DOUBTED) > 0
+        if refused and x[w + TAKEN] > 2.0 * n:
             # what the model expects takes the place of the sample
             if not ints[FILTERING]:
                 solve_triangle(x, ints[AT_FACTOR], n, theta)
@@ -309,7 +315,7 @@ def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
             x[EVENT] = float(int(x[EVENT]) | ALARMED)
     if idle:
         x[FLAGS] = float(int(x[FLAGS]) | NOT_EXCITED)
-    elif ints[FILTERING]:
+    if ints[FILTERING] and not resting:
         drift(
             x, ints[AT_COVARIANCE], n, c, ints[C_WALK], ints[C_WIDTHS], ints[WALKERS], interval,
             ints[AT_GAIN] + n,

@@ -65,6 +65,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -75,8 +76,8 @@ from tridentify.estimate import Estimate, Status, Trace
 from tridentify.methods.filtered import checked_filter
 from tridentify.numerics.realization import denominator, sort_poles
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online import gradient_kernel as kernel
-from tridentify.online import intake
+from tridentify.online import gradient_slots as places
+from tridentify.online import slots
 from tridentify.online.blueprint import (
     Blueprint,
     Nuisance,
@@ -86,7 +87,6 @@ from tridentify.online.blueprint import (
     fresh,
     watch_of,
 )
-from tridentify.online.gradient_kernel import gradient_run, gradient_step
 from tridentify.online.gradient_periods import (
     SURE,
     average,
@@ -124,7 +124,7 @@ from tridentify.online.gradient_vector import (
     write_moments,
 )
 from tridentify.online.result import assembled
-from tridentify.online.seam import Estimator, check_choice, kept_samples, not_ready
+from tridentify.online.seam import Estimator, Kernels, check_choice, kept_samples, not_ready
 from tridentify.online.search import (
     Found,
     checked_start,
@@ -201,8 +201,14 @@ class Gradient(Estimator):
     orthogonal: bool = True
 
     name: ClassVar[str] = "gradient"
-    step_kernel = staticmethod(gradient_step)
-    run_kernel = staticmethod(gradient_run)
+
+    @staticmethod
+    @cache
+    def kernels() -> Kernels:
+        """The compiled sample loop."""
+        from tridentify.online.gradient_kernel import gradient_run, gradient_step
+
+        return Kernels(gradient_step, gradient_run)
 
     def __post_init__(self) -> None:
         _check_above_zero("rate", self.rate, "1/s")
@@ -238,7 +244,7 @@ class Gradient(Estimator):
         if not self.fixed and self.start is None:
             blueprint = collecting(setting)
             x = fresh(blueprint)
-            x[intake.TICK] = first_try(setting)
+            x[slots.TICK] = first_try(setting)
             return State(x, Stage(self, setting, blueprint, blueprint.poles))
         nuisance = _nuisance(setting, False)
         if self.start is None:
@@ -274,8 +280,8 @@ class Gradient(Estimator):
         quick = max(rate, 1.0 / (WARM_UP * setting.dt))
         blueprint = replace(tables, rate=quick).written(basis, blueprint)
         x = fresh(blueprint)
-        x[kernel.FROM] = np.inf
-        x[intake.TICK] = setting.late + WARM_UP * (basis.unknowns + setting.n_inputs)
+        x[places.FROM] = np.inf
+        x[slots.TICK] = setting.late + WARM_UP * (basis.unknowns + setting.n_inputs)
         put_unknowns(blueprint, x, unknowns)
         stage = Stage(self, setting, blueprint, basis.filter_poles, searching=False)
         return State(x, stage.but(extra=_extra(np.zeros((0, 0)), rate, 0)))
@@ -294,11 +300,11 @@ class Gradient(Estimator):
         blueprint = stage.blueprint
         basis = Basis.of(stage.setting, blueprint)
         batches = _read(stage)[0]
-        if not len(batches) and x[kernel.SUMMED] < basis.unknowns:
+        if not len(batches) and x[places.SUMMED] < basis.unknowns:
             batches = present(basis, blueprint, x)
-        elif x[kernel.SUMMED] > 0:
+        elif x[places.SUMMED] > 0:
             theta, _ = mean_of(basis, blueprint, x)
-            row = np.concatenate([[x[kernel.SUMMED]], theta])[None, :]
+            row = np.concatenate([[x[places.SUMMED]], theta])[None, :]
             batches = np.vstack([batches.reshape(-1, row.size), row])
         if not basis.adapted or (len(batches) and batches[:, 0].sum() < basis.unknowns):
             return batches[:0]
@@ -318,7 +324,7 @@ class Gradient(Estimator):
         x, stage = state
         setting = stage.setting
         samples = far_off(setting, kept_samples(state))
-        begun_anew = x[intake.COUNT] > len(samples)
+        begun_anew = x[slots.COUNT] > len(samples)
         full = len(samples) >= MOST_KEPT
         begun: State | None = None
         for _ in range(ROUNDS):
@@ -335,7 +341,7 @@ class Gradient(Estimator):
             samples = cleaned
         if begun is not None:
             return begun
-        x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
+        x[slots.TICK] = x[slots.COUNT] + next_try(len(samples)) - len(samples)
         return shortened(state, samples) if full else state
 
     def _launched(
@@ -371,17 +377,17 @@ class Gradient(Estimator):
         setting, count = stage.setting, float(len(samples))
         rate = self.rate or first_rate(basis, count)
         assert tables.moments is not None
-        blueprint = replace(tables, rate=rate, ready=kernel.DOUBTS).written(basis, plan(basis))
+        blueprint = replace(tables, rate=rate, ready=places.DOUBTS).written(basis, plan(basis))
         x = fresh(blueprint)
         refer(old, x, blueprint)
         for i in range(setting.n_outputs):
-            x[watch_of(blueprint, i) + intake.SCALE] = noise[i]
+            x[watch_of(blueprint, i) + slots.SCALE] = noise[i]
         write_moments(blueprint, x, tables.moments, count)
         put_unknowns(blueprint, x, unknowns)
-        x[kernel.FROM] = np.inf
+        x[places.FROM] = np.inf
         flags = run_kept(self, setting, blueprint, x, samples)
         take_clocks(old, stage.blueprint, x, blueprint, len(samples))
-        x[intake.FILLED] = 0.0
+        x[slots.FILLED] = 0.0
         put_unknowns(blueprint, x, unknowns)
         still_series(basis, blueprint, x)
         constant, matrix = basis.physical
@@ -399,17 +405,17 @@ class Gradient(Estimator):
         setting, blueprint = stage.setting, plan(basis)
         x = fresh(blueprint)
         refer(old, x, blueprint)
-        n, at, m = blueprint.n_columns, int(blueprint.ints[intake.AT_ROW]), setting.n_inputs
+        n, at, m = blueprint.n_columns, int(blueprint.ints[slots.AT_ROW]), setting.n_inputs
         rows = np.zeros((len(samples), n))
         for k, after in enumerate(samples[:, 0].tolist()):
             c = blueprint.constants
             if k and abs(after - setting.dt) > 1e-9 * setting.dt:
                 c = constants_for(blueprint, setting, np.array([after]))[0]
-            x[intake.INBOX : intake.INBOX + m] = samples[k, 1 : 1 + m]
-            x[intake.INBOX + m : intake.INBOX + samples.shape[1] - 1] = samples[k, 1 + m :]
-            gradient_step(blueprint.ints, c, x, after)
+            x[slots.INBOX : slots.INBOX + m] = samples[k, 1 : 1 + m]
+            x[slots.INBOX + m : slots.INBOX + samples.shape[1] - 1] = samples[k, 1 + m :]
+            self.kernels().step(blueprint.ints, c, x, after)
             if not (basis.nuisance.free and k < setting.late):
-                rows[k, int(x[intake.FIRST]) :] = x[at + int(x[intake.FIRST]) : at + n]
+                rows[k, int(x[slots.FIRST]) :] = x[at + int(x[slots.FIRST]) : at + n]
         return rows
 
     def _follow(self, state: State) -> State:
@@ -417,21 +423,21 @@ class Gradient(Estimator):
         setting, blueprint = stage.setting, stage.blueprint
         batches, rate, periods = _read(stage)
         basis = Basis.of(setting, blueprint)
-        if not blueprint.constants[kernel.KNOWN]:
+        if not blueprint.constants[places.KNOWN]:
             begin_period(x, setting, rate, rested=False)
             return self._again(State(x, stage), basis, batches, rate, 0)
-        if x[kernel.FROM] == np.inf:
+        if x[places.FROM] == np.inf:
             begin_period(x, setting, rate, rested=True)
             return self._again(State(x, stage), basis, batches, rate, periods)
-        if x[kernel.SUMMED] < 0.5 * samples_of_period(setting, rate):
-            x[intake.TICK] = x[intake.COUNT] + np.ceil(0.5 * samples_of_period(setting, rate))
+        if x[places.SUMMED] < 0.5 * samples_of_period(setting, rate):
+            x[slots.TICK] = x[slots.COUNT] + np.ceil(0.5 * samples_of_period(setting, rate))
             return state
         theta, mean = mean_of(basis, blueprint, x)
         if not basis.adapted and periods + 1 < SETTLING:
             begin_period(x, setting, rate, rested=False)
             return self._again(state, basis, batches, rate, periods + 1)
         if basis.adapted:
-            row = np.concatenate([[x[kernel.SUMMED]], theta])[None, :]
+            row = np.concatenate([[x[places.SUMMED]], theta])[None, :]
             batches = np.vstack([batches.reshape(-1, row.size), row])
             batches, rate = self._joined(batches, rate)
         target = theta if len(batches) < 2 * SURE else average(batches)
@@ -490,16 +496,16 @@ class Gradient(Estimator):
         blueprint = plan(new)
         found = carried(was, x, blueprint)
         if old.adapted:
-            a, b = int(was.ints[intake.AT_WATCH]), int(blueprint.ints[intake.AT_WATCH])
-            size = setting.n_outputs * int(was.ints[intake.WATCH])
+            a, b = int(was.ints[slots.AT_WATCH]), int(blueprint.ints[slots.AT_WATCH])
+            size = setting.n_outputs * int(was.ints[slots.WATCH])
             found[b : b + size] = x[a : a + size]
         move = columns_between(old, new)
-        at, to = int(was.ints[intake.AT_ROW]), int(blueprint.ints[intake.AT_ROW])
+        at, to = int(was.ints[slots.AT_ROW]), int(blueprint.ints[slots.AT_ROW])
         found[to : to + new.width] = move @ x[at : at + old.width]
-        if found[intake.FIRST]:
-            found[intake.FIRST] = new.poles.size
+        if found[slots.FIRST]:
+            found[slots.FIRST] = new.poles.size
         moments = move @ moments_of(was, x) @ move.T
-        write_moments(blueprint, found, moments, float(x[kernel.MOMENTS]))
+        write_moments(blueprint, found, moments, float(x[places.MOMENTS]))
         parallel, working = (one @ move.T for one in signals_of(old, was, x))
         unknowns = new.unknowns_of(theta)
         models = outputs_of(new, unknowns)
@@ -528,10 +534,10 @@ class Gradient(Estimator):
     def alarmed(self, state: State) -> State:
         """Note the change; begin anew if so told."""
         x, stage = state
-        here = int(x[intake.COUNT])
+        here = int(x[slots.COUNT])
         changed = stage.but(changes=(*stage.changes, here - 1))
-        x[intake.ALARM] = here + ALARM_LASTS
-        x[intake.FLAGS] = float(int(x[intake.FLAGS]) | intake.CHANGED)
+        x[slots.ALARM] = here + ALARM_LASTS
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
         calm(x, changed)
         if self.on_change == "flag":
             return State(x, changed)
@@ -541,23 +547,23 @@ class Gradient(Estimator):
             return State(x, changed)
         basis = Basis.of(stage.setting, stage.blueprint)
         blueprint = replace(plan(basis, True), constants=stage.blueprint.constants.copy())
-        blueprint.constants[kernel.READY] = 0.0
-        blueprint.constants[kernel.RATE] = self.rate or first_rate(basis, 0.0)
+        blueprint.constants[places.READY] = 0.0
+        blueprint.constants[places.RATE] = self.rate or first_rate(basis, 0.0)
         anew = fresh(blueprint)
-        head = int(blueprint.ints[intake.AT_CHUNK])
-        a, b = int(stage.blueprint.ints[intake.AT_WATCH]), int(blueprint.ints[intake.AT_WATCH])
+        head = int(blueprint.ints[slots.AT_CHUNK])
+        a, b = int(stage.blueprint.ints[slots.AT_WATCH]), int(blueprint.ints[slots.AT_WATCH])
         anew[:head], anew[b:] = x[:head], x[a:]
-        anew[intake.FILLED] = anew[kernel.SUMMED] = 0.0
-        anew[kernel.FROM] = np.inf
-        anew[intake.BORN] = x[intake.TIME] + stage.setting.dt
-        anew[intake.TICK] = here + first_try(stage.setting)
+        anew[slots.FILLED] = anew[places.SUMMED] = 0.0
+        anew[places.FROM] = np.inf
+        anew[slots.BORN] = x[slots.TIME] + stage.setting.dt
+        anew[slots.TICK] = here + first_try(stage.setting)
         return State(anew, changed.but(blueprint=blueprint, past=(), searching=True))
 
     def _refreshed(self, state: State) -> State:
         """From the present model, at the rate of the beginning."""
         x, stage = state
         basis = Basis.of(stage.setting, stage.blueprint)
-        if not stage.blueprint.constants[kernel.KNOWN]:
+        if not stage.blueprint.constants[places.KNOWN]:
             return state
         rate = self.rate or first_rate(basis, 0.0)
         begin_period(x, stage.setting, rate, rested=False)
@@ -583,7 +589,7 @@ class Gradient(Estimator):
             The samples so far do not determine them.
         """
         x, stage = state
-        count = int(x[intake.COUNT])
+        count = int(x[slots.COUNT])
         if stage.searching:
             raise not_ready(count, "are still searched for a model")
         setting, blueprint = stage.setting, stage.blueprint
@@ -603,7 +609,7 @@ class Gradient(Estimator):
         if len(used) >= SCATTERED:
             cov = scatter(used)
         noise = noise_of(blueprint, x)
-        notes = (f"mean over {len(used)} periods", f"rate {blueprint.constants[kernel.RATE]:.3g}")
+        notes = (f"mean over {len(used)} periods", f"rate {blueprint.constants[places.RATE]:.3g}")
         trace = Trace((), (), notes, "gradient rule")
         return assembled(
             setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name, condition
@@ -622,8 +628,8 @@ def _read(stage: Stage) -> tuple[Array, float, int]:
 def _readiness(basis: Basis, before: Blueprint, batches: Array) -> float:
     """Whether samples may be doubted and changes told; what may be doubted stays so."""
     if basis.adapted and len(batches) >= SURE:
-        return kernel.TELLS
-    return min(float(before.constants[kernel.READY]), kernel.DOUBTS)
+        return places.TELLS
+    return min(float(before.constants[places.READY]), places.DOUBTS)
 
 
 def _nuisance(setting: Setting, restarted: bool) -> Nuisance:

@@ -27,7 +27,36 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import along, compiled, descend
-from tridentify.online.intake import (
+from tridentify.online.gradient_slots import (
+    ANSWERS,
+    C_FITS,
+    C_SECOND,
+    DOUBTS,
+    FROM,
+    KEPT,
+    KNOWN,
+    MEMORY,
+    MOMENTS,
+    OWN,
+    PACE,
+    PARALLEL_UNKNOWNS,
+    POLES,
+    RATE,
+    READY,
+    SERIES,
+    SERIES_UNKNOWNS,
+    SUMMED,
+    TELLS,
+    WHITE,
+    X_FITS,
+    X_MOMENTS,
+    X_ROOM,
+    X_SECOND,
+    fits_stride,
+)
+from tridentify.online.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.parallel_kernel import advance, complete_row, refuse
+from tridentify.online.slots import (
     ALARMED,
     AT_ROW,
     AT_WATCH,
@@ -57,41 +86,13 @@ from tridentify.online.intake import (
     SQUARES,
     TAKEN,
     WATCH,
-    count,
-    doubt,
-    learn,
-    noise_scale,
-    take_in,
-    watch,
 )
-from tridentify.online.parallel_kernel import advance, complete_row, refuse
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-# places in ints: those of the estimators on the equation error, which has no part here
-(
-    SERIES, PARALLEL_UNKNOWNS, SERIES_UNKNOWNS, POLES, ANSWERS, KEPT, OWN, C_FITS, C_SECOND, X_FITS,
-    X_SECOND, X_MOMENTS, X_ROOM,
-) = range(34, 47)  # fmt: skip
 
-# places in c
-RATE, KNOWN, READY, PACE = range(4, 8)
-
-# slots of x
-FROM, MOMENTS, SUMMED = 13, 14, 15
-
-MEMORY = 6.0
-WHITE = 0.25
-DOUBTS, TELLS = 0.5, 1.0  # of READY: a sample may be doubted; a change may be told
-
-
-@compiled("int64(int64[::1])")
-def fits_stride(ints: Ints) -> int:
-    """Numbers in ``c`` for the fits of one output."""
-    n, k1, k3 = ints[COLUMNS], ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS]
-    unknowns = ints[POLES] + ints[OUTPUTS] * ints[OWN]
-    return int(k1 * (n + k1) + n + k3 * (n + k3) + ints[OWN] * n + 1 + unknowns * n)
+stride_of = compiled("int64(int64[::1])")(fits_stride)
 
 
 @compiled("void(float64[::1], float64[::1], int64, int64, int64, int64, int64, int64)")
@@ -179,7 +180,7 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
     k1, k3, row = ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS], ints[AT_ROW]
     w = ints[AT_WATCH] + output * ints[WATCH]
     y = x[INBOX + ints[INPUTS] + output]
-    t1 = ints[C_FITS] + output * fits_stride(ints)
+    t1 = ints[C_FITS] + output * stride_of(ints)
     t0 = t1 + k1 * (n + k1)
     t3 = t0 + n
     theta1 = ints[X_FITS] + output * (k1 + k3 + 2)
@@ -242,7 +243,7 @@ def second(
     """Step 2 on the output of the series model, or of the parallel one before there is another."""
     k1, k3, row = ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS], ints[AT_ROW]
     m, q, d, kept, poles = ints[INPUTS], ints[ORDER], ints[ANSWERS], ints[KEPT], ints[POLES]
-    base = ints[C_FITS] + output * fits_stride(ints)
+    base = ints[C_FITS] + output * stride_of(ints)
     t0 = base + k1 * (n + k1)
     t3 = t0 + n
     t2 = t3 + k3 * (n + k3)

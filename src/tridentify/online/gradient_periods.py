@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from tridentify.errors import OptionError
 from tridentify.numerics.realization import Complex, sort_poles
-from tridentify.online import gradient_kernel as kernel
-from tridentify.online import intake
+from tridentify.online import gradient_slots as places
+from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting
-from tridentify.online.gradient_kernel import MEMORY
 from tridentify.online.gradient_plan import Basis, inverse_of, without_constant
+from tridentify.online.gradient_slots import MEMORY
 from tridentify.online.summary import transfer
 from tridentify.transfer_function import TransferFunction
 
@@ -44,15 +44,15 @@ def samples_of_period(setting: Setting, rate: float) -> float:
 def begin_period(x: Array, setting: Setting, rate: float, *, rested: bool) -> None:
     """Begin to average: at once, or where models begin anew after half of a period."""
     length = samples_of_period(setting, rate)
-    x[intake.TICK] = x[intake.COUNT] + np.ceil(length if rested else 0.5 * length)
-    x[kernel.FROM] = x[intake.COUNT] if rested else np.inf
-    x[kernel.SUMMED] = 0.0
+    x[slots.TICK] = x[slots.COUNT] + np.ceil(length if rested else 0.5 * length)
+    x[places.FROM] = x[slots.COUNT] if rested else np.inf
+    x[places.SUMMED] = 0.0
 
 
 def mean_of(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Array]:
     """Mean of the coefficients, and of the unknowns, over the present period."""
-    at, k = int(blueprint.ints[kernel.X_SECOND]), basis.unknowns
-    mean = x[at + k + 1 : at + 2 * k + 1] / max(float(x[kernel.SUMMED]), 1.0)
+    at, k = int(blueprint.ints[places.X_SECOND]), basis.unknowns
+    mean = x[at + k + 1 : at + 2 * k + 1] / max(float(x[places.SUMMED]), 1.0)
     constant, matrix = basis.physical
     return constant + matrix @ mean, mean
 
@@ -60,11 +60,11 @@ def mean_of(basis: Basis, blueprint: Blueprint, x: Array) -> tuple[Array, Array]
 def present(basis: Basis, blueprint: Blueprint, x: Array) -> Array:
     """The coefficients as they are, as one period; none before the step lengths are known."""
     constant, matrix = basis.physical
-    if not blueprint.constants[kernel.KNOWN]:
+    if not blueprint.constants[places.KNOWN]:
         return np.zeros((0, constant.size + 1))
-    at = int(blueprint.ints[kernel.X_SECOND])
-    remembered = 2.0 / float(blueprint.constants[kernel.RATE] * basis.setting.dt)
-    row = [min(float(x[intake.COUNT]), remembered)], constant + matrix @ x[at : at + basis.unknowns]
+    at = int(blueprint.ints[places.X_SECOND])
+    remembered = 2.0 / float(blueprint.constants[places.RATE] * basis.setting.dt)
+    row = [min(float(x[slots.COUNT]), remembered)], constant + matrix @ x[at : at + basis.unknowns]
     return np.concatenate(row)[None, :]
 
 
@@ -128,7 +128,7 @@ def fitted_to(basis: Basis, rows: Array, samples: Array) -> tuple[Array, Array]:
     models = np.zeros((setting.n_outputs, basis.width))
     for i in range(setting.n_outputs):
         y = samples[:, 1 + setting.n_inputs + i]
-        good = (np.abs(y) < intake.LARGEST) & np.any(rows != 0, axis=1)
+        good = (np.abs(y) < slots.LARGEST) & np.any(rows != 0, axis=1)
         table = basis.numerators(i)
         if basis.nuisance.offset:
             table = np.vstack([table, basis.at(basis.width - 1)])

@@ -24,8 +24,8 @@ from tridentify.numerics.realization import (
     filter_map,
     numerators,
 )
-from tridentify.online import gradient_kernel as kernel
-from tridentify.online import intake
+from tridentify.online import gradient_slots as places
+from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Nuisance, Setting, parallel
 
 Array = NDArray[np.float64]
@@ -77,8 +77,8 @@ class Basis:
     @classmethod
     def of(cls, setting: Setting, blueprint: Blueprint) -> Basis:
         """That of a blueprint."""
-        kept = int(blueprint.ints[kernel.KEPT])
-        adapted = bool(blueprint.ints[kernel.SERIES])
+        kept = int(blueprint.ints[places.KEPT])
+        adapted = bool(blueprint.ints[places.SERIES])
         poles = blueprint.poles
         own = poles[: setting.n_poles] if adapted else poles[kept:]
         return cls(setting, blueprint.nuisance, poles, own, kept, adapted)
@@ -316,20 +316,20 @@ def plan(basis: Basis, keep: bool = False) -> Blueprint:
     ints = base.ints
     k1 = basis.parallel.shape[0]
     k3 = basis.n_poles + basis.own + nuisance.offset if basis.adapted else 0
-    ints[kernel.SERIES] = basis.adapted
-    ints[kernel.PARALLEL_UNKNOWNS], ints[kernel.SERIES_UNKNOWNS] = k1, k3
-    ints[kernel.POLES], ints[kernel.ANSWERS] = basis.n_poles, basis.n_poles + basis.monic
-    ints[kernel.KEPT], ints[kernel.OWN] = basis.kept, basis.own
-    ints[kernel.C_FITS] = base.constants.size
-    ints[kernel.C_SECOND] = base.constants.size + p * kernel.fits_stride(ints)
-    ints[kernel.X_FITS] = base.size
-    ints[kernel.X_SECOND] = base.size + p * (k1 + k3 + 2)
-    ints[kernel.X_MOMENTS] = int(ints[kernel.X_SECOND]) + 2 * basis.unknowns + 1
-    ints[kernel.X_ROOM] = int(ints[kernel.X_MOMENTS]) + n * (n + 1) // 2
-    ints[intake.LEARNING] = LEARNING
-    d, q = int(ints[kernel.ANSWERS]), basis.poles.size
+    ints[places.SERIES] = basis.adapted
+    ints[places.PARALLEL_UNKNOWNS], ints[places.SERIES_UNKNOWNS] = k1, k3
+    ints[places.POLES], ints[places.ANSWERS] = basis.n_poles, basis.n_poles + basis.monic
+    ints[places.KEPT], ints[places.OWN] = basis.kept, basis.own
+    ints[places.C_FITS] = base.constants.size
+    ints[places.C_SECOND] = base.constants.size + p * places.fits_stride(ints)
+    ints[places.X_FITS] = base.size
+    ints[places.X_SECOND] = base.size + p * (k1 + k3 + 2)
+    ints[places.X_MOMENTS] = int(ints[places.X_SECOND]) + 2 * basis.unknowns + 1
+    ints[places.X_ROOM] = int(ints[places.X_MOMENTS]) + n * (n + 1) // 2
+    ints[slots.LEARNING] = LEARNING
+    d, q = int(ints[places.ANSWERS]), basis.poles.size
     tables = (basis.kept + 1) * d * q + basis.unknowns**2
-    end = int(ints[kernel.C_SECOND]) + tables
+    end = int(ints[places.C_SECOND]) + tables
     constants = np.concatenate([base.constants, np.zeros(end - base.constants.size)])
     return replace(base, constants=constants, size=_size(ints))
 
@@ -340,12 +340,12 @@ def size_of(blueprint: Blueprint) -> int:
 
 
 def _size(ints: NDArray[np.int64]) -> int:
-    channels = int(ints[intake.INPUTS] + ints[intake.FREE])
-    unknowns = int(ints[kernel.POLES] + ints[intake.OUTPUTS] * ints[kernel.OWN])
-    fits = 2 * int(ints[kernel.PARALLEL_UNKNOWNS] + ints[kernel.SERIES_UNKNOWNS])
-    answers = channels * int(ints[kernel.KEPT] * ints[kernel.ANSWERS])
-    room = max(fits, answers + int(ints[intake.COLUMNS]) + 3 * unknowns)
-    return int(ints[kernel.X_ROOM]) + room
+    channels = int(ints[slots.INPUTS] + ints[slots.FREE])
+    unknowns = int(ints[places.POLES] + ints[slots.OUTPUTS] * ints[places.OWN])
+    fits = 2 * int(ints[places.PARALLEL_UNKNOWNS] + ints[places.SERIES_UNKNOWNS])
+    answers = channels * int(ints[places.KEPT] * ints[places.ANSWERS])
+    room = max(fits, answers + int(ints[slots.COLUMNS]) + 3 * unknowns)
+    return int(ints[places.X_ROOM]) + room
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,8 +380,8 @@ class Tables:
     def written(self, basis: Basis, blueprint: Blueprint) -> Blueprint:
         """A blueprint with these tables."""
         ints, c = blueprint.ints, blueprint.constants.copy()
-        stride = kernel.fits_stride(ints)
-        first = int(ints[kernel.C_FITS])
+        stride = places.fits_stride(ints)
+        first = int(ints[places.C_FITS])
         total = np.zeros((basis.unknowns, basis.unknowns))
         directions = np.zeros((basis.setting.n_outputs, basis.setting.n_directions, basis.width))
         known = self.moments is not None
@@ -408,12 +408,12 @@ class Tables:
         block = np.concatenate(
             [answers.ravel(), (basis.picked @ basis.driven).ravel(), gain.ravel()]
         )
-        at = int(ints[kernel.C_SECOND])
+        at = int(ints[places.C_SECOND])
         c[at : at + block.size] = block
-        at = int(ints[intake.C_MAPS])
+        at = int(ints[slots.C_MAPS])
         c[at : at + directions.size] = directions.ravel()
-        c[kernel.RATE], c[kernel.KNOWN], c[kernel.READY] = self.rate, known, self.ready
-        c[kernel.PACE] = 0.0
+        c[places.RATE], c[places.KNOWN], c[places.READY] = self.rate, known, self.ready
+        c[places.PACE] = 0.0
         return replace(blueprint, constants=c)
 
     def _gains(self, table: Array) -> Array:

@@ -42,59 +42,86 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled
+from tridentify.online.slots import (
+    ALARM,
+    AT_CHUNK,
+    AT_FIRST,
+    AT_FIRST_INPUT,
+    AT_LARGEST,
+    AT_LINE,
+    AT_REFERENCE,
+    AT_ROW,
+    AT_WATCH,
+    BLOCK,
+    BLOCKS,
+    BLOCKS_USUAL,
+    C_MAPS,
+    CHANGED,
+    CHUNK,
+    CHUNK_FULL,
+    COLUMNS,
+    COUNT,
+    DIRECTIONS,
+    DIRECTIONS_STRIDE,
+    DOUBLES,
+    EQUILIBRIUM,
+    EVENT,
+    EXTRA,
+    FAR,
+    FILLED,
+    FLAGS,
+    FLOOR,
+    FLOOR_PACE,
+    HIGHEST,
+    IDLE,
+    IDLE_SHARE,
+    INBOX,
+    INPUTS,
+    INSIDE,
+    INTERVAL,
+    JITTER,
+    LARGEST,
+    LAST,
+    LEARNING,
+    LEVEL,
+    LIMITS,
+    LINE,
+    LOWEST,
+    MEAN,
+    MISSING_INPUT,
+    MISSING_OUTPUT,
+    MOVED,
+    NOT_READY,
+    OUTLIER,
+    OUTPUTS,
+    PER_SCALE,
+    RARE,
+    REPEATS,
+    SATURATED,
+    SCALE,
+    SCALES,
+    SCORES,
+    SEEN,
+    SENSELESS,
+    SINCE,
+    SPREAD,
+    STANDS,
+    STUCK,
+    SUMS,
+    TAKEN,
+    TICK,
+    TICKED,
+    TIME,
+    TO_SCALE,
+    TRACE,
+    UNSURE,
+    WATCH,
+    WEIGHT,
+    WEIGHT2,
+)
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-# slots of x
-COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA = range(12)
-INBOX = 16
-
-# places in ints
-(
-    INPUTS, OUTPUTS, ORDER, COLUMNS, FREE, BEGIN, LINE, AT_LINE, AT_WATCH, WATCH, AT_STATES, AT_ROW,
-    AT_WORK, AT_FACTOR, FACTOR, OFFSET, DRIFT, UPPER, KIND, BLOCK, AT_CHUNK, CHUNK, C_STEP, C_TAPS,
-    C_DIRECT, C_START, AT_REFERENCE, EQUILIBRIUM, COLLECTING, AT_FIRST_INPUT, C_MAPS, C_EXTRA,
-    DIRECTIONS, DIRECTIONS_STRIDE, AT_IMPULSE, AT_INPUTS, AT_OUTPUTS, AT_BEFORE, C_OUTPUT, C_BASIS,
-    C_MONIC, C_ZEROS, AT_THETA, AT_GAIN, AT_COVARIANCE, FILTERING, WALKERS, C_WALK, C_WIDTHS,
-    COEFFICIENTS, LEARNING, AT_LARGEST,
-) = range(52)  # fmt: skip
-N_INTS = 64
-
-# places in c
-INTERVAL, FORGETTING, PACE, HORIZON = range(4)
-CONSTANTS = 8
-
-# places in the watch of an output
-(
-    LAST, REPEATS, AT_FIRST, HIGHEST, LOWEST, SCALE, SQUARES, WEIGHT, WEIGHT2, MEAN, SPREAD, TAKEN,
-    REFUSED, STANDS, LIMITS, INSIDE, IDLE, INNOVATION, FITTED, MOVED,
-    BLOCKS, DOUBLES, FLOOR,
-) = range(23)  # fmt: skip
-SCORES = 24
-
-# bits of the flags (`online.flags.Flag`)
-MISSING_OUTPUT, MISSING_INPUT, JITTER, OUTLIER = 1, 2, 4, 8
-STUCK, SATURATED, NOT_EXCITED, CHANGED, NOT_READY = 16, 32, 64, 128, 256
-
-DOUBTED = OUTLIER | STUCK | SATURATED
-
-# bits of the event
-CHUNK_FULL, TICKED, ALARMED = 1, 2, 4
-
-FAR, UNSURE = 6.0, 8.0
-TOLD, LARGE = 2.0, 3.0
-RARE = 0.01
-MOST_REFUSED = 25
-LARGEST, SENSELESS = 1e100, 1e6
-TRACE = 1e-5
-FLOOR_PACE = 16.0
-TO_SCALE = 1.4826022185056018  # of a normal's median modulus
-BLOCKS_USUAL = 200.0
-LEVEL = 40.0
-SCALES, PER_SCALE, SUMS = 3, 16, 4
-IDLE_SHARE = 0.01
-IDLE_BLOCKS = 8.0
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1], float64)", inline=True)
@@ -247,7 +274,9 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     width = k + k * (k + 1) // 2
     own = w + SCORES + k + scale * (width + SUMS)
     state = own + width
-    if scale + 1 < SCALES:
+    # while the input rests there is nothing to judge by
+    resting = scale == 0 and x[w + IDLE] > 0.0
+    if scale + 1 < SCALES and not resting:
         for i in range(width):
             x[own + width + SUMS + i] += x[own + i]
     usual = w + SCORES + k + SCALES * (width + SUMS)
@@ -287,7 +316,7 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
         x[w + IDLE] = x[w + IDLE] + 1.0 if idle else 0.0
     for i in range(width):
         x[own + i] = 0.0
-    if ready and directions > 0:
+    if ready and directions > 0 and not (resting or idle):
         ratio = total / directions
         norm = 1.0 + x[state + 1]
         x[state + 3] += 1.0

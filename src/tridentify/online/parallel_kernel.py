@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled, forget, innovate, rotate
-from tridentify.online.intake import (
+from tridentify.online.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.slots import (
     ALARMED,
     AT_FACTOR,
     AT_LINE,
@@ -32,14 +33,18 @@ from tridentify.online.intake import (
     C_TAPS,
     COLLECTING,
     COLUMNS,
+    CUT,
+    DIRECTIONAL,
     DRIFT,
     EVENT,
+    EXPONENTIAL,
     FACTOR,
     FIRST,
     FITTED,
     FLAGS,
     FORGETTING,
     FREE,
+    HELD_BLOCKS,
     IDLE,
     IDLE_BLOCKS,
     INBOX,
@@ -47,6 +52,7 @@ from tridentify.online.intake import (
     INPUTS,
     KIND,
     LARGE,
+    LEARNING,
     LINE,
     MOST_REFUSED,
     MOVED,
@@ -58,6 +64,7 @@ from tridentify.online.intake import (
     OUTPUTS,
     PACE,
     REFUSED,
+    RESETTING,
     SCALE,
     SINCE,
     SQUARES,
@@ -68,19 +75,10 @@ from tridentify.online.intake import (
     WATCH,
     WEIGHT,
     WEIGHT2,
-    count,
-    doubt,
-    learn,
-    noise_scale,
-    take_in,
-    watch,
 )
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-EXPONENTIAL, DIRECTIONAL, RESETTING = range(3)
-CUT = 0.1
 
 
 @compiled("void(int64[::1], float64[::1], float64[::1])", inline=True)
@@ -207,6 +205,8 @@ def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, 
         z = v / scale
         z = min(max(z, -LARGE), LARGE)
         watch(ints, c, x, w, first, z, ready)
+    if ints[LEARNING] > 0 and x[w + IDLE] >= HELD_BLOCKS:
+        return error
     factor = c[FORGETTING]
     kind = ints[KIND]
     kept = 1.0

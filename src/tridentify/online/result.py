@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimate import Estimate, Nuisance, Status, Trace
-from tridentify.online import intake
+from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting, watch_of
 from tridentify.structure import InitialState, Structure
 from tridentify.transfer_function import TransferFunction
@@ -47,11 +47,11 @@ def assembled(
     power = np.zeros(p)
     for i in range(p):
         w = watch_of(blueprint, i)
-        power[i] = x[w + intake.SPREAD] / max(float(x[w + intake.WEIGHT]), 1.0)
+        power[i] = x[w + slots.SPREAD] / max(float(x[w + slots.WEIGHT]), 1.0)
     ratio = noise_variance / np.where(power > 0, power, np.inf)
     free = blueprint.nuisance.free
     n = setting.n_poles
-    at = int(blueprint.ints[intake.AT_REFERENCE])
+    at = int(blueprint.ints[slots.AT_REFERENCE])
     unknown = np.full(p, np.nan)
     nuisance = Nuisance(
         input_reference=x[at : at + m],
@@ -63,7 +63,7 @@ def assembled(
         initial_state="free" if free else setting.structure.initial_state,
     )
     structure = setting.structure
-    taken = sum(x[watch_of(blueprint, i) + intake.WEIGHT] for i in range(p))
+    taken = sum(x[watch_of(blueprint, i) + slots.WEIGHT] for i in range(p))
     return Estimate(
         model=model_of(setting, theta),
         structure=Structure(
@@ -82,7 +82,7 @@ def assembled(
         status=status,
         trace=trace,
         method=method,
-        n_samples=int(x[intake.COUNT]),
+        n_samples=int(x[slots.COUNT]),
         nuisance=(nuisance,),
         degrees_of_freedom=max(round(float(taken)) - blueprint.n_columns, 1),
         cost=float(np.mean(noise_variance)),

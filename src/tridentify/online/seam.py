@@ -12,8 +12,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +29,7 @@ from tridentify.errors import (
 )
 from tridentify.estimate import Estimate
 from tridentify.methods.capability import Capability, refuse_unsupported
-from tridentify.online import intake
+from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.state import MAKERS, State
 from tridentify.record import Record
@@ -48,6 +48,13 @@ class NotReadyError(UndeterminedError):
     """The samples so far do not determine the coefficients."""
 
 
+class Kernels(NamedTuple):
+    """One sample, and samples ``start .. stop - 1`` up to the first with an event."""
+
+    step: Callable[[Ints, Array, Array, float], float]
+    run: Callable[[Ints, Array, Array, Array, Array, int, int, Array, Ints], int]
+
+
 class Estimator(ABC):
     """What all on-line estimators have in common."""
 
@@ -58,24 +65,9 @@ class Estimator(ABC):
             MAKERS[cls.name] = cls
 
     @staticmethod
-    def step_kernel(ints: Ints, c: Array, x: Array, interval: float) -> float:
-        """One sample, which stands in the inbox, compiled; the innovation of the first output."""
-        raise NotImplementedError
-
-    @staticmethod
-    def run_kernel(
-        ints: Ints,
-        c: Array,
-        x: Array,
-        u: Array,
-        y: Array,
-        start: int,
-        stop: int,
-        innovations: Array,
-        flags: Ints,
-    ) -> int:
-        """Samples ``start .. stop - 1``, up to the first with an event, compiled; the next one."""
-        raise NotImplementedError
+    @abstractmethod
+    def kernels() -> Kernels:
+        """The compiled sample loop; compiled, or read from disk, at the first call."""
 
     # ------------------------------------------------------------------ what each of them says
     @abstractmethod
@@ -231,17 +223,17 @@ class Estimator(ABC):
         m = len(setting.input_names)
         p = len(setting.output_names)
         if type(u) is float and type(y) is float and m == 1 and p == 1:
-            x[intake.INBOX] = u
-            x[intake.INBOX + 1] = y
+            x[slots.INBOX] = u
+            x[slots.INBOX + 1] = y
         else:
             _put(x, setting, u, y)
         if interval is None:
             constants, seconds = blueprint.constants, setting.dt
         else:
             constants, seconds = _after(state, interval)
-        innovation = self.step_kernel(ints, constants, x, seconds)
+        innovation = self.kernels().step(ints, constants, x, seconds)
         found = State(x, stage)
-        if x[intake.EVENT]:
+        if x[slots.EVENT]:
             if p > 1:
                 found_innovations = found.innovations
                 return self._settle(found), found_innovations
@@ -280,7 +272,7 @@ class Estimator(ABC):
         flags = np.zeros(len(y), dtype=np.int64)
         if intervals is not None:
             return self._feed_unevenly(state, u, y, intervals, innovations, flags)
-        run = self.run_kernel
+        run = self.kernels().run
         k = 0
         x = state.values.copy()
         while k < len(y):
@@ -290,7 +282,7 @@ class Estimator(ABC):
                 flags,
             )  # fmt: skip
             state = State(x, stage)
-            if x[intake.EVENT]:
+            if x[slots.EVENT]:
                 state = self._settle(state)
                 x = state.values.copy() if k < len(y) else state.values
         return state, innovations, flags
@@ -306,7 +298,7 @@ class Estimator(ABC):
     ) -> tuple[State, Array, NDArray[np.int64]]:
         """Sample by sample; the matrices of many intervals are made together."""
         m = u.shape[1]
-        at, end = intake.INBOX, intake.INBOX + m + y.shape[1]
+        at, end = slots.INBOX, slots.INBOX + m + y.shape[1]
         made: tuple[Blueprint, int, Array] | None = None
         for k, interval in enumerate(intervals.tolist()):
             stage = state.stage
@@ -320,29 +312,29 @@ class Estimator(ABC):
                 constants = made[2][k - made[1]]
             x = state.values.copy()
             x[at : at + m], x[at + m : end] = u[k], y[k]
-            self.step_kernel(stage.blueprint.ints, constants, x, seconds)
+            self.kernels().step(stage.blueprint.ints, constants, x, seconds)
             state = State(x, stage)
             innovations[k] = state.innovations
-            flags[k] = int(x[intake.FLAGS])
-            if x[intake.EVENT]:
+            flags[k] = int(x[slots.FLAGS])
+            if x[slots.EVENT]:
                 state = self._settle(state)
         return state, innovations, flags
 
     def _settle(self, state: State) -> State:
         """What an event asks for; the values of ``state`` are its own."""
         x, stage = state
-        event = int(x[intake.EVENT])
-        x[intake.EVENT] = 0.0
-        if event & intake.CHUNK_FULL:
+        event = int(x[slots.EVENT])
+        x[slots.EVENT] = 0.0
+        if event & slots.CHUNK_FULL:
             ints = stage.blueprint.ints
             width = stage.setting.n_inputs + stage.setting.n_outputs + 1
-            at = int(ints[intake.AT_CHUNK])
-            chunk = x[at : at + int(x[intake.FILLED]) * width].reshape(-1, width).copy()
-            x[intake.FILLED] = 0.0
+            at = int(ints[slots.AT_CHUNK])
+            chunk = x[at : at + int(x[slots.FILLED]) * width].reshape(-1, width).copy()
+            x[slots.FILLED] = 0.0
             state = State(x, stage.but(past=(*stage.past, chunk)))
-        if event & intake.ALARMED:
+        if event & slots.ALARMED:
             return self.alarmed(state)
-        if event & intake.TICKED:
+        if event & slots.TICKED:
             return self.tick(state)
         return state
 
@@ -381,10 +373,10 @@ def kept_samples(state: State) -> Array:
     x, stage = state
     ints = stage.blueprint.ints
     width = stage.setting.n_inputs + stage.setting.n_outputs + 1
-    if not ints[intake.CHUNK]:
+    if not ints[slots.CHUNK]:
         return np.vstack([*stage.past, np.zeros((0, width))])
-    at = int(ints[intake.AT_CHUNK])
-    newest = x[at : at + int(x[intake.FILLED]) * width].reshape(-1, width)
+    at = int(ints[slots.AT_CHUNK])
+    newest = x[at : at + int(x[slots.FILLED]) * width].reshape(-1, width)
     return np.vstack([*stage.past, newest])
 
 
@@ -432,7 +424,7 @@ def checked_interval(state: State, interval: float) -> tuple[bool, float]:
         )
     seconds = float(interval)
     setting = state.stage.setting
-    if abs(seconds - setting.dt) <= SAME * setting.dt or state.values[intake.COUNT] == 0.0:
+    if abs(seconds - setting.dt) <= SAME * setting.dt or state.values[slots.COUNT] == 0.0:
         return True, setting.dt
     if any(setting.delays):
         raise UnsupportedError(
@@ -451,7 +443,7 @@ def _after(state: State, interval: float) -> tuple[Array, float]:
 
 
 def _put(x: Array, setting: Setting, u: ArrayLike, y: ArrayLike) -> None:
-    at = intake.INBOX
+    at = slots.INBOX
     for what, value, names in (("u", u, setting.input_names), ("y", y, setting.output_names)):
         if isinstance(value, str):
             raise SampleTypeError(

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.realization import Complex
-from tridentify.online import intake
+from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting, watch_of
 from tridentify.online.seam import Estimator
 from tridentify.online.search import next_try, record_of
@@ -16,7 +16,7 @@ from tridentify.output_error.nuisance import Nuisances, build
 Array = NDArray[np.float64]
 
 CLOCKS = (
-    intake.COUNT, intake.SEEN, intake.FILLED, intake.ALARM, intake.FLAGS, intake.EXTRA,
+    slots.COUNT, slots.SEEN, slots.FILLED, slots.ALARM, slots.FLAGS, slots.EXTRA,
 )  # fmt: skip
 
 
@@ -33,24 +33,24 @@ def run_kept(
     if np.all(regular):
         k = 0
         while k < len(y):
-            k = method.run_kernel(
+            k = method.kernels().run(
                 blueprint.ints, blueprint.constants, x, u, y, k, len(y), innovations, flags
             )
-            x[intake.FILLED] = 0.0
+            x[slots.FILLED] = 0.0
         return flags
-    at = intake.INBOX
+    at = slots.INBOX
     each = method.constants_for(blueprint, setting, np.where(regular, setting.dt, samples[:, 0]))
     for k, after in enumerate(samples[:, 0].tolist()):
         x[at : at + m], x[at + m : at + samples.shape[1] - 1] = u[k], y[k]
         constants = blueprint.constants if regular[k] else each[k]
-        method.step_kernel(blueprint.ints, constants, x, after)
-        x[intake.FILLED], flags[k] = 0.0, int(x[intake.FLAGS])
+        method.kernels().step(blueprint.ints, constants, x, after)
+        x[slots.FILLED], flags[k] = 0.0, int(x[slots.FLAGS])
     return flags
 
 
 def without(samples: Array, flags: NDArray[np.int64], n_inputs: int) -> Array | None:
     """The samples without the outputs that were found doubtful; None where none was."""
-    doubted = (flags & intake.DOUBTED) > 0
+    doubted = (flags & slots.DOUBTED) > 0
     doubted &= np.any(np.isfinite(samples[:, 1 + n_inputs :]), axis=1)
     if not doubted.any():
         return None
@@ -63,19 +63,21 @@ def calm(x: Array, stage: Stage) -> None:
     """Forget what led to an alarm."""
     for i in range(stage.setting.n_outputs):
         w = watch_of(stage.blueprint, i)
-        end = w + int(stage.blueprint.ints[intake.WATCH])
-        x[w + intake.SCORES : end] = 0.0
-        x[w + intake.INSIDE] = 0.0
-        x[w + intake.MOVED] = 0.0
-        x[w + intake.REFUSED] = 0.0
+        # what is usual of the excitation stays
+        ints = stage.blueprint.ints
+        end = w + int(ints[slots.WATCH] - ints[slots.DIRECTIONS])
+        x[w + slots.SCORES : end] = 0.0
+        x[w + slots.INSIDE] = 0.0
+        x[w + slots.MOVED] = 0.0
+        x[w + slots.REFUSED] = 0.0
 
 
 def shortened(state: State, samples: Array) -> State:
     """The older half of the kept samples is dropped: nothing was found in it."""
     x, stage = state
-    x[intake.FILLED] = 0.0
+    x[slots.FILLED] = 0.0
     kept = samples[len(samples) // 2 :]
-    x[intake.TICK] = x[intake.COUNT] + max(next_try(len(kept)) - len(kept), 1)
+    x[slots.TICK] = x[slots.COUNT] + max(next_try(len(kept)) - len(kept), 1)
     return State(x, stage.but(past=(kept,)))
 
 
@@ -103,17 +105,17 @@ def take_clocks(old: Array, was: Blueprint, x: Array, blueprint: Blueprint, kept
         Samples that were run.
     """
     for slot in (
-        intake.COUNT,
-        intake.SEEN,
-        intake.FILLED,
-        intake.ALARM,
-        intake.FLAGS,
-        intake.EXTRA,
+        slots.COUNT,
+        slots.SEEN,
+        slots.FILLED,
+        slots.ALARM,
+        slots.FLAGS,
+        slots.EXTRA,
     ):
         x[slot] = old[slot]
-    x[intake.BORN] = old[intake.TIME] - x[intake.TIME]
-    x[intake.TIME] = old[intake.TIME]
-    x[intake.SINCE], x[intake.EVENT] = float(kept), 0.0
-    first, last = int(was.ints[intake.AT_LARGEST]), int(was.ints[intake.AT_CHUNK])
-    to = int(blueprint.ints[intake.AT_LARGEST])
+    x[slots.BORN] = old[slots.TIME] - x[slots.TIME]
+    x[slots.TIME] = old[slots.TIME]
+    x[slots.SINCE], x[slots.EVENT] = float(kept), 0.0
+    first, last = int(was.ints[slots.AT_LARGEST]), int(was.ints[slots.AT_CHUNK])
+    to = int(blueprint.ints[slots.AT_LARGEST])
     x[to : to + last - first] = old[first:last]

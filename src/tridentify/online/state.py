@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from tridentify.encoding import load_document, save_document
 from tridentify.errors import TridentifyError
 from tridentify.numerics.realization import Complex
-from tridentify.online import intake
+from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Nuisance, Setting
 from tridentify.online.flags import Flag
 from tridentify.structure import Structure
@@ -101,23 +101,23 @@ class State(NamedTuple):
     @property
     def n_samples(self) -> int:
         """Samples taken in so far."""
-        return int(self.values[intake.COUNT])
+        return int(self.values[slots.COUNT])
 
     @property
     def time(self) -> float:
         """Time from the first sample to the last [s]."""
-        return float(self.values[intake.TIME])
+        return float(self.values[slots.TIME])
 
     @property
     def flags(self) -> Flag:
         """What is the matter now."""
         waiting = 0 if self.stage.method.is_ready(self) else _NOT_READY
-        return Flag((int(self.values[intake.FLAGS]) & ~_NOT_READY) | waiting)
+        return Flag((int(self.values[slots.FLAGS]) & ~_NOT_READY) | waiting)
 
     @property
     def seen(self) -> Flag:
         """Everything that was the matter since the beginning, but for not being ready."""
-        return Flag(int(self.values[intake.SEEN])) | (self.flags & ~Flag.NOT_READY)
+        return Flag(int(self.values[slots.SEEN])) | (self.flags & ~Flag.NOT_READY)
 
     @property
     def changes(self) -> tuple[int, ...]:
@@ -153,15 +153,15 @@ class State(NamedTuple):
     def innovations(self) -> Array:
         """(n_outputs,) of the last sample; ``nan`` where there is none."""
         ints = self.stage.blueprint.ints
-        at = int(ints[intake.AT_WATCH]) + intake.INNOVATION
-        return self.values[at :: int(ints[intake.WATCH])][: int(ints[intake.OUTPUTS])].copy()
+        at = int(ints[slots.AT_WATCH]) + slots.INNOVATION
+        return self.values[at :: int(ints[slots.WATCH])][: int(ints[slots.OUTPUTS])].copy()
 
     @property
     def noise_std(self) -> Array:
         """(n_outputs,) standard deviation of the noise, robust [unit of the output]."""
         ints = self.stage.blueprint.ints
-        at = int(ints[intake.AT_WATCH]) + intake.SCALE
-        return self.values[at :: int(ints[intake.WATCH])][: int(ints[intake.OUTPUTS])].copy()
+        at = int(ints[slots.AT_WATCH]) + slots.SCALE
+        return self.values[at :: int(ints[slots.WATCH])][: int(ints[slots.OUTPUTS])].copy()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the state as JSON, whole or not at all; every bit is kept.
@@ -274,7 +274,7 @@ def _build(document: Mapping[str, Any]) -> State:
     width = setting.n_inputs + setting.n_outputs + 1
     method = method_from_dict(document["method"])
     expected = method.size_of(setting, blueprint)
-    if (ints.size, values.size) != (intake.N_INTS, expected) or ints.min() < 0:
+    if (ints.size, values.size) != (slots.N_INTS, expected) or ints.min() < 0:
         raise ValueError(f"{values.size} numbers in place of {expected}")
     stage = Stage(
         method,

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.numerics.realization import Complex
-from tridentify.online import intake
+from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
-from tridentify.output_error.finish import Recorder, criterion, finish
+from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finish
 from tridentify.output_error.nuisance import Nuisances
 from tridentify.output_error.point import Point, evaluate_variant, linear_blocks
 from tridentify.output_error.problem import Problem, Variant
@@ -42,7 +42,7 @@ class Solution:
 def problem_of(setting: Setting, blueprint: Blueprint, x: Array) -> Problem:
     """The problem behind the triangles."""
     summary = summarise(blueprint, x)
-    seconds = float(x[intake.TIME] - x[intake.BORN])
+    seconds = float(x[slots.TIME] - x[slots.BORN])
     problem = Problem.of([seen(setting, summary, seconds)], setting.n_poles, setting.zeros)
     return replace(problem, power=summary.power, size=summary.power + summary.mean**2)
 
@@ -82,11 +82,11 @@ def solve_steps(
     best = _solved(base, Nuisances(start, full.offset, full.drift), None, poles, passes)
     if not choose:
         return best
-    begun_anew = x[intake.BORN] > 0.0
+    begun_anew = x[slots.BORN] > 0.0
     for nuisances in _others(setting, best.nuisances, begun_anew):
         constants = None
         if nuisances.initial_state == "equilibrium":
-            at = int(blueprint.ints[intake.AT_FIRST_INPUT])
+            at = int(blueprint.ints[slots.AT_FIRST_INPUT])
             constants = -x[at : at + setting.n_inputs]
         found = _solved(base, nuisances, constants, best.point.poles, 0)
         if found.criterion < best.criterion:
@@ -126,7 +126,7 @@ def _solved(
     def at(trial: Complex) -> Point:
         return evaluate_variant(base, variant, trial)
 
-    point, status, why = finish(at, at(admissible), recorder)
+    point, status, why = finish(at, at(admissible), recorder, settled=SETTLED_LONG)
     return Solution(point, status, why, nuisances, recorder, criterion(point))
 
 
@@ -191,7 +191,7 @@ def estimate_of(
         (f"nuisance terms: {solution.nuisances.label}",),
         solution.why,
     )
-    at = int(blueprint.ints[intake.AT_FIRST_INPUT])
+    at = int(blueprint.ints[slots.AT_FIRST_INPUT])
     record = stand_in(setting, x[at : at + setting.n_inputs])
     found = estimate_from(
         point, [record], setting.structure, solution.nuisances, solution.status, trace, method,
@@ -202,7 +202,7 @@ def estimate_of(
     return replace(
         found,
         cov=found.cov * share,
-        n_samples=int(x[intake.COUNT]),
+        n_samples=int(x[slots.COUNT]),
         record_fingerprint="",
     )
 

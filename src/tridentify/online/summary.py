@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.realization import Cascade
-from tridentify.online import intake
+from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting, factor_of, fresh, watch_of
 from tridentify.regression import Experiment, Layout, Regression
 
@@ -140,24 +140,24 @@ def summarise(blueprint: Blueprint, x: Array) -> Summary:
     """Read the triangles out of the vector of an estimator."""
     ints, n = blueprint.ints, blueprint.n_columns
     nuisance = blueprint.nuisance
-    n_outputs = int(ints[intake.OUTPUTS])
-    layout = Layout(blueprint.poles.size, int(ints[intake.INPUTS]), *nuisance)
+    n_outputs = int(ints[slots.OUTPUTS])
+    layout = Layout(blueprint.poles.size, int(ints[slots.INPUTS]), *nuisance)
     rows, targets = [], []
     weights, shares, mean, power = np.zeros((4, n_outputs))
     for i in range(n_outputs):
         at, w = factor_of(blueprint, i), watch_of(blueprint, i)
         root = np.sqrt(x[at : at + n])
         upper = np.eye(n + 1, n)
-        upper[np.triu_indices(n, 1)] = x[at + 4 * n : at + int(ints[intake.FACTOR])]
+        upper[np.triu_indices(n, 1)] = x[at + 4 * n : at + int(ints[slots.FACTOR])]
         upper[:n] *= root[:, None]
         if nuisance.drift:
-            upper[:, -1] /= max(float(x[intake.TIME] - x[intake.BORN]), 1e-300)
+            upper[:, -1] /= max(float(x[slots.TIME] - x[slots.BORN]), 1e-300)
         rows.append(upper)
-        targets.append(np.append(root * x[at + n : at + 2 * n], np.sqrt(x[w + intake.SQUARES])))
-        weights[i] = x[w + intake.WEIGHT]
-        shares[i] = x[w + intake.WEIGHT2] / max(x[w + intake.WEIGHT], 1.0)
-        mean[i] = x[w + intake.MEAN]
-        power[i] = x[w + intake.SPREAD] / max(x[w + intake.WEIGHT], 1.0)
+        targets.append(np.append(root * x[at + n : at + 2 * n], np.sqrt(x[w + slots.SQUARES])))
+        weights[i] = x[w + slots.WEIGHT]
+        shares[i] = x[w + slots.WEIGHT2] / max(x[w + slots.WEIGHT], 1.0)
+        mean[i] = x[w + slots.MEAN]
+        power[i] = x[w + slots.SPREAD] / max(x[w + slots.WEIGHT], 1.0)
     return Summary(
         blueprint.bank, layout, tuple(rows), tuple(targets), weights, shares, mean, power
     )
@@ -184,14 +184,14 @@ def moved(old: Blueprint, x: Array, new: Blueprint) -> Array:
     if old.nuisance.drift:
         # the column is the time, not the share of it
         for rows in summary.rows:
-            rows[:, -1] *= max(float(x[intake.TIME] - x[intake.BORN]), 1e-300)
+            rows[:, -1] *= max(float(x[slots.TIME] - x[slots.BORN]), 1e-300)
     regression = summary.on(new.bank)
     n = new.n_columns
     for i, (rows, target) in enumerate(zip(regression.signals, regression.targets, strict=True)):
         r = triangle(np.column_stack([rows, target]))
         write_triangle(new, found, i, r, float(summary.weights[i]))
     move = transfer(old.bank, new.bank)
-    at, to = int(old.ints[intake.AT_ROW]), int(new.ints[intake.AT_ROW])
+    at, to = int(old.ints[slots.AT_ROW]), int(new.ints[slots.AT_ROW])
     q, k = old.poles.size, new.poles.size
     for channel in range(regression.layout.n_inputs + regression.layout.free):
         states = x[at + channel * q : at + (channel + 1) * q]
@@ -199,8 +199,8 @@ def moved(old: Blueprint, x: Array, new: Blueprint) -> Array:
     found[to + regression.layout.states : to + n] = x[
         at + (regression.layout.n_inputs + regression.layout.free) * q : at + old.n_columns
     ]
-    if found[intake.FIRST]:
-        found[intake.FIRST] = k
+    if found[slots.FIRST]:
+        found[slots.FIRST] = k
     return found
 
 
@@ -232,28 +232,32 @@ def write_triangle(blueprint: Blueprint, x: Array, output: int, r: Array, weight
     x[at + n : at + 2 * n] = unit[:, n]
     x[at + 2 * n : at + 3 * n] = sizes / np.sqrt(max(weight, 1.0))
     x[at + 3 * n : at + 4 * n] = 0.0
-    x[at + 4 * n : at + int(blueprint.ints[intake.FACTOR])] = unit[:, :n][np.triu_indices(n, 1)]
+    x[at + 4 * n : at + int(blueprint.ints[slots.FACTOR])] = unit[:, :n][np.triu_indices(n, 1)]
     left = square[~live, n]
     beyond = r[k:, n] if r.shape[0] > k else np.zeros(0)
-    x[w + intake.SQUARES] = float(left @ left + beyond @ beyond)
+    x[w + slots.SQUARES] = float(left @ left + beyond @ beyond)
 
 
 def carried(old: Blueprint, x: Array, new: Blueprint) -> Array:
     """A new vector with what does not depend on the bank: clocks, delay line, watch, chunk."""
     found = fresh(new)
     a, b = old.ints, new.ints
-    head = int(a[intake.AT_CHUNK])
+    head = int(a[slots.AT_CHUNK])
     found[:head] = x[:head]
-    width = int(a[intake.INPUTS] + a[intake.OUTPUTS] + 1)
-    if a[intake.CHUNK] and b[intake.CHUNK]:
-        kept = int(a[intake.CHUNK]) * width
-        found[int(b[intake.AT_CHUNK]) : int(b[intake.AT_CHUNK]) + kept] = x[head : head + kept]
-    elif not b[intake.CHUNK]:
-        found[intake.FILLED] = 0.0
-    for i in range(int(a[intake.OUTPUTS])):
+    width = int(a[slots.INPUTS] + a[slots.OUTPUTS] + 1)
+    if a[slots.CHUNK] and b[slots.CHUNK]:
+        kept = int(a[slots.CHUNK]) * width
+        found[int(b[slots.AT_CHUNK]) : int(b[slots.AT_CHUNK]) + kept] = x[head : head + kept]
+    elif not b[slots.CHUNK]:
+        found[slots.FILLED] = 0.0
+    for i in range(int(a[slots.OUTPUTS])):
         was, is_ = watch_of(old, i), watch_of(new, i)
-        found[is_ : is_ + intake.SCORES] = x[was : was + intake.SCORES]
-        found[is_ + intake.INSIDE] = 0.0
+        found[is_ : is_ + slots.SCORES] = x[was : was + slots.SCORES]
+        found[is_ + slots.INSIDE] = 0.0
+        count = int(a[slots.DIRECTIONS])
+        if count and count == b[slots.DIRECTIONS]:
+            end, stop = was + int(a[slots.WATCH]), is_ + int(b[slots.WATCH])
+            found[stop - count : stop] = x[end - count : end]
     return found
 
 

@@ -35,6 +35,7 @@ for those that move, the lag comes on top.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -44,7 +45,7 @@ from tridentify.errors import OptionError, TridentifyError, shown
 from tridentify.estimate import Estimate
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online import intake
+from tridentify.online import slots
 from tridentify.online.blueprint import (
     Blueprint,
     Nuisance,
@@ -56,14 +57,9 @@ from tridentify.online.blueprint import (
     watch_of,
     with_directions,
 )
-from tridentify.online.parallel_kernel import (
-    DIRECTIONAL,
-    EXPONENTIAL,
-    parallel_run,
-    parallel_step,
-)
 from tridentify.online.seam import (
     Estimator,
+    Kernels,
     check_choice,
     check_forgetting,
     is_number,
@@ -78,6 +74,7 @@ from tridentify.online.search import (
     poles_of_start,
     search,
 )
+from tridentify.online.slots import DIRECTIONAL, EXPONENTIAL
 from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
 from tridentify.online.state import Stage, State
 from tridentify.online.steps import directions_of, estimate_of, solve_steps
@@ -145,8 +142,14 @@ class ThreeModel(Estimator):
     clock: float | None = None
 
     name: ClassVar[str] = "three-model"
-    step_kernel = staticmethod(parallel_step)
-    run_kernel = staticmethod(parallel_run)
+
+    @staticmethod
+    @cache
+    def kernels() -> Kernels:
+        """The compiled sample loop."""
+        from tridentify.online.parallel_kernel import parallel_run, parallel_step
+
+        return Kernels(parallel_step, parallel_run)
 
     def __post_init__(self) -> None:
         check_forgetting(self.forgetting)
@@ -170,17 +173,17 @@ class ThreeModel(Estimator):
         if self.start is None:
             blueprint = collecting(setting)
             x = fresh(blueprint)
-            x[intake.TICK] = first_try(setting)
+            x[slots.TICK] = first_try(setting)
             return State(x, Stage(self, setting, blueprint, blueprint.poles))
         poles = poles_of_start(self.start, setting)
         blueprint = self._plan(setting, poles, Nuisance.of(setting.structure, False), True)
         x = fresh(blueprint)
-        x[intake.TICK] = first_try(setting)
+        x[slots.TICK] = first_try(setting)
         return State(x, Stage(self, setting, blueprint, poles, searching=False))
 
     def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
         """Length of the vector that goes with a blueprint."""
-        keep = bool(blueprint.ints[intake.CHUNK])
+        keep = bool(blueprint.ints[slots.CHUNK])
         if not blueprint.poles.size:
             return collecting(setting).size
         return parallel(setting, blueprint.poles, blueprint.nuisance, keep, 1.0, 0).size
@@ -201,10 +204,10 @@ class ThreeModel(Estimator):
     def alarmed(self, state: State) -> State:
         """Note the change; begin anew if so told."""
         x, stage = state
-        here = int(x[intake.COUNT])
+        here = int(x[slots.COUNT])
         changed = stage.but(changes=(*stage.changes, here - 1))
-        x[intake.ALARM] = here + ALARM_LASTS
-        x[intake.FLAGS] = float(int(x[intake.FLAGS]) | intake.CHANGED)
+        x[slots.ALARM] = here + ALARM_LASTS
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
         if self.on_change == "flag":
             calm(x, stage)
             return State(x, changed)
@@ -212,11 +215,11 @@ class ThreeModel(Estimator):
         blueprint = self._plan(stage.setting, stage.poles, nuisance, True)
         anew = carried(stage.blueprint, x, blueprint)
         calm(anew, changed.but(blueprint=blueprint))
-        anew[intake.FILLED] = 0.0
-        anew[intake.SINCE] = 0.0
-        anew[intake.FIRST] = 0.0
-        anew[intake.BORN] = x[intake.TIME] + stage.setting.dt
-        anew[intake.TICK] = here + first_try(stage.setting)
+        anew[slots.FILLED] = 0.0
+        anew[slots.SINCE] = 0.0
+        anew[slots.FIRST] = 0.0
+        anew[slots.BORN] = x[slots.TIME] + stage.setting.dt
+        anew[slots.TICK] = here + first_try(stage.setting)
         return State(anew, changed.but(blueprint=blueprint, past=(), searching=True))
 
     def estimate(self, state: State) -> Estimate:
@@ -236,7 +239,7 @@ class ThreeModel(Estimator):
             The samples so far do not determine them.
         """
         x, stage = state
-        count = int(x[intake.COUNT])
+        count = int(x[slots.COUNT])
         if stage.searching:
             raise not_ready(count, "are still searched for a model")
         try:
@@ -258,28 +261,28 @@ class ThreeModel(Estimator):
     def _next(self, x: Array, setting: Setting) -> float:
         """Sample at which the clock ticks next."""
         if self.clock is not None:
-            return float(x[intake.COUNT] + max(round(self.clock / setting.dt), 1))
-        wait = SHARE * float(x[intake.SINCE])
+            return float(x[slots.COUNT] + max(round(self.clock / setting.dt), 1))
+        wait = SHARE * float(x[slots.SINCE])
         if self.forgetting < 1.0:
             wait = min(wait, max(QUARTER / (1.0 - self.forgetting), SHORTEST_TICK))
-        return float(x[intake.COUNT] + max(np.ceil(wait), SHORTEST_TICK // 2))
+        return float(x[slots.COUNT] + max(np.ceil(wait), SHORTEST_TICK // 2))
 
     def _search(self, state: State) -> State:
         x, stage = state
         setting = stage.setting
         samples = far_off(setting, kept_samples(state))
-        begun_anew = x[intake.COUNT] > len(samples)
+        begun_anew = x[slots.COUNT] > len(samples)
         found = search(setting, samples, begun_anew)
         full = len(samples) >= self.samples
         if found is None or not (found.certain or full):
-            x[intake.TICK] = x[intake.COUNT] + next_try(len(samples)) - len(samples)
+            x[slots.TICK] = x[slots.COUNT] + next_try(len(samples)) - len(samples)
             if full:
                 return shortened(state, samples)
             return state
         for i in range(setting.n_outputs):
-            x[watch_of(stage.blueprint, i) + intake.SCALE] = found.noise_std[i]
+            x[watch_of(stage.blueprint, i) + slots.SCALE] = found.noise_std[i]
         nuisance = Nuisance.of(setting.structure, begun_anew)
-        x[intake.FILLED] = 0.0
+        x[slots.FILLED] = 0.0
         state = State(x, stage.but(past=(samples,)))
         launched, flags = self._run_again(state, found.poles, nuisance, samples)
         for _ in range(ROUNDS):
@@ -289,9 +292,9 @@ class ThreeModel(Estimator):
                 break
             samples = kept
             cleaned = x.copy()
-            cleaned[intake.FILLED] = 0.0
+            cleaned[slots.FILLED] = 0.0
             for i in range(setting.n_outputs):
-                cleaned[watch_of(stage.blueprint, i) + intake.SCALE] = found.noise_std[i]
+                cleaned[watch_of(stage.blueprint, i) + slots.SCALE] = found.noise_std[i]
             again = State(cleaned, stage.but(past=(samples,)))
             launched, flags = self._run_again(again, found.poles, nuisance, samples)
         return launched
@@ -307,20 +310,20 @@ class ThreeModel(Estimator):
         x = fresh(blueprint)
         for i in range(setting.n_outputs):
             was = watch_of(stage.blueprint, i)
-            x[watch_of(blueprint, i) + intake.SCALE] = old[was + intake.SCALE]
-        equilibrium = blueprint.ints[intake.EQUILIBRIUM]
+            x[watch_of(blueprint, i) + slots.SCALE] = old[was + slots.SCALE]
+        equilibrium = blueprint.ints[slots.EQUILIBRIUM]
         if equilibrium and nuisance.free:
-            at, m = int(blueprint.ints[intake.AT_REFERENCE]), setting.n_inputs
+            at, m = int(blueprint.ints[slots.AT_REFERENCE]), setting.n_inputs
             x[at : at + m] = old[at : at + m]
-            x[intake.COUNT] = 1.0
+            x[slots.COUNT] = 1.0
         flags = run_kept(self, setting, blueprint, x, samples)
         take_clocks(old, stage.blueprint, x, blueprint, len(samples))
-        head, width = int(blueprint.ints[intake.AT_CHUNK]), samples.shape[1]
-        count = int(old[intake.FILLED]) * width
-        was = int(stage.blueprint.ints[intake.AT_CHUNK])
+        head, width = int(blueprint.ints[slots.AT_CHUNK]), samples.shape[1]
+        count = int(old[slots.FILLED]) * width
+        was = int(stage.blueprint.ints[slots.AT_CHUNK])
         x[head : head + count] = old[was : was + count]
         calm(x, stage.but(blueprint=blueprint))
-        x[intake.TICK] = self._next(x, setting)
+        x[slots.TICK] = self._next(x, setting)
         try:
             solution = solve_steps(setting, blueprint, x, near, choose=False)
         except (TridentifyError, np.linalg.LinAlgError):
@@ -332,7 +335,7 @@ class ThreeModel(Estimator):
     def _follow(self, state: State) -> State:
         x, stage = state
         setting = stage.setting
-        x[intake.TICK] = self._next(x, setting)
+        x[slots.TICK] = self._next(x, setting)
         try:
             solution = solve_steps(setting, stage.blueprint, x, stage.poles, choose=False)
         except (TridentifyError, np.linalg.LinAlgError):
@@ -343,8 +346,8 @@ class ThreeModel(Estimator):
         bank = stage.blueprint.poles[: poles.size]
         distance = _distance(poles, bank)
         nuisance = stage.blueprint.nuisance
-        kept = bool(stage.blueprint.ints[intake.CHUNK])
-        early = kept and x[intake.SINCE] <= self.samples
+        kept = bool(stage.blueprint.ints[slots.CHUNK])
+        early = kept and x[slots.SINCE] <= self.samples
         if early and distance > NEAR:
             return self._run_again(state, poles, nuisance, kept_samples(state))[0]
         if distance <= NEAR and (early or not kept):
@@ -364,7 +367,7 @@ class ThreeModel(Estimator):
 def without_chunk(old: Blueprint, x: Array, new: Blueprint) -> Array:
     """The same estimator with no room for samples any more."""
     found = carried(old, x, new)
-    begin, to = int(old.ints[intake.AT_WATCH]), int(new.ints[intake.AT_WATCH])
+    begin, to = int(old.ints[slots.AT_WATCH]), int(new.ints[slots.AT_WATCH])
     found[to:] = x[begin:]
     return found
 

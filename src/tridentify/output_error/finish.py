@@ -121,7 +121,11 @@ def _gain(point: Point, trial: Point) -> float:
 
 
 def finish(
-    at: Callable[..., Point], point: Point, recorder: Recorder | None, most: int = MOST_STEPS
+    at: Callable[..., Point],
+    point: Point,
+    recorder: Recorder | None,
+    most: int = MOST_STEPS,
+    settled: float | None = None,
 ) -> tuple[Point, Status, str]:
     """Levenberg-Marquardt on the reduced output-error cost.
 
@@ -135,6 +139,9 @@ def finish(
         Is told every step that is taken.
     most : int
         Most steps tried.
+    settled : float, optional
+        Fall of ``-2 log L`` below which a further step is not worth while (default: by the number
+        of samples).
 
     Returns
     -------
@@ -145,7 +152,8 @@ def finish(
         In words.
     """
     problem = point.problem
-    settled = SETTLED if point.counts.sum() < LONG else SETTLED_LONG
+    if settled is None:
+        settled = SETTLED if point.counts.sum() < LONG else SETTLED_LONG
     damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
     for _ in range(most):
         left = point.step(0.0).decrease

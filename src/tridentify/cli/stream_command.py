@@ -1,0 +1,366 @@
+"""``tridentify stream``: lines of samples in, an estimate that follows them out."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time as clock
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+
+from tridentify.cli import options
+from tridentify.cli import stream_options as own
+from tridentify.cli.ask import nested_delays, nested_poles, nested_zeros
+from tridentify.cli.load import rules_from, units_from
+from tridentify.cli.stream_checkpoint import (
+    Snapshot,
+    prove_writable,
+    read_checkpoint,
+    undamaged,
+    write_checkpoint,
+)
+from tridentify.cli.stream_session import Question, Session, check_every
+from tridentify.cli.stream_show import LiveView
+from tridentify.cli.terminal import Activity, say, show_json_line
+from tridentify.errors import (
+    ChannelNameError,
+    OptionError,
+    OutputPathError,
+    UnreadableFileError,
+    shown,
+)
+from tridentify.formats.streams.header import Asked, split_columns
+from tridentify.formats.streams.lines import LineCutter
+from tridentify.formats.streams.sources import (
+    PipeSource,
+    Source,
+    UdpSource,
+    loopback_address,
+    source_of_file,
+)
+from tridentify.structure import Structure
+
+
+def stream(
+    inputs: options.Inputs,
+    outputs: options.Outputs,
+    poles: options.Poles,
+    zeros: options.Zeros,
+    source: own.SourceName = "-",
+    time: own.Time = None,
+    dt: own.Step = None,
+    intersample: own.Intersample = own.Held.ZOH,
+    columns: own.ColumnNames = None,
+    form: own.LineForm = own.Form.AUTO,
+    decimal: own.DecimalSign = own.Decimal.POINT,
+    missing: options.Missing = None,
+    units: options.Units = None,
+    follow: own.Follow = False,
+    idle: own.Idle = None,
+    delay: options.Delay = None,
+    offset: options.Offset = options.Choice.AUTO,
+    drift: options.Drift = options.Choice.NO,
+    initial_state: options.InitialState = options.Beginning.AUTO,
+    method: own.Method = "three-model",
+    forgetting: own.Forgetting = None,
+    forget: own.ForgetHow = None,
+    walk: own.Walk = None,
+    filter_: own.Filter = None,
+    start: own.StartModel = None,
+    on_change: own.OnChanged = None,
+    samples: own.Opening = None,
+    clock_: own.Clock = None,
+    rate: own.Rate = None,
+    gamma: own.Gamma = None,
+    every: own.Every = 1.0,
+    live: own.Live = False,
+    checkpoint: own.Checkpoint = None,
+    resume: own.Resume = False,
+) -> None:
+    """Follow the coefficients of a model while samples arrive, a line of JSON at a time.
+
+    Example: tridentify stream flight.csv --input elevator --output q --poles 2 --zeros 1 --every 5
+    """
+    check_every(every)
+    _check_resumable(checkpoint, resume)
+    shape = len(outputs), len(inputs)
+    given = {
+        "forgetting": forgetting,
+        "forget": None if forget is None else forget.value,
+        "drift": own.walk_from(walk or ()),
+        "filter": own.filter_from(filter_),
+        "start": own.start_from(start),
+        "on_change": None if on_change is None else on_change.value,
+        "samples": samples,
+        "clock": clock_,
+        "rate": rate,
+        "gamma": gamma,
+    }
+    structure = Structure(
+        nested_poles(poles, *shape),
+        nested_zeros(zeros, *shape),
+        delay=nested_delays(delay or (), *shape),
+        offset=offset.answer,
+        drift=drift.answer,
+        initial_state=initial_state.value,
+    )
+    chosen = own.chosen_estimator(method, given)
+    with ExitStack() as stack:
+        origin = _source(source, follow)
+        stack.callback(origin.close)
+        asked = Asked(
+            tuple(inputs),
+            tuple(outputs),
+            time,
+            uniform=time is None and dt is not None,
+            columns=split_columns(columns) if columns else (),
+            form="" if form is own.Form.AUTO else form.value,
+            decimal=decimal.value,
+            units=tuple(units_from(units or ()).items()),
+            name=origin.name,
+        )
+        rules = rules_from(missing or ())
+        _check_rules([rule.channel for rule in rules], outputs)
+        question = Question(asked, structure, chosen, dt, intersample.value, rules, every)
+        _try_out(question)
+        run = _Run(question, origin, checkpoint, idle)
+        if resume:
+            run.go_on()
+        run.until_the_end(live, stack)
+
+
+def _source(text: str, follow: bool) -> Source:
+    """Open the source that is named."""
+    path = Path(text)
+    if text == "-" or text.startswith("udp:"):
+        if follow:
+            raise OptionError(
+                f"found --follow with {shown(text)}; expected a file; leave --follow out, since "
+                "this source is waited for anyway"
+            )
+        if text == "-":
+            if sys.stdin is None:
+                raise UnreadableFileError(
+                    "found standard input closed; expected lines of samples; name a file or "
+                    "udp://127.0.0.1:PORT"
+                )
+            if sys.stdin.isatty():
+                say("reading lines from this terminal; end them with Ctrl-D")
+            return PipeSource("standard input", lambda: sys.stdin.buffer)
+        source = UdpSource(*loopback_address(text))
+        say(f"listening at {source.name}")
+        return source
+    if "://" in text and not path.exists():
+        raise OptionError(
+            f"found the source {shown(text)}; expected -, a file, or udp://127.0.0.1:PORT; correct "
+            "it"
+        )
+    opened = source_of_file(path, follow, say)
+    if follow and isinstance(opened, PipeSource):
+        raise OptionError(
+            f"found --follow with the pipe {shown(text)}; expected a file; leave --follow out"
+        )
+    return opened
+
+
+def _try_out(question: Question) -> None:
+    """Let the method refuse what it cannot do, and compile its loops, before anything comes."""
+    asked, method = question.asked, question.method
+    state = method.init(
+        question.structure,
+        1.0 if question.dt is None else question.dt,
+        input_names=asked.inputs,
+        output_names=asked.outputs,
+        intersample=question.intersample,
+    )
+    said = "loading the sample loop (compiled once per machine, which takes seconds)"
+    with Activity() as activity, activity.brief_stage(said):
+        u, y = np.zeros((1, len(asked.inputs))), np.zeros((1, len(asked.outputs)))
+        for intervals in (None, np.full(1, state.dt)):
+            method.feed(state, u, y, intervals)
+
+
+def _check_resumable(checkpoint: Path | None, resume: bool) -> None:
+    if resume and checkpoint is None:
+        raise OptionError(
+            "found --resume without --checkpoint; expected the file to go on from; name it"
+        )
+    if checkpoint is None:
+        return
+    prove_writable(checkpoint)
+    if checkpoint.exists() and not resume:
+        raise OptionError(
+            f"found a checkpoint in {checkpoint}; expected --resume to go on from it, or another "
+            "name; add --resume, or remove the file"
+        )
+
+
+def _check_rules(channels: list[str], outputs: list[str]) -> None:
+    for channel in channels:
+        if channel not in outputs:
+            raise ChannelNameError(
+                f"found --missing for {shown(channel)}; expected an output, one of "
+                f"{', '.join(outputs)}; correct the name"
+            )
+
+
+class _Stop:
+    """Whether the user, or the system, asked to stop."""
+
+    def __init__(self) -> None:
+        self.asked = False
+
+    def __call__(self) -> bool:
+        return self.asked
+
+    @contextmanager
+    def on_signals(self) -> Iterator[None]:
+        """Let the first request end the stream between two samples; the next one at once."""
+        if threading.current_thread() is not threading.main_thread():
+            yield
+            return
+
+        def ask(_number: int, _frame: FrameType | None) -> None:
+            if self.asked:
+                raise KeyboardInterrupt
+            self.asked = True
+
+        names = ("SIGINT", "SIGTERM", "SIGHUP")
+        numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+        before = {number: signal.getsignal(number) for number in numbers}
+        handled = [number for number in numbers if before[number] is not signal.SIG_IGN]
+        for number in handled:
+            signal.signal(number, ask)
+        try:
+            yield
+        finally:
+            for number in handled:
+                signal.signal(number, before[number])
+
+
+@dataclass
+class _Run:
+    """From the source through the session to the lines and the checkpoint."""
+
+    question: Question
+    source: Source
+    checkpoint: Path | None
+    idle: float | None
+
+    def __post_init__(self) -> None:
+        self.stop = _Stop()
+        self.session = Session(self.question, self._emit, say, self.stop)
+        self.view = LiveView(False, "")
+        self._complained = False
+
+    def go_on(self) -> None:
+        """Take up the checkpoint, if there is one."""
+        assert self.checkpoint is not None
+        if not self.checkpoint.exists():
+            say(f"no checkpoint in {self.checkpoint} yet; beginning anew")
+            return
+        found = read_checkpoint(self.checkpoint, self.question.to_dict())
+        position = 0
+        if self.source.positioned:
+            self.source.seek(found.mark)
+            position = 0 if found.mark is None else found.mark.position
+        with undamaged(self.checkpoint):
+            self.session.go_on_from(
+                found.state, found.reader, found.timeline, found.counts, position
+            )
+        where = f"byte {position:,}" if self.source.positioned else "what comes"
+        say(
+            f"going on from {self.checkpoint} at sample {found.state.n_samples:,}, with {where} of "
+            f"{self.source.name}"
+        )
+
+    def until_the_end(self, live: bool, stack: ExitStack) -> None:
+        """Run until the source ends or a signal comes; the last line and checkpoint follow.
+
+        Raises
+        ------
+        NotReadyError
+            The samples did not determine the coefficients.
+        """
+        stack.enter_context(self.stop.on_signals())
+        self.view = stack.enter_context(LiveView(live, self.source.name))
+        session = self.session
+        self.view.begin(session.state.n_samples if session.state else 0)
+        cutter = LineCutter(session.place.position)
+        ended = self._read(cutter)
+        session.end_waiting()
+        whole = self._snapshot() if self.source.positioned else None
+        if ended and not self.stop():
+            for lines in cutter.rest():
+                session.take(lines)
+            session.end_waiting()
+        last = session.line(final=True)
+        session.remarks.catch_up()
+        self.view.update(last)
+        show_json_line(last)
+        self._keep(whole or self._snapshot(), last=True)
+        if last["malformed"]:
+            say(f"{last['malformed']:,} of {last['lines']:,} lines were malformed")
+        if session.refused is not None:
+            raise session.refused
+
+    def _read(self, cutter: LineCutter) -> bool:
+        """Read until nothing more comes; say whether the source ended by itself."""
+        heard = clock.monotonic()
+        for piece in self.source.pieces():
+            if self.stop():
+                return False
+            if piece is None:
+                self.session.remarks.catch_up()
+                if self.idle is not None and clock.monotonic() - heard > self.idle:
+                    return False
+                continue
+            heard = clock.monotonic()
+            if piece.fresh:
+                cutter.begin_at(piece.position)
+                self.session.begin_at(piece.position)
+            for lines in cutter.cut(piece.data):
+                self.session.take(lines)
+                if self.stop():
+                    return False
+        return True
+
+    def _emit(self, document: dict[str, Any]) -> None:
+        self.view.update(document)
+        show_json_line(document)
+        if self.checkpoint is not None:
+            self._keep(self._snapshot())
+
+    def _snapshot(self) -> Snapshot | None:
+        session = self.session
+        if self.checkpoint is None or session.state is None or session.timeline is None:
+            return None
+        return Snapshot(
+            self.question.to_dict(),
+            session.reader.to_dict(session.place.line),
+            session.timeline_here(),
+            session.counts(),
+            self.source.mark(session.place.position),
+            session.state,
+        )
+
+    def _keep(self, snapshot: Snapshot | None, *, last: bool = False) -> None:
+        """Write the checkpoint; while the stream runs, a full disk is no reason to end it."""
+        if snapshot is None or self.checkpoint is None:
+            return
+        try:
+            write_checkpoint(self.checkpoint, snapshot)
+            self._complained = False
+        except OutputPathError as error:
+            if last:
+                raise
+            if not self._complained:
+                say(f"warning: {error}")
+            self._complained = True

@@ -1,0 +1,279 @@
+"""The options of ``tridentify stream``, and the estimator that they describe."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Mapping, Sequence
+from enum import StrEnum
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tridentify.cli.knowledge import NUMBER
+from tridentify.cli.options import record_option, result_option
+from tridentify.errors import OptionError, shown
+from tridentify.estimate import Estimate
+
+if TYPE_CHECKING:
+    from tridentify.online import Estimator
+
+method_option = partial(typer.Option, rich_help_panel="The method")
+
+
+class Held(StrEnum):
+    """What the input does between samples; what comes next is not known yet."""
+
+    ZOH = "zoh"
+    FOH = "foh"
+
+
+class Form(StrEnum):
+    """What a line is."""
+
+    AUTO = "auto"
+    CSV = "csv"
+    JSON = "json"
+
+
+class Decimal(StrEnum):
+    """What stands before the fraction of a number in CSV."""
+
+    POINT = "."
+    COMMA = ","
+
+
+class Forget(StrEnum):
+    """How the past is forgotten."""
+
+    EXPONENTIAL = "exponential"
+    DIRECTIONAL = "directional"
+    RESETTING = "resetting"
+
+
+class OnChange(StrEnum):
+    """What is done when the coefficients have moved."""
+
+    RESTART = "restart"
+    FLAG = "flag"
+
+
+SourceName = Annotated[
+    str,
+    typer.Argument(
+        metavar="SOURCE",
+        help="Where lines come from: - (standard input), a file, or udp://127.0.0.1:PORT "
+        "(datagrams to this machine from itself; port 0 takes a free one).",
+    ),
+]
+Time = Annotated[
+    str | None,
+    record_option(
+        metavar="NAME",
+        help="Column of time; by default, without --dt, the one called t or time.",
+    ),
+]
+Step = Annotated[
+    float | None,
+    record_option(
+        metavar="SECONDS",
+        help="Nominal sampling interval; alone it is the time between lines, with --time the "
+        "intervals are those of the column. By default it is taken from the first samples.",
+    ),
+]
+Intersample = Annotated[
+    Held,
+    record_option(metavar="HOW", help="What the input does between samples: zoh (held) or foh."),
+]
+ColumnNames = Annotated[
+    str | None,
+    record_option(
+        "--columns", metavar="NAMES", help="Names of the columns, such as t,u,y, without a header."
+    ),
+]
+LineForm = Annotated[
+    Form,
+    record_option("--format", metavar="F", help="Lines are csv, json, or auto (by the first one)."),
+]
+DecimalSign = Annotated[
+    Decimal, record_option("--decimal", metavar="SIGN", help="Decimal sign of CSV: . or ,")
+]
+Follow = Annotated[
+    bool,
+    record_option(
+        "--follow", help="Wait for more at the end of the file, also when it is replaced or cut."
+    ),
+]
+Idle = Annotated[
+    float | None,
+    record_option(metavar="SECONDS", help="End when nothing has come for so long."),
+]
+Method = Annotated[
+    str, method_option(metavar="NAME", help="On-line method; a wrong name lists them.")
+]
+Forgetting = Annotated[
+    float | None, method_option(metavar="X", help="Forgetting factor of a sample; 1 is none.")
+]
+ForgetHow = Annotated[
+    Forget | None,
+    method_option("--forget", metavar="HOW", help="exponential, directional or resetting."),
+]
+Walk = Annotated[
+    list[str] | None,
+    method_option(
+        "--walk",
+        metavar="X",
+        help="How far coefficients wander in a second (kalman): a share of their size such as "
+        "0.01, or a1=0.1 for one of them in its own unit; may be repeated.",
+    ),
+]
+Filter = Annotated[
+    str | None,
+    method_option(
+        "--filter",
+        metavar="C",
+        help="Coefficients of the filter's denominator, the highest power first, such as 1,5,6; "
+        "by default it is chosen from the first samples.",
+    ),
+]
+StartModel = Annotated[
+    Path | None,
+    method_option(
+        "--start", metavar="FILE", help="Begin from this model.json in place of a search."
+    ),
+]
+OnChanged = Annotated[
+    OnChange | None,
+    method_option(
+        "--on-change", metavar="HOW", help="When coefficients have moved: restart, or flag only."
+    ),
+]
+Opening = Annotated[
+    int | None,
+    method_option(
+        "--samples", min=1, metavar="N", help="Samples that are collected for the first search."
+    ),
+]
+Clock = Annotated[
+    float | None,
+    method_option(
+        "--clock", metavar="X", help="Time between two adaptations of filter and basis [s]."
+    ),
+]
+Rate = Annotated[float | None, method_option(metavar="X", help="Rate of the gradient.")]
+Gamma = Annotated[float | None, method_option(metavar="X", help="Pole of the gradient's basis.")]
+Every = Annotated[
+    float,
+    result_option(metavar="SECONDS", help="Time of the data between two lines; inf for the last."),
+]
+Live = Annotated[bool, result_option("--live", help="Show a table that follows the estimate.")]
+Checkpoint = Annotated[
+    Path | None,
+    result_option(metavar="FILE", help="Keep the state in this file, at every line and the end."),
+]
+Resume = Annotated[
+    bool,
+    result_option("--resume", help="Go on from the checkpoint; begin anew where there is none."),
+]
+
+
+def chosen_estimator(name: str, given: Mapping[str, Any]) -> Estimator:
+    """Make the method with the options that were given.
+
+    Parameters
+    ----------
+    name : str
+        A key of `tridentify.online.ESTIMATORS`.
+    given : mapping
+        Options by the names of their fields; None where one was left out.
+
+    Returns
+    -------
+    Estimator
+
+    Raises
+    ------
+    OptionError
+        There is no such method, or it has no such option, or refuses its value.
+    """
+    from tridentify.online import ESTIMATORS
+
+    if name not in ESTIMATORS:
+        raise OptionError(
+            f"found --method {shown(name)}; expected one of {', '.join(ESTIMATORS)}; choose one"
+        )
+    options = {key: value for key, value in given.items() if value is not None}
+    fields = {key: _fields(kind) for key, kind in ESTIMATORS.items()}
+    for option in options:
+        if option not in fields[name]:
+            able = ", ".join(key for key, known in fields.items() if option in known)
+            written = "--" + {"drift": "walk"}.get(option, option).replace("_", "-")
+            raise OptionError(
+                f"found {written} with --method {name}; expected one of {able}; leave {written} "
+                "out or choose another method"
+            )
+    kind: Any = ESTIMATORS[name]
+    made: Estimator = kind(**options)
+    return made
+
+
+def _fields(kind: Any) -> set[str]:
+    return {field.name for field in dataclasses.fields(kind)}
+
+
+def walk_from(given: Sequence[str]) -> float | dict[str, float] | None:
+    """Read what ``--walk`` says.
+
+    Raises
+    ------
+    OptionError
+
+    Examples
+    --------
+    >>> walk_from(["0.01"]), walk_from(["a1=0.1", "b0=2"])
+    (0.01, {'a1': 0.1, 'b0': 2.0})
+    """
+    if not given:
+        return None
+    if len(given) == 1 and re.fullmatch(NUMBER, given[0].strip()):
+        return float(given[0])
+    found: dict[str, float] = {}
+    for text in given:
+        name, sign, number = (part.strip() for part in text.rpartition("="))
+        if not (name and sign and re.fullmatch(NUMBER, number)) or name in found:
+            raise OptionError(
+                f"found --walk {shown(text)}; expected one number such as 0.01, or a coefficient "
+                "and its own such as a1=0.1, once for each; correct it"
+            )
+        found[name] = float(number)
+    return found
+
+
+def filter_from(given: str | None) -> tuple[float, ...] | None:
+    """Read what ``--filter`` says.
+
+    Raises
+    ------
+    OptionError
+
+    Examples
+    --------
+    >>> filter_from("1, 5,6")
+    (1.0, 5.0, 6.0)
+    """
+    if given is None:
+        return None
+    cells = [cell.strip() for cell in given.split(",")]
+    if not all(re.fullmatch(NUMBER, cell) for cell in cells):
+        raise OptionError(
+            f"found --filter {shown(given)}; expected coefficients such as 1,5,6, the highest "
+            "power first; correct it"
+        )
+    return tuple(float(cell) for cell in cells)
+
+
+def start_from(path: Path | None) -> Estimate | None:
+    """Read the model to start from."""
+    return None if path is None else Estimate.load(path)

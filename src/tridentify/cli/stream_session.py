@@ -1,0 +1,433 @@
+"""A stream in progress: rows in, the estimator's state onward, a line at every tick of data time.
+
+Rows are fed in blocks that end where a line is due, so that no line depends on how the bytes came.
+Whatever is between two rows (position, counts, time) moves on together with the state; stopping
+between any two of them leaves a whole that can be resumed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.cli.load import COMPARE, Rule
+from tridentify.cli.stream_show import Remarks, line_of
+from tridentify.errors import EmptyFileError, OptionError, TooFewSamplesError
+from tridentify.formats.streams.header import Asked
+from tridentify.formats.streams.lines import Lines
+from tridentify.formats.streams.rows import RowReader, Rows
+from tridentify.formats.streams.timeline import OPENING, Timeline, nominal_step
+from tridentify.structure import Structure
+
+if TYPE_CHECKING:
+    from tridentify.estimate import Estimate
+    from tridentify.online import Estimator, NotReadyError, State
+
+FloatArray = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+BLOCK = 8192
+"""Most samples between two looks at whether to stop."""
+ROUNDING = 1e-9
+LONGEST_GAP = 10_000
+"""Most missing samples that stand in for a gap."""
+MOSTLY = 8
+"""One in so many samples off the raster makes it not worth while to feed the others in blocks."""
+
+
+@dataclass(frozen=True)
+class Question:
+    """What is asked of a stream.
+
+    Attributes
+    ----------
+    asked : Asked
+        Which columns.
+    structure : Structure
+    method : Estimator
+    dt : float or None
+        Nominal step [s]; None to take it from the first samples.
+    intersample : str
+    rules : sequence of Rule
+        Output samples that do not count.
+    every : float
+        Time of the data between two lines [s].
+    """
+
+    asked: Asked
+    structure: Structure
+    method: Estimator
+    dt: float | None
+    intersample: str
+    rules: Sequence[Rule]
+    every: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Give what a checkpoint has to agree with, as plain values."""
+        asked = self.asked
+        return {
+            "inputs": list(asked.inputs),
+            "outputs": list(asked.outputs),
+            "method": self.method.to_dict(),
+            "structure": self.structure.to_dict(),
+            "time": asked.time,
+            "dt": self.dt,
+            "intersample": self.intersample,
+            "missing": [f"{rule.channel}{rule.sign}{rule.limit!r}" for rule in self.rules],
+        }
+
+
+@dataclass
+class Place:
+    """How far a stream was read, in step with the estimator's state."""
+
+    position: int = 0
+    line: int = 0
+    malformed: int = 0
+    time: float = 0.0
+    elapsed: float = 0.0
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Samples that go forward in time."""
+
+    u: FloatArray
+    y: FloatArray
+    interval: FloatArray
+    elapsed: FloatArray
+    time: FloatArray
+    lines: Ints
+    stops: Ints
+    real: NDArray[np.bool_]
+
+
+@dataclass
+class Session:
+    """A stream in progress.
+
+    Parameters
+    ----------
+    question : Question
+    emit : callable
+        Takes each line as a mapping.
+    tell : callable
+        Takes remarks.
+    stopped : callable
+        Whether to stop.
+    """
+
+    question: Question
+    emit: Callable[[dict[str, Any]], None]
+    tell: Callable[[str], None]
+    stopped: Callable[[], bool] = lambda: False
+    state: State | None = None
+    timeline: Timeline | None = None
+    place: Place = field(default_factory=Place)
+    refused: NotReadyError | None = None
+
+    def __post_init__(self) -> None:
+        self.reader = RowReader(self.question.asked)
+        self.remarks, self.notes = Remarks(self.tell), Remarks(self.tell)
+        self._waiting: list[Rows] = []
+        self._flags = 0
+        self._problems: list[tuple[int, str, bool]] = []
+        self._opening: tuple[Timeline, FloatArray, Ints] | None = None
+
+    # -------------------------------------------------------------------------- saved and resumed
+    def counts(self) -> dict[str, Any]:
+        """Give what a checkpoint keeps of the place, as plain values."""
+        place = self.place
+        return {
+            "line": place.line,
+            "malformed": place.malformed,
+            "time": place.time,
+            "elapsed": place.elapsed,
+            "flags": self._flags,
+        }
+
+    def timeline_here(self) -> dict[str, Any]:
+        """Give the timeline as it was at the place, as plain values."""
+        assert self.timeline is not None
+        if self._opening is None:
+            return self.timeline.to_dict()
+        # that of the session has gone on to the end of the block
+        begun, stamps, lines = self._opening
+        here = replace(begun)
+        here.intervals(stamps[: int(np.searchsorted(lines, self.place.line, side="right"))])
+        return here.to_dict()
+
+    def go_on_from(
+        self,
+        state: State,
+        reader: Mapping[str, Any],
+        timeline: Mapping[str, Any],
+        counts: Mapping[str, Any],
+        position: int,
+    ) -> None:
+        """Take up what a checkpoint kept."""
+        self.state = state
+        self.timeline = Timeline.from_dict(timeline)
+        self._flags = int(counts["flags"])
+        self.place = Place(
+            position,
+            int(counts["line"]),
+            int(counts["malformed"]),
+            float(counts["time"]),
+            float(counts["elapsed"]),
+        )
+        self.reader.go_on_from({**reader, "lines": self.place.line})
+
+    # ------------------------------------------------------------------------------------- onward
+    def begin_at(self, position: int) -> None:
+        """Note that another file, or part of it, follows."""
+        self.place.position = position
+
+    def take(self, lines: Lines) -> None:
+        """Take in whole lines, unless stopped."""
+        rows = self.reader.read(lines)
+        if self.state is None:
+            self._wait(rows)
+        else:
+            self._problems += [(problem.line, problem.text, True) for problem in rows.problems]
+            self._advance(rows)
+        if self.state is None or not self.stopped():
+            self._pass(self.reader.lines)
+            self.place.position = lines.stop
+
+    def _wait(self, rows: Rows) -> None:
+        """Keep the first rows until they tell the step."""
+        self._problems += [(problem.line, problem.text, True) for problem in rows.problems]
+        if len(rows.lines):
+            self._waiting.append(rows)
+        known = self.question.dt is not None
+        if sum(len(kept.lines) for kept in self._waiting) >= (1 if known else OPENING):
+            self.end_waiting()
+        else:
+            self._pass(self.reader.lines)
+
+    def end_waiting(self) -> None:
+        """Begin with the rows that are there.
+
+        Raises
+        ------
+        TooFewSamplesError
+            They do not tell the step.
+        """
+        if self.state is not None or not self._waiting:
+            return
+        rows = Rows(
+            np.concatenate([kept.values for kept in self._waiting]),
+            np.concatenate([kept.lines for kept in self._waiting]),
+            np.concatenate([kept.stops for kept in self._waiting]),
+            [],
+        )
+        self._waiting = []
+        asked, question = self.question.asked, self.question
+        step = question.dt if question.dt is not None else nominal_step(rows.values[:OPENING, 0])
+        if step is None:
+            raise TooFewSamplesError(
+                f"found {len(rows.lines)} sample of {asked.name}; expected at least 2 to know the "
+                "step; state it with --dt SECONDS, or record longer"
+            )
+        shape = len(asked.outputs), len(asked.inputs)
+        self.timeline = Timeline(step, whole=bool(np.any(question.structure.delay_matrix(*shape))))
+        self.state = question.method.init(
+            question.structure,
+            step,
+            input_names=asked.inputs,
+            output_names=asked.outputs,
+            units=self.reader.units,
+            intersample=question.intersample,
+        )
+        self._advance(rows)
+
+    def _advance(self, rows: Rows) -> None:
+        """Feed rows, and emit the lines that are due."""
+        block = self._block(rows)
+        ticks = self._ticks(block.elapsed)
+        before = np.concatenate([self._ticks(np.array([self.place.elapsed])), ticks[:-1]])
+        due = np.flatnonzero(ticks > before) + 1
+        ends = np.unique(np.concatenate([due, np.arange(BLOCK, len(ticks), BLOCK), [len(ticks)]]))
+        begin = 0
+        for end in ends.tolist():
+            if end > begin:
+                self._feed(block, begin, end)
+                self._pass(int(block.lines[end - 1]))
+                self.place.position = int(block.stops[end - 1])
+                self.place.time = float(block.time[end - 1])
+                self.place.elapsed = float(block.elapsed[end - 1])
+                if ticks[end - 1] > before[end - 1]:
+                    self.emit(self.line())
+            begin = end
+            if self.stopped() and block.real[min(end, len(ticks)) - 1]:
+                return
+
+    def _ticks(self, elapsed: FloatArray) -> FloatArray:
+        ticks: FloatArray = np.floor(elapsed / self.question.every + ROUNDING)
+        return ticks
+
+    def _block(self, rows: Rows) -> _Block:
+        """Put rows in time."""
+        assert self.state is not None
+        assert self.timeline is not None
+        asked, values = self.question.asked, rows.values
+        n_inputs, first = len(asked.inputs), 0 if asked.uniform else 1
+        u, y = values[:, first : first + n_inputs], values[:, first + n_inputs :]
+        keep = np.ones(len(u), dtype=np.bool_)
+        if self.state.n_samples == 0:
+            # nothing to hold before the first input
+            whole = np.isfinite(u).all(axis=1)
+            keep[: int(np.argmax(whole)) if whole.any() else len(u)] = False
+        if asked.uniform:
+            n = self.state.n_samples
+            elapsed = np.arange(n, n + int(keep.sum()), dtype=np.float64) * self.timeline.dt
+            time, interval = elapsed, np.full(len(elapsed), self.timeline.dt)
+        else:
+            time = values[keep, 0]
+            numbers = rows.lines[keep]
+            self._opening = (replace(self.timeline), time, numbers)
+            interval, elapsed, remarks = self.timeline.intervals(time)
+            refused = np.isnan(interval)
+            self._problems += [(int(numbers[k]), t, bool(refused[k])) for k, t in remarks.items()]
+            self._problems.sort(key=lambda item: item[0])
+            if refused.any():
+                forward = ~refused
+                keep[keep] = forward
+                time, interval, elapsed = time[forward], interval[forward], elapsed[forward]
+        block = _Block(
+            np.ascontiguousarray(u[keep]),
+            self._without(np.array(y[keep], order="C")),
+            interval,
+            elapsed,
+            time,
+            rows.lines[keep],
+            rows.stops[keep],
+            np.ones(len(time), dtype=np.bool_),
+        )
+        return self._filled(block) if self.timeline.whole else block
+
+    def _filled(self, block: _Block) -> _Block:
+        """Put missing samples into gaps of several steps, at the place of the row before."""
+        assert self.timeline is not None
+        missing = np.round(block.interval / self.timeline.dt).astype(np.int64) - 1
+        if not missing.any():
+            return block
+        missing = np.minimum(missing, LONGEST_GAP)
+        row = np.repeat(np.arange(len(missing)), missing + 1)
+        real = np.diff(row, append=len(missing)) > 0
+        u, y = block.u[row], block.y[row]
+        u[~real], y[~real] = np.nan, np.nan
+        # of the row before, so that nothing falls due and nothing is passed before the row itself
+        place = row - ~real
+        here, before = self.place, place < 0
+        return _Block(
+            u,
+            y,
+            np.full(len(row), self.timeline.dt),
+            np.where(before, here.elapsed, block.elapsed[place]),
+            np.where(before, here.time, block.time[place]),
+            np.where(before, here.line, block.lines[place]),
+            np.where(before, here.position, block.stops[place]),
+            real,
+        )
+
+    def _without(self, y: FloatArray) -> FloatArray:
+        for rule in self.question.rules:
+            column = self.question.asked.outputs.index(rule.channel)
+            y[COMPARE[rule.sign](y[:, column], rule.limit), column] = np.nan
+        return y
+
+    def _feed(self, block: _Block, begin: int, end: int) -> None:
+        assert self.timeline is not None
+        odd = np.flatnonzero(block.interval[begin:end] != self.timeline.dt)
+        if len(odd) * MOSTLY > end - begin:
+            self._feed_piece(block, begin, end, uniform=False)
+            return
+        for place in (odd + begin).tolist():
+            self._feed_piece(block, begin, place, uniform=True)
+            self._feed_piece(block, place, place + 1, uniform=False)
+            begin = place + 1
+        self._feed_piece(block, begin, end, uniform=True)
+
+    def _feed_piece(self, block: _Block, begin: int, end: int, *, uniform: bool) -> None:
+        if end <= begin:
+            return
+        assert self.state is not None
+        self.state, _, flags = self.question.method.feed(
+            self.state,
+            block.u[begin:end],
+            block.y[begin:end],
+            None if uniform else block.interval[begin:end],
+        )
+        self._flags |= int(np.bitwise_or.reduce(flags))
+
+    def _pass(self, line: int) -> None:
+        """Say what is wrong with the lines up to this one."""
+        self.place.line = line
+        done = 0
+        for number, text, refused in self._problems:
+            if number > line:
+                break
+            done += 1
+            self.place.malformed += refused
+            if refused:
+                self.remarks.remark(f"line {number:,}: {text}; {self._fate}")
+            else:
+                # not to be lost among those that it follows
+                self.notes.remark(f"line {number:,}: {text}")
+        del self._problems[:done]
+
+    @property
+    def _fate(self) -> str:
+        return "taken as a missing sample" if self.question.asked.uniform else "skipped"
+
+    # ------------------------------------------------------------------------------------ results
+    def line(self, *, final: bool = False) -> dict[str, Any]:
+        """Describe where the estimation is; what was flagged begins anew.
+
+        Raises
+        ------
+        EmptyFileError
+            There was no sample.
+        """
+        from tridentify import online
+
+        if self.state is None or self.state.n_samples == 0:
+            bad = f" ({self.place.malformed:,} malformed)" if self.place.malformed else ""
+            raise EmptyFileError(
+                f"found no sample in {self.reader.lines:,} lines{bad} of "
+                f"{self.question.asked.name}; expected lines of CSV or JSON; check the source"
+            )
+        estimate: Estimate | None = None
+        self.refused = None
+        try:
+            estimate = self.question.method.estimate(self.state)
+        except online.NotReadyError as error:
+            self.refused = error
+        # whether it is ready is a matter of now
+        flags = (online.Flag(self._flags) & ~online.Flag.NOT_READY) | self.state.flags
+        self._flags = 0
+        at = {
+            "time": self.place.time,
+            "lines": self.place.line,
+            "malformed": self.place.malformed,
+        }
+        return line_of(self.state, estimate, str(self.refused or ""), flags, at, final)
+
+
+def check_every(every: float) -> None:
+    """Refuse what is no time between two lines.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not every > 0.0:
+        raise OptionError(
+            f"found --every {every:g}; expected seconds above zero, or inf; correct it"
+        )

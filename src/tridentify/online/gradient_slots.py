@@ -1,0 +1,32 @@
+"""Where the gradient rule keeps what is its own; nothing is compiled here."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.online.slots import COLUMNS, OUTPUTS
+
+# places in ints
+(
+    SERIES, PARALLEL_UNKNOWNS, SERIES_UNKNOWNS, POLES, ANSWERS, KEPT, OWN, C_FITS, C_SECOND, X_FITS,
+    X_SECOND, X_MOMENTS, X_ROOM,
+) = range(56, 69)  # fmt: skip
+
+# places in c
+RATE, KNOWN, READY, PACE = range(4, 8)
+
+# slots of x
+FROM, MOMENTS, SUMMED = 13, 14, 15
+
+MEMORY = 6.0
+WHITE = 0.25
+DOUBTS, TELLS = 0.5, 1.0  # of READY: a sample may be doubted; a change may be told
+
+
+def fits_stride(ints: NDArray[np.int64]) -> int:
+    """Numbers in ``c`` for the fits of one output."""
+    n = ints[COLUMNS]
+    k1, k3 = ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS]
+    unknowns = ints[POLES] + ints[OUTPUTS] * ints[OWN]
+    return int(k1 * (n + k1) + n + k3 * (n + k3) + ints[OWN] * n + 1 + unknowns * n)

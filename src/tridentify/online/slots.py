@@ -1,0 +1,71 @@
+"""Where things stand in the vector of an on-line estimator, and the limits of its judgement.
+
+`online.intake` says what they mean. The compiled loops and the plans that are made for them read
+these numbers; nothing is compiled when this module is imported.
+"""
+
+from __future__ import annotations
+
+# slots of x
+COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA = range(12)
+INBOX = 16
+
+# places in ints
+(
+    INPUTS, OUTPUTS, ORDER, COLUMNS, FREE, BEGIN, LINE, AT_LINE, AT_WATCH, WATCH, AT_STATES, AT_ROW,
+    AT_WORK, AT_FACTOR, FACTOR, OFFSET, DRIFT, UPPER, KIND, BLOCK, AT_CHUNK, CHUNK, C_STEP, C_TAPS,
+    C_DIRECT, C_START, AT_REFERENCE, EQUILIBRIUM, COLLECTING, AT_FIRST_INPUT, C_MAPS, C_EXTRA,
+    DIRECTIONS, DIRECTIONS_STRIDE, AT_IMPULSE, AT_INPUTS, AT_OUTPUTS, AT_BEFORE, C_OUTPUT, C_BASIS,
+    C_MONIC, C_ZEROS, AT_THETA, AT_GAIN, AT_COVARIANCE, FILTERING, WALKERS, C_WALK, C_WIDTHS,
+    COEFFICIENTS, LEARNING, AT_LARGEST,
+) = range(52)  # fmt: skip
+N_INTS = 72
+
+# places in c
+INTERVAL, FORGETTING, PACE, HORIZON = range(4)
+CONSTANTS = 8
+
+# places in the watch of an output
+(
+    LAST, REPEATS, AT_FIRST, HIGHEST, LOWEST, SCALE, SQUARES, WEIGHT, WEIGHT2, MEAN, SPREAD, TAKEN,
+    REFUSED, STANDS, LIMITS, INSIDE, IDLE, INNOVATION, FITTED, MOVED,
+    BLOCKS, DOUBLES, FLOOR,
+) = range(23)  # fmt: skip
+SCORES = 24
+
+# bits of the flags (`online.flags.Flag`)
+MISSING_OUTPUT, MISSING_INPUT, JITTER, OUTLIER = 1, 2, 4, 8
+STUCK, SATURATED, NOT_EXCITED, CHANGED, NOT_READY = 16, 32, 64, 128, 256
+
+DOUBTED = OUTLIER | STUCK | SATURATED
+
+# bits of the event
+CHUNK_FULL, TICKED, ALARMED = 1, 2, 4
+
+FAR, UNSURE = 6.0, 8.0
+TOLD, LARGE = 2.0, 3.0
+RARE = 0.01
+MOST_REFUSED = 25
+LARGEST, SENSELESS = 1e100, 1e6
+TRACE = 1e-5
+FLOOR_PACE = 16.0
+TO_SCALE = 1.4826022185056018  # of a normal's median modulus
+BLOCKS_USUAL = 200.0
+LEVEL = 40.0
+SCALES, PER_SCALE, SUMS = 3, 16, 4
+IDLE_SHARE = 0.01
+IDLE_BLOCKS = 8.0
+HELD_BLOCKS = 2.0
+
+# kinds of forgetting
+EXPONENTIAL, DIRECTIONAL, RESETTING = range(3)
+CUT = 0.1
+
+
+def triangle_size(n: int) -> int:
+    """Numbers that a triangle of ``n`` columns takes (`numerics.recursive`).
+
+    ``d`` (n), ``t`` (n), the largest entry of every column (n), the information that arrives (n),
+    and the rows of ``U`` to the right of the diagonal.
+    """
+    return 4 * n + n * (n - 1) // 2
