@@ -48,9 +48,8 @@ but biased, as Step 2 then works on the noise that Step 3 has followed.
 Student's distribution; with fewer they are those of least squares over the samples averaged, for
 white noise. Neither tells of a bias or a lag: what a convergence that is not complete leaves, or
 coefficients that move. The regressors of Step 2 hold what noise the weights of Step 3 carry, and so
-does its equation error: a bias of second order. From the fourth period on Step 2 therefore moves
-along the regressors of the model that stood at the last tick, which hold none of it (an
-instrumental variable, as in Young 2011); ``eps`` is as before.
+does its equation error: a bias of second order, which shrinks with the rate, and may be as large as
+the standard error where noise is strong.
 
 References
 ----------

@@ -10,11 +10,6 @@ need is a combination of it:
   the filter driven by state ``k`` of the bank are a fixed map of the bank's states, so one answer
   of the filter for each ``k`` is formed once a sample and weighted by ``r_k``.
 
-Once the model is settled, Step 2 moves along the regressors of the model of the last tick,
-not along those of the present weights, whose noise would otherwise meet itself in the equation
-error: an instrument (`online.gradient`). At rates near one over the interval that would not be
-stable, and is not done.
-
 Each moves along ``P phi`` (`numerics.recursive.descend`), with ``P`` fixed between two ticks. Until
 the first tick nothing is known of the mean squares of the regressors: then ``P`` is the identity
 over their running mean square. Later a mean of ``phi' P phi`` above the number of unknowns, an
@@ -46,7 +41,6 @@ from tridentify.online.gradient_slots import (
     SERIES,
     SERIES_UNKNOWNS,
     SUMMED,
-    TELLS,
     WHITE,
     X_FITS,
     X_MOMENTS,
@@ -285,19 +279,9 @@ def second(
             monic = value
     regressors(c, x, t2, ints[OWN], n, first, row, psi + poles + output * ints[OWN])
     error = monic - inner(x, ints[X_SECOND], psi, unknowns)
-    still = t2 + ints[OWN] * n + 1
-    weight = c[still - 1]
+    weight = c[t2 + ints[OWN] * n]
     gains = drive + d * q
-    if c[READY] < TELLS or 0.5 * step * unknowns > WHITE:
-        move(c, x, ints[X_SECOND], unknowns, psi, gains, x[MOMENTS], step, weight, error)
-        return
-    at, model, way = ints[X_SECOND], psi + unknowns, psi + 2 * unknowns
-    regressors(c, x, still, unknowns, n, first, row, model)
-    size = along(x, model, unknowns, c, gains, way) * weight
-    follow(x, at + unknowns, True, x[MOMENTS], step, size)
-    gain = gain_of(True, step, float(unknowns), x[at + unknowns])
-    crossed = max(inner(x, psi, way, unknowns), 0.0) * weight
-    descend(x, at, unknowns, way, crossed, gain, error, weight)
+    move(c, x, ints[X_SECOND], unknowns, psi, gains, x[MOMENTS], step, weight, error)
 
 
 @compiled("void(int64[::1], float64[::1], int64)")

@@ -344,7 +344,7 @@ def _size(ints: NDArray[np.int64]) -> int:
     unknowns = int(ints[places.POLES] + ints[slots.OUTPUTS] * ints[places.OWN])
     fits = 2 * int(ints[places.PARALLEL_UNKNOWNS] + ints[places.SERIES_UNKNOWNS])
     answers = channels * int(ints[places.KEPT] * ints[places.ANSWERS])
-    room = max(fits, answers + int(ints[slots.COLUMNS]) + 3 * unknowns)
+    room = max(fits, answers + int(ints[slots.COLUMNS]) + 2 * unknowns)
     return int(ints[places.X_ROOM]) + room
 
 
@@ -392,8 +392,7 @@ class Tables:
             one, own = basis.parallel, basis.numerators(i)
             third = basis.series(i, model) if basis.adapted else np.zeros((0, basis.width))
             parts = [one, self._gains(one), model, third, self._gains(third), own]
-            still = basis.second(i, model)
-            block = np.concatenate([*(part.ravel() for part in parts), [weight], still.ravel()])
+            block = np.concatenate([*(part.ravel() for part in parts), [weight]])
             c[first + i * stride : first + (i + 1) * stride] = block
             if self.moments is not None:
                 table = basis.second(i, signal)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.online.slots import COLUMNS, OUTPUTS
+from tridentify.online.slots import COLUMNS
 
 # places in ints
 (
@@ -28,5 +28,4 @@ def fits_stride(ints: NDArray[np.int64]) -> int:
     """Numbers in ``c`` for the fits of one output."""
     n = ints[COLUMNS]
     k1, k3 = ints[PARALLEL_UNKNOWNS], ints[SERIES_UNKNOWNS]
-    unknowns = ints[POLES] + ints[OUTPUTS] * ints[OWN]
-    return int(k1 * (n + k1) + n + k3 * (n + k3) + ints[OWN] * n + 1 + unknowns * n)
+    return int(k1 * (n + k1) + n + k3 * (n + k3) + ints[OWN] * n + 1)
