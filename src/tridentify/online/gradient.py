@@ -47,8 +47,9 @@ but biased, as Step 2 then works on the noise that Step 3 has followed.
 *Standard errors* are those of the scatter of ten or more periods (batch means), widened by
 Student's distribution; with fewer they are those of least squares over the samples averaged, for
 white noise. Neither tells of a bias or a lag: what a convergence that is not complete leaves, or
-coefficients that move. The regressors of Step 2 hold what noise the weights of Step 3 carry: a bias
-of second order, which shrinks with the rate.
+coefficients that move. The regressors of Step 2 hold what noise the weights of Step 3 carry, and so
+does its equation error: a bias of second order, which shrinks with the rate, and may be as large as
+the standard error where noise is strong.
 
 References
 ----------
@@ -56,6 +57,7 @@ A. Silvestrov, M. Ostroverkhov, L. Spinul, O. Khalimovskyy, H. Veshchykov, Syste
 Information Technologies 2025(2).
 B. T. Polyak, A. B. Juditsky, SIAM J. Control Optim. 30(4) (1992), 838-855.
 L. Ljung, T. Soderstrom, Theory and Practice of Recursive Identification, MIT Press 1983.
+P. C. Young, Recursive Estimation and Time-Series Analysis, 2nd ed., Springer 2011.
 """
 
 from __future__ import annotations
@@ -123,6 +125,7 @@ from tridentify.online.gradient_vector import (
 from tridentify.online.result import assembled
 from tridentify.online.seam import Estimator, Kernels, check_choice, kept_samples, not_ready
 from tridentify.online.search import (
+    Found,
     checked_start,
     far_off,
     first_try,
@@ -143,6 +146,7 @@ WARM_UP = 10
 MOST_PERIODS, FIXED_PERIODS = 16, 8
 SCATTERED = 10
 LINEAR = 0.1
+ROUNDS = 3
 SETTLING = 2
 
 
@@ -286,8 +290,24 @@ class Gradient(Estimator):
         return size_of(blueprint) if blueprint.poles.size else collecting(setting).size
 
     def is_ready(self, state: State) -> bool:
-        """Whether there is a model."""
-        return not state.stage.searching
+        """Whether the coefficients have been averaged, or are at least known in part."""
+        return not state.stage.searching and len(self._batches(state)) > 0
+
+    def _batches(self, state: State) -> Array:
+        """All periods, the present one with them; none while there are too few samples."""
+        x, stage = state
+        blueprint = stage.blueprint
+        basis = Basis.of(stage.setting, blueprint)
+        batches = _read(stage)[0]
+        if not len(batches) and x[places.SUMMED] < basis.unknowns:
+            batches = present(basis, blueprint, x)
+        elif x[places.SUMMED] > 0:
+            theta, _ = mean_of(basis, blueprint, x)
+            row = np.concatenate([[x[places.SUMMED]], theta])[None, :]
+            batches = np.vstack([batches.reshape(-1, row.size), row])
+        if not basis.adapted or (len(batches) and batches[:, 0].sum() < basis.unknowns):
+            return batches[:0]
+        return batches
 
     def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
         """``c`` for samples that come after other intervals."""
@@ -304,11 +324,31 @@ class Gradient(Estimator):
         setting = stage.setting
         samples = far_off(setting, kept_samples(state))
         begun_anew = x[slots.COUNT] > len(samples)
-        found = search(setting, samples, begun_anew)
         full = len(samples) >= MOST_KEPT
-        if found is None or not (found.certain or full):
-            x[slots.TICK] = x[slots.COUNT] + next_try(len(samples)) - len(samples)
-            return shortened(state, samples) if full else state
+        begun: State | None = None
+        for _ in range(ROUNDS):
+            found = search(setting, samples, begun_anew)
+            if found is None or not (found.certain or full):
+                break
+            launched = self._launched(state, found, samples, begun_anew, full)
+            if launched is None:
+                break
+            begun, flags = launched
+            cleaned = without(samples, flags, setting.n_inputs)
+            if cleaned is None:
+                break
+            samples = cleaned
+        if begun is not None:
+            return begun
+        x[slots.TICK] = x[slots.COUNT] + next_try(len(samples)) - len(samples)
+        return shortened(state, samples) if full else state
+
+    def _launched(
+        self, state: State, found: Found, samples: Array, begun_anew: bool, full: bool
+    ) -> tuple[State, NDArray[np.int64]] | None:
+        """The models that begin at what was found, and the flags of the samples; None if unsure."""
+        x, stage = state
+        setting = stage.setting
         poles = admissible(setting, found.poles, samples)
         basis = Basis.on_model(setting, _nuisance(setting, begun_anew), poles)
         rows = self._rows(x, stage, basis, samples)
@@ -316,22 +356,16 @@ class Gradient(Estimator):
         constant, matrix = basis.physical
         theta = constant + matrix @ unknowns
         moments = rows.T @ rows / len(rows)
-        cov = expected_covariance(basis, models, moments, found.noise_std**2, len(rows))[0]
+        noise = found.noise_std
+        cov = expected_covariance(basis, models, moments, noise**2, len(rows))[0]
         a = slice(0, setting.n_poles)
         near = np.all(np.isfinite(cov)) and np.all(
             np.sqrt(np.diagonal(cov)[a]) < LINEAR * np.abs(theta[a])
         )
         if not near and not full:
-            x[slots.TICK] = x[slots.COUNT] + next_try(len(samples)) - len(samples)
-            return state
-        tables = self._tables(basis, models, models, moments, found.noise_std**2)
-        begun = self._replayed(state, basis, samples, tables, unknowns, found.noise_std)
-        cleaned = without(samples, begun[1], setting.n_inputs)
-        if cleaned is None:
-            return begun[0]
-        unknowns, models = fitted_to(basis, rows, cleaned)
-        tables = replace(tables, models=models, signals=models)
-        return self._replayed(state, basis, cleaned, tables, unknowns, found.noise_std)[0]
+            return None
+        tables = self._tables(basis, models, models, moments, noise**2)
+        return self._replayed(state, basis, samples, tables, unknowns, noise)
 
     def _replayed(
         self, state: State, basis: Basis, samples: Array, tables: Tables, unknowns: Array,
@@ -342,7 +376,7 @@ class Gradient(Estimator):
         setting, count = stage.setting, float(len(samples))
         rate = self.rate or first_rate(basis, count)
         assert tables.moments is not None
-        blueprint = replace(tables, rate=rate).written(basis, plan(basis))
+        blueprint = replace(tables, rate=rate, ready=places.DOUBTS).written(basis, plan(basis))
         x = fresh(blueprint)
         refer(old, x, blueprint)
         for i in range(setting.n_outputs):
@@ -432,9 +466,7 @@ class Gradient(Estimator):
     ) -> Tables:
         """Tables with neither a rate nor readiness yet."""
         weights = 1.0 / np.maximum(noise, 1e-12 * max(float(noise.max()), 1e-280))
-        return Tables(
-            models, signals, weights / weights.mean(), moments, self.orthogonal, 0.0, False
-        )
+        return Tables(models, signals, weights / weights.mean(), moments, self.orthogonal, 0.0, 0.0)
 
     def _again(
         self, state: State, basis: Basis, batches: Array, rate: float, periods: int
@@ -447,7 +479,7 @@ class Gradient(Estimator):
         tables = self._tables(
             basis, models, signals, moments_of(blueprint, x), noise_of(blueprint, x)
         )
-        ready = basis.adapted and len(batches) >= SURE
+        ready = _readiness(basis, blueprint, batches)
         found = replace(tables, rate=rate, ready=ready).written(basis, blueprint)
         as_expected(blueprint, x)
         return State(x, stage.but(blueprint=found, extra=_extra(batches, rate, periods)))
@@ -484,7 +516,7 @@ class Gradient(Estimator):
         put_parallel(new, blueprint, found, parallel)
         put_unknowns(blueprint, found, unknowns)
         tables = self._tables(new, models, models, moments, noise_of(was, x))
-        tables = replace(tables, rate=rate, ready=len(batches) >= SURE)
+        tables = replace(tables, rate=rate, ready=_readiness(new, was, batches))
         blueprint = tables.written(new, blueprint)
         as_expected(blueprint, found)
         begin_period(found, setting, rate, rested=False)
@@ -561,14 +593,8 @@ class Gradient(Estimator):
             raise not_ready(count, "are still searched for a model")
         setting, blueprint = stage.setting, stage.blueprint
         basis = Basis.of(setting, blueprint)
-        batches = _read(stage)[0]
-        if not len(batches) and x[places.SUMMED] < basis.unknowns:
-            batches = present(basis, blueprint, x)
-        elif x[places.SUMMED] > 0:
-            theta, _ = mean_of(basis, blueprint, x)
-            row = np.concatenate([[x[places.SUMMED]], theta])[None, :]
-            batches = np.vstack([batches.reshape(-1, row.size), row])
-        if not basis.adapted or not len(batches) or batches[:, 0].sum() < basis.unknowns:
+        batches = self._batches(state)
+        if not len(batches):
             raise not_ready(count, "are too few for the gradient rule to come to rest")
         used = used_of(batches)
         theta = average(batches)
@@ -596,6 +622,13 @@ def _extra(batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
 def _read(stage: Stage) -> tuple[Array, float, int]:
     flat, (rate, periods) = stage.extra
     return flat.reshape(-1, len(stage.setting.names) + 1), float(rate), int(periods)
+
+
+def _readiness(basis: Basis, before: Blueprint, batches: Array) -> float:
+    """Whether samples may be doubted and changes told; what may be doubted stays so."""
+    if basis.adapted and len(batches) >= SURE:
+        return places.TELLS
+    return min(float(before.constants[places.READY]), places.DOUBTS)
 
 
 def _nuisance(setting: Setting, restarted: bool) -> Nuisance:

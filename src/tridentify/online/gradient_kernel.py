@@ -26,6 +26,7 @@ from tridentify.online.gradient_slots import (
     ANSWERS,
     C_FITS,
     C_SECOND,
+    DOUBTS,
     FROM,
     KEPT,
     KNOWN,
@@ -193,10 +194,11 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
     x[w + INNOVATION] = error
     leverage = min(0.5 * step * k, 0.9)
     taken = x[w + TAKEN]
-    ready = c[READY] > 0.0 and taken > 10.0 * n + 30.0 and leverage < WHITE
+    ready = c[READY] > DOUBTS and taken > 10.0 * n + 30.0 and leverage < WHITE
     known = x[w + SCALE] > 0.0
     scale = noise_scale(x, w)
-    if doubt(x, w, y, fitted, leverage, scale * np.sqrt(1.0 + leverage), n):
+    own = scale * np.sqrt(1.0 + leverage) if c[READY] > 0.0 else np.inf
+    if doubt(x, w, y, fitted, leverage, own, n):
         refuse(ints, c, x, w, first, error, ready)
         return float(error)
     x[w + REFUSED] = 0.0
@@ -278,7 +280,8 @@ def second(
     regressors(c, x, t2, ints[OWN], n, first, row, psi + poles + output * ints[OWN])
     error = monic - inner(x, ints[X_SECOND], psi, unknowns)
     weight = c[t2 + ints[OWN] * n]
-    move(c, x, ints[X_SECOND], unknowns, psi, drive + d * q, x[MOMENTS], step, weight, error)
+    gains = drive + d * q
+    move(c, x, ints[X_SECOND], unknowns, psi, gains, x[MOMENTS], step, weight, error)
 
 
 @compiled("void(int64[::1], float64[::1], int64)")

@@ -38,7 +38,7 @@ def first_rate(basis: Basis, searched: float) -> float:
 
 def samples_of_period(setting: Setting, rate: float) -> float:
     """Samples of a period."""
-    return max(float(np.ceil(MEMORY / (rate * setting.dt))), 8.0)
+    return max(float(np.ceil(MEMORY / (rate * setting.dt))), 10.0 * len(setting.names))
 
 
 def begin_period(x: Array, setting: Setting, rate: float, *, rested: bool) -> None:

@@ -365,8 +365,8 @@ class Tables:
     orthogonal : bool
     rate : float
         [1/s].
-    ready : bool
-        Whether a change can be told.
+    ready : float
+        Whether a sample may be doubted, and a change be told (`online.gradient_kernel`).
     """
 
     models: Array
@@ -375,7 +375,7 @@ class Tables:
     moments: Array | None
     orthogonal: bool
     rate: float
-    ready: bool
+    ready: float
 
     def written(self, basis: Basis, blueprint: Blueprint) -> Blueprint:
         """A blueprint with these tables."""

@@ -21,6 +21,7 @@ FROM, MOMENTS, SUMMED = 13, 14, 15
 
 MEMORY = 6.0
 WHITE = 0.25
+DOUBTS, TELLS = 0.5, 1.0  # of READY: a sample may be doubted; a change may be told
 
 
 def fits_stride(ints: NDArray[np.int64]) -> int:
