@@ -443,7 +443,7 @@ def test_gradient_comes_to_the_truth(case):
     run = ran(online.Gradient(), record, system.structure, every=1000 * system.dt)
     error = np.max(np.abs(run.theta / system.theta - 1.0), axis=1)
     assert error[-1] < 0.05
-    assert error[-1] <= np.nanmax(error[:50])
+    assert error[-1] <= max(np.nanmax(error[:50]), 1e-10)  # rounding is no error
 
 
 @every_method

@@ -97,6 +97,7 @@ def test_resumed_from_a_file_bit_for_bit(key, tmp_path):
     assert dict(two.units) == {"u": "V", "y": "rad"}
 
 
+@pytest.mark.slow
 def test_jittered_time_is_in_the_state(tmp_path):
     method = online.ThreeModel()
     u, y = signals(800)

@@ -386,6 +386,7 @@ def test_how_the_beginning_was_chosen_does_not_show_at_the_end():
     agreed(record, asked("one zero"), online.ThreeModel(samples=1500))
 
 
+@pytest.mark.slow
 def test_forgetting_keeps_what_the_last_samples_say():
     """Weights 0.998^age are those of some 1000 samples: standard errors of that size, and near."""
     record, _ = recorded("one zero", 10_000, 0.1)

@@ -72,6 +72,8 @@ from tridentify.online.seam import (
     Kernels,
     check_choice,
     check_forgetting,
+    check_owner,
+    check_state,
     kept_samples,
     not_ready,
 )
@@ -401,6 +403,8 @@ class EquationError(Estimator):
         NotReadyError
             The samples so far do not determine them.
         """
+        check_state(state)
+        check_owner(self, state.method)
         x, stage = state
         setting, blueprint = stage.setting, stage.blueprint
         count = int(x[slots.COUNT])

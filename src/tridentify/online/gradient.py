@@ -123,7 +123,15 @@ from tridentify.online.gradient_vector import (
     write_moments,
 )
 from tridentify.online.result import assembled
-from tridentify.online.seam import Estimator, Kernels, check_choice, kept_samples, not_ready
+from tridentify.online.seam import (
+    Estimator,
+    Kernels,
+    check_choice,
+    check_owner,
+    check_state,
+    kept_samples,
+    not_ready,
+)
 from tridentify.online.search import (
     Found,
     checked_start,
@@ -587,6 +595,8 @@ class Gradient(Estimator):
         NotReadyError
             The samples so far do not determine them.
         """
+        check_state(state)
+        check_owner(self, state.method)
         x, stage = state
         count = int(x[slots.COUNT])
         if stage.searching:

@@ -54,6 +54,7 @@ from tridentify.online.slots import (
     AT_WATCH,
     BLOCK,
     BLOCKS,
+    BLOCKS_FIRST,
     BLOCKS_USUAL,
     C_MAPS,
     CHANGED,
@@ -132,10 +133,11 @@ def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
     x[EVENT] = 0.0
     line, at = ints[LINE], ints[AT_LINE]
     for k in range(m + p):
-        # a value a million times the largest so far is none; three in a row are
+        # a value a million times the largest so far is none, but for many in a row
         size = abs(x[INBOX + k])
         most = ints[AT_LARGEST] + 2 * k
-        if size <= SENSELESS * x[most] or x[most] == 0.0 or x[most + 1] >= 2.0:
+        patience = 2.0 if k < m else 30.0
+        if size <= SENSELESS * x[most] or x[most] == 0.0 or x[most + 1] >= patience:
             if size < LARGEST:
                 x[most] = max(x[most], size)
                 x[most + 1] = 0.0
@@ -308,11 +310,13 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
         if pivot < IDLE_SHARE * x[usual + i]:
             idle = True
     if scale == 0:
-        if not idle:
-            blocks = min(x[w + BLOCKS] + 1.0, BLOCKS_USUAL)
-            x[w + BLOCKS] += 1.0
-            for i in range(k):
-                x[usual + i] += (x[m + i * (i + 1) // 2 + i] - x[usual + i]) / blocks
+        # a first large block must not make all others look idle for ever
+        x[w + BLOCKS] += 1.0
+        blocks = min(x[w + BLOCKS], BLOCKS_USUAL)
+        if idle and blocks > BLOCKS_FIRST:
+            blocks = 10.0 * BLOCKS_USUAL
+        for i in range(k):
+            x[usual + i] += (x[m + i * (i + 1) // 2 + i] - x[usual + i]) / blocks
         x[w + IDLE] = x[w + IDLE] + 1.0 if idle else 0.0
     for i in range(width):
         x[own + i] = 0.0

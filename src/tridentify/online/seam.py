@@ -213,6 +213,8 @@ class Estimator(ABC):
         SamplingError
             The interval is not above zero.
         """
+        if type(state) is not State:
+            check_state(state)
         values, stage = state
         if stage.method is not self:
             check_owner(self, stage.method)
@@ -260,6 +262,7 @@ class Estimator(ABC):
             As numbers (`online.Flag`).
         """
         u, y = (np.ascontiguousarray(_table(one), dtype=np.float64) for one in (u, y))
+        check_state(state)
         setting = state.stage.setting
         check_owner(self, state.stage.method)
         if u.shape[1] != setting.n_inputs or y.shape[1] != setting.n_outputs or len(u) != len(y):
@@ -354,6 +357,19 @@ class Estimator(ABC):
         return {"name": self.name, "options": options}
 
 
+def check_state(state: object) -> None:
+    """Refuse what is no state.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not isinstance(state, State):
+        raise OptionError(
+            f"found state={shown(state)}; expected what init, step or State.load gave; pass that"
+        )
+
+
 def check_owner(method: Estimator, owner: object) -> None:
     """Refuse a state that another estimator made.
 
@@ -361,7 +377,7 @@ def check_owner(method: Estimator, owner: object) -> None:
     ------
     OptionError
     """
-    if method != owner:
+    if not isinstance(owner, Estimator) or method.to_dict() != owner.to_dict():
         raise OptionError(
             f"found a state of {shown(owner)} in {shown(method)}; expected one that this "
             "estimator made; go on with state.method"

@@ -7,6 +7,7 @@ import dataclasses
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -163,12 +164,16 @@ class State(NamedTuple):
         at = int(ints[slots.AT_WATCH]) + slots.SCALE
         return self.values[at :: int(ints[slots.WATCH])][: int(ints[slots.OUTPUTS])].copy()
 
-    def save(self, path: str | os.PathLike[str]) -> None:
+    def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the state as JSON, whole or not at all; every bit is kept.
 
         Parameters
         ----------
         path : str or path
+
+        Returns
+        -------
+        Path
 
         Raises
         ------
@@ -195,7 +200,7 @@ class State(NamedTuple):
             "extra": [packed(one) for one in stage.extra],
             "values": packed(self.values),
         }
-        save_document(path, KEY, SCHEMA, document)
+        return save_document(path, KEY, SCHEMA, document)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> State:

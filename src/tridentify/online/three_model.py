@@ -62,6 +62,8 @@ from tridentify.online.seam import (
     Kernels,
     check_choice,
     check_forgetting,
+    check_owner,
+    check_state,
     is_number,
     kept_samples,
     not_ready,
@@ -238,6 +240,8 @@ class ThreeModel(Estimator):
         NotReadyError
             The samples so far do not determine them.
         """
+        check_state(state)
+        check_owner(self, state.method)
         x, stage = state
         count = int(x[slots.COUNT])
         if stage.searching:
