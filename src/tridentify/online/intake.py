@@ -70,6 +70,7 @@ from tridentify.online.slots import (
     EXTRA,
     FAR,
     FILLED,
+    FIRST_SCALED,
     FLAGS,
     FLOOR,
     FLOOR_PACE,
@@ -89,6 +90,7 @@ from tridentify.online.slots import (
     LINE,
     LOWEST,
     MEAN,
+    MEAN_TO_MEDIAN,
     MISSING_INPUT,
     MISSING_OUTPUT,
     MOVED,
@@ -100,6 +102,7 @@ from tridentify.online.slots import (
     REPEATS,
     SATURATED,
     SCALE,
+    SCALED,
     SCALES,
     SCORES,
     SEEN,
@@ -221,7 +224,7 @@ def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, own: float
         limits &= ~2
     x[w + LIMITS] = float(limits)
     taken = x[w + TAKEN]
-    if taken < 2.0 * n + 10.0 or not (leverage < 1.0) or not (x[w + SCALE] > 0.0):
+    if taken < 2.0 * n + 10.0 or not (leverage < 1.0) or x[w + SCALED] < FIRST_SCALED:
         return False
     error = y - fitted
     if x[w + REPEATS] >= 3.0:
@@ -260,10 +263,14 @@ def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
         size = np.sqrt(x[w + SPREAD] / x[w + WEIGHT] + x[w + MEAN] ** 2)
         x[w + FLOOR] = TRACE * size
     size = abs(v) * TO_SCALE
+    known = x[w + SCALED] == 0.0 and x[w + SCALE] > 0.0
     if not (size >= 0.0):
         return
-    if x[w + SCALE] == 0.0:
-        x[w + SCALE] = size
+    if x[w + SCALED] < FIRST_SCALED:
+        # a mean of few is better than a median of few; a scale that was given is kept
+        x[w + SCALED] = FIRST_SCALED if known else x[w + SCALED] + 1.0
+        if not known:
+            x[w + SCALE] += (size * MEAN_TO_MEDIAN - x[w + SCALE]) / x[w + SCALED]
     else:
         factor = 1.0 + max(4.0 / (taken + 8.0), 0.004)
         x[w + SCALE] *= factor if size > x[w + SCALE] else 1.0 / factor

@@ -148,6 +148,8 @@ def refuse(ints: Ints, c: Array, x: Array, w: int, first: int, error: float, rea
     """A doubtful sample: one far off still counts as a hint that the coefficients have moved."""
     if int(x[FLAGS]) & OUTLIER:
         x[w + REFUSED] += 1.0
+        # refused samples count for the scale, or one that is too small would stay so
+        x[w + SCALE] *= 1.0 + max(4.0 / (x[w + TAKEN] + 8.0), 0.004)
         watch(ints, c, x, w, first, TOLD if error > 0.0 else -TOLD, ready)
         if x[w + REFUSED] > MOST_REFUSED:
             x[w + MOVED] = 1.0

@@ -341,7 +341,7 @@ class ThreeModel(Estimator):
         setting = stage.setting
         x[slots.TICK] = self._next(x, setting)
         try:
-            solution = solve_steps(setting, stage.blueprint, x, stage.poles, choose=False)
+            solution = solve_steps(setting, stage.blueprint, x, stage.poles, choose=False, passes=1)
         except (TridentifyError, np.linalg.LinAlgError):
             return state
         poles = solution.point.poles
