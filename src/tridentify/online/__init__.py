@@ -1,8 +1,9 @@
 """The three models while the data arrive: one sample at a time, or a record run through."""
 
-from tridentify.online.equation import Kalman, RecursiveLeastSquares
 from tridentify.online.flags import Flag
 from tridentify.online.gradient import Gradient
+from tridentify.online.kalman import Kalman
+from tridentify.online.recursive_least_squares import RecursiveLeastSquares
 from tridentify.online.registry import ESTIMATORS
 from tridentify.online.run import Run, run
 from tridentify.online.seam import Estimator, NotReadyError

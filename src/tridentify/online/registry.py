@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from tridentify.online.equation import Kalman, RecursiveLeastSquares
 from tridentify.online.gradient import Gradient
+from tridentify.online.kalman import Kalman
+from tridentify.online.recursive_least_squares import RecursiveLeastSquares
 from tridentify.online.seam import Estimator
 from tridentify.online.three_model import ThreeModel
 

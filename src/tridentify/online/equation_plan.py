@@ -1,0 +1,177 @@
+"""The plan of an estimator on the equation error, and what its unknowns mean."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.realization import (
+    Cascade,
+    Complex,
+    cascade,
+    degree_basis,
+    denominator,
+    numerators,
+)
+from tridentify.online import slots
+from tridentify.online.blueprint import (
+    NEGLIGIBLE,
+    Blueprint,
+    Nuisance,
+    Plan,
+    Setting,
+    discretize_each,
+    fill_inputs,
+)
+from tridentify.online.slots import EXPONENTIAL, triangle_size
+
+Array = NDArray[np.float64]
+
+LEARNING = 20  # blocks, as the equation error is never white
+
+
+class Maps(NamedTuple):
+    """Physical coefficients from the unknowns: ``theta = constant + matrix @ unknowns``."""
+
+    matrix: Array
+    constant: Array
+
+
+def maps_of(setting: Setting, c: Cascade) -> Maps:
+    """How the coefficients follow from the weights of the functions of ``c``."""
+    n, q = setting.n_poles, c.order
+    basis, table = degree_basis(c), numerators(c.poles)
+    proper = basis.rows @ table
+    count = len(setting.names)
+    matrix, constant = np.zeros((count, count)), np.zeros(count)
+    monic = denominator(c.poles)
+    matrix[:n, :n] = proper[:n, q - n :].T
+    constant[:n] = monic[1:] if q == n else (proper[n] / basis.leading[n])[q - n :]
+    at = n
+    for row in setting.zeros:
+        for m in row:
+            block = np.zeros((m + 1, m + 1))
+            full = np.pad(proper[: min(m + 1, q)], ((0, 0), (1, 0)))
+            if m == q:
+                full = np.vstack([full, monic])
+            block[:, :] = full[:, q - m :].T
+            matrix[at : at + m + 1, at : at + m + 1] = block
+            at += m + 1
+    return Maps(matrix, constant)
+
+
+def equation_blueprint(
+    setting: Setting,
+    poles: Complex,
+    *,
+    restarted: bool,
+    weights: Array,
+    forgetting: float = 1.0,
+    kind: int = EXPONENTIAL,
+    filtering: bool = False,
+) -> Blueprint:
+    """The plan of an estimator on the equation error.
+
+    Parameters
+    ----------
+    setting : Setting
+    poles : (q,) complex array
+        Of the filter.
+    restarted : bool
+        Whether it begins in the middle, from any state.
+    weights : (n_outputs,) array
+        Of the outputs.
+    forgetting : float
+    kind : int
+        Of forgetting.
+    filtering : bool
+        Whether the coefficients drift.
+    """
+    m, p, q = setting.n_inputs, setting.n_outputs, poles.size
+    wanted = Nuisance.of(setting.structure, restarted)
+    # a constant comes with the transient of the filter that it begins with
+    nuisance = Nuisance(wanted.free or wanted.offset, wanted.offset, False)
+    coefficients = len(setting.names)
+    columns = p * (q * nuisance.free + nuisance.offset) + coefficients
+    ints = np.zeros(slots.N_INTS, dtype=np.int64)
+    ints[slots.INPUTS], ints[slots.OUTPUTS] = m, p
+    ints[slots.ORDER], ints[slots.COLUMNS] = q, columns
+    ints[slots.FREE], ints[slots.OFFSET], ints[slots.KIND] = (*nuisance[:2], kind)
+    ints[slots.BEGIN] = setting.late if nuisance.free else 0
+    ints[slots.UPPER] = int(np.any(poles.imag != 0))
+    ints[slots.COEFFICIENTS] = coefficients
+    ints[slots.DIRECTIONS], ints[slots.DIRECTIONS_STRIDE] = coefficients, 0
+    ints[slots.BLOCK] = max(20, 4 * coefficients)
+    ints[slots.FILTERING], ints[slots.LEARNING] = filtering, LEARNING
+    ints[slots.WALKERS] = coefficients if filtering else 0
+    plan = Plan(slots.INBOX + m + p)
+    ints[slots.LINE] = max(whole for whole, _ in setting.shifts) + 3
+    ints[slots.AT_LINE] = plan.take(m * int(ints[slots.LINE]))
+    ints[slots.AT_REFERENCE] = plan.take(m)
+    ints[slots.AT_FIRST_INPUT] = plan.take(m)
+    ints[slots.AT_LARGEST] = plan.take(2 * (m + p))
+    ints[slots.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
+    ints[slots.AT_CHUNK] = plan.take(0)
+    judged = coefficients + coefficients * (coefficients + 1) // 2 + slots.SUMS
+    ints[slots.WATCH] = slots.SCORES + 2 * coefficients + slots.SCALES * judged
+    ints[slots.AT_WATCH] = plan.take(p * int(ints[slots.WATCH]))
+    ints[slots.AT_ROW] = plan.take(columns)
+    ints[slots.AT_WORK] = plan.take(max(columns, q))
+    ints[slots.AT_IMPULSE] = plan.take(q)
+    ints[slots.AT_INPUTS] = plan.take(m * q)
+    ints[slots.AT_OUTPUTS] = plan.take(p * q)
+    ints[slots.AT_BEFORE] = plan.take(p)
+    ints[slots.AT_THETA] = plan.take(columns)
+    ints[slots.FACTOR] = 0 if filtering else triangle_size(columns)
+    ints[slots.AT_FACTOR] = plan.take(int(ints[slots.FACTOR]))
+    if filtering:
+        ints[slots.AT_COVARIANCE] = plan.take(columns * (columns + 1) // 2)
+        ints[slots.AT_GAIN] = plan.take(columns + columns * (columns + coefficients))
+    constants = Plan(slots.CONSTANTS)
+    ints[slots.C_STEP] = constants.take(q * q)
+    ints[slots.C_TAPS] = constants.take(3 * m * q)
+    ints[slots.C_DIRECT] = constants.take(2 * m)
+    ints[slots.C_START] = constants.take(1 + q)
+    ints[slots.C_EXTRA] = constants.take(m)
+    ints[slots.C_OUTPUT] = constants.take(2 * q)
+    ints[slots.C_BASIS] = constants.take(q * q)
+    ints[slots.C_MONIC] = constants.take(q + 1 + p)
+    ints[slots.C_ZEROS] = constants.take(m * p + 1)
+    if filtering:
+        ints[slots.C_WALK] = constants.take(columns * coefficients)
+        ints[slots.C_WIDTHS] = constants.take(coefficients)
+    c = np.zeros(constants.at)
+    # a triangle that all outputs share takes a row of each
+    c[slots.INTERVAL], c[slots.FORGETTING] = setting.dt, forgetting ** (1.0 / p)
+    c[slots.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
+    _write_filter(c, ints, setting, cascade(poles), weights)
+    return Blueprint(ints, c, plan.at, poles, nuisance)
+
+
+def _write_filter(
+    c: Array, ints: NDArray[np.int64], setting: Setting, bank: Cascade, weights: Array
+) -> None:
+    m, q, n = setting.n_inputs, bank.order, setting.n_poles
+    for j, (whole, _) in enumerate(setting.shifts):
+        c[ints[slots.C_EXTRA] + j] = whole
+    at = int(ints[slots.C_START])
+    c[at] = NEGLIGIBLE * np.abs(bank.b).max()
+    c[at + 1 : at + 1 + q] = bank.b
+    fill_inputs(c, ints, setting, bank, setting.dt)
+    joined = discretize_each(bank, np.array([setting.dt]), "foh")
+    at = int(ints[slots.C_OUTPUT])
+    c[at : at + q], c[at + q : at + 2 * q] = joined.from_current[0], joined.from_next[0]
+    basis = degree_basis(bank)
+    at = int(ints[slots.C_BASIS])
+    c[at : at + q * q] = basis.rows.ravel()
+    at = int(ints[slots.C_MONIC])
+    if q == n:
+        c[at + q] = 1.0
+    else:
+        c[at : at + q] = basis.rows[n] / basis.leading[n]
+    c[at + q + 1 : at + q + 1 + weights.size] = weights
+    at = int(ints[slots.C_ZEROS])
+    c[at : at + m * setting.n_outputs] = np.ravel(setting.zeros)
+    c[at + m * setting.n_outputs] = n

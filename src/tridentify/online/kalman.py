@@ -1,0 +1,162 @@
+"""Coefficients that drift as random walks, on the equation error (`online.equation`)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import OptionError, shown
+from tridentify.methods.filtered import checked_filter
+from tridentify.numerics.realization import (
+    Complex,
+)
+from tridentify.online import slots
+from tridentify.online.blueprint import (
+    Blueprint,
+    Setting,
+)
+from tridentify.online.equation import EquationError, unknowns_of
+from tridentify.online.equation_plan import equation_blueprint, maps_of
+from tridentify.online.seam import (
+    check_choice,
+)
+from tridentify.online.search import (
+    checked_start,
+)
+from tridentify.online.state import State
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+
+PER_UNKNOWN = 10
+
+
+@dataclass(frozen=True)
+class Kalman(EquationError):
+    """Coefficients that drift as random walks, on state-variable filters.
+
+    Parameters
+    ----------
+    drift : float or mapping of str to float
+        Standard deviation of the way that a coefficient goes in one second: one number relative
+        to its size where the filter takes over, or in its own units by name (zero for those not
+        named).
+    filter : sequence of float, optional
+        Coefficients of ``c(p)``, as for `RecursiveLeastSquares`.
+    start : TransferFunction or Estimate, optional
+        Model whose denominator is the filter.
+    on_change : {"flag", "restart"}
+        Whether a change of the coefficients is only flagged, or widens their covariance.
+
+    Raises
+    ------
+    OptionError
+        An option is out of range.
+
+    Examples
+    --------
+    >>> from tridentify import online
+    >>> online.Kalman(drift={"a1": 0.05}).drift
+    {'a1': 0.05}
+    """
+
+    drift: float | Mapping[str, float] = 0.01
+    filter: tuple[float, ...] | None = None
+    start: TransferFunction | None = None
+    on_change: str = "flag"
+
+    name: ClassVar[str] = "kalman"
+
+    def __post_init__(self) -> None:
+        check_choice("on_change", self.on_change, ("restart", "flag"))
+        object.__setattr__(self, "filter", checked_filter(self.filter))
+        object.__setattr__(self, "start", checked_start(self.start))
+        given = self.drift.values() if isinstance(self.drift, Mapping) else [self.drift]
+        for one in given:
+            number = isinstance(one, (int, float)) and not isinstance(one, bool)
+            if not number or not 0.0 <= one < np.inf:
+                raise OptionError(
+                    f"found drift={shown(self.drift)}; expected numbers of at least zero: how far "
+                    "a coefficient walks in one second; correct it"
+                )
+        if isinstance(self.drift, Mapping):
+            object.__setattr__(self, "drift", dict(self.drift))
+
+    def __hash__(self) -> int:
+        drift = tuple(self.drift.items()) if isinstance(self.drift, Mapping) else self.drift
+        return hash((drift, self.filter, self.start, self.on_change))
+
+    def plan(
+        self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool, filtering: bool
+    ) -> Blueprint:
+        """The blueprint with these options."""
+        return equation_blueprint(
+            setting, poles, restarted=restarted, weights=weights, filtering=filtering
+        )
+
+    def begin(self, setting: Setting) -> State:
+        """The state before the first sample."""
+        if isinstance(self.drift, Mapping):
+            wrong = [name for name in self.drift if name not in setting.names]
+            if wrong:
+                raise OptionError(
+                    f"found drift of {shown(wrong[0])}; expected coefficients: "
+                    f"{', '.join(setting.names)}; correct the name"
+                )
+        return super().begin(setting)
+
+    def wait(self, setting: Setting, blueprint: Blueprint) -> float:
+        """Samples that least squares is given."""
+        return float(PER_UNKNOWN * blueprint.n_columns + setting.late)
+
+    def tick(self, state: State) -> State:
+        """Search for the filter, then take over from least squares."""
+        x, stage = state
+        if stage.searching:
+            return super().tick(state)
+        old, setting = stage.blueprint, stage.setting
+        if old.ints[slots.FILTERING]:
+            return state
+        unknowns, root, _ = unknowns_of(old, x, setting.n_outputs)
+        if not np.all(np.isfinite(root)):
+            x[slots.TICK] = x[slots.COUNT] + self.wait(setting, old)
+            return state
+        at = int(old.ints[slots.C_MONIC]) + old.poles.size + 1
+        weights = old.constants[at : at + setting.n_outputs]
+        new = self.plan(setting, old.poles, weights, restarted=old.nuisance.free, filtering=True)
+        walk, widths = self._walk(setting, new, unknowns)
+        c = new.constants
+        at = int(new.ints[slots.C_WALK])
+        c[at : at + walk.size] = walk.ravel()
+        at = int(new.ints[slots.C_WIDTHS])
+        c[at : at + widths.size] = widths
+        found = np.zeros(new.size)
+        end = int(old.ints[slots.AT_FACTOR])
+        found[:end] = x[:end]
+        n = new.n_columns
+        found[int(new.ints[slots.AT_THETA]) :][:n] = unknowns
+        diagonal = np.diagonal(root)
+        at = int(new.ints[slots.AT_COVARIANCE])
+        found[at : at + n] = diagonal**2
+        upper = root / diagonal
+        for j in range(n):
+            begin = at + n + j * (j - 1) // 2
+            found[begin : begin + j] = upper[:j, j]
+        return State(found, stage.but(blueprint=new))
+
+    def _walk(self, setting: Setting, blueprint: Blueprint, unknowns: Array) -> tuple[Array, Array]:
+        """Directions of the walk among the unknowns, and variances a second."""
+        k = len(setting.names)
+        maps = maps_of(setting, blueprint.bank)
+        theta = maps.constant + maps.matrix @ unknowns[-k:]
+        if isinstance(self.drift, Mapping):
+            speed = np.array([float(self.drift.get(name, 0.0)) for name in setting.names])
+        else:
+            speed = self.drift * np.abs(theta)
+        walk = np.zeros((blueprint.n_columns, k))
+        walk[-k:] = np.linalg.inv(maps.matrix)
+        return walk, speed**2
