@@ -30,6 +30,7 @@ L. Ljung, T. Soderstrom, Theory and Practice of Recursive Identification, MIT Pr
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from functools import cache
 
 import numpy as np
@@ -96,11 +97,11 @@ class EquationError(Estimator):
 
         return Kernels(equation_step, equation_run)
 
+    @abstractmethod
     def plan(
         self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool, filtering: bool
     ) -> Blueprint:
         """The blueprint with these options."""
-        raise NotImplementedError
 
     def begin(self, setting: Setting) -> State:
         """The state before the first sample."""
