@@ -8,6 +8,6 @@ from __future__ import annotations
 
 from tridentify.export.c_header import write_c_header
 from tridentify.export.matlab import write_matlab
-from tridentify.export.plain_json import write_json
+from tridentify.export.plain_json import read_json, write_json
 
-__all__ = ["write_c_header", "write_json", "write_matlab"]
+__all__ = ["read_json", "write_c_header", "write_json", "write_matlab"]
