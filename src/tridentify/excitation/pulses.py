@@ -2,8 +2,9 @@
 
 A pulse train of unit ``D`` spreads its energy over a band about a frequency of its own; it excites
 a mode best where the band lies on the mode. For a doublet, ``|U(w)| = 4 A sin^2(w D / 2) / w`` is
-largest where ``tan x = 2 x``, ``x = w D / 2 = 1.166``: ``w D = 2.33``. The energy of a 3-2-1-1 is
-broad, and ``w D = 1.6`` lays its upper half on the mode (Jategaonkar 2006, chapter 2).
+largest where ``tan x = 2 x``, ``x = w D / 2 = 1.166``: ``w D = 2.33``. A 3-2-1-1 is within 3 dB of
+its largest from ``w D = 0.28`` to ``2.65``, and ``w D = 1.6`` puts the mode into the upper half of
+that band, where it is also told from what lies above (Jategaonkar 2006, chapter 2).
 """
 
 from __future__ import annotations
