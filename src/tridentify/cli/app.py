@@ -16,6 +16,8 @@ from typer.main import get_command
 from tridentify.cli import (
     channels_command,
     demo_command,
+    excite_command,
+    export_command,
     identify_command,
     physical_command,
     stream_command,
@@ -54,6 +56,8 @@ app.command("channels")(channels_command.channels)
 app.command("demo")(demo_command.demo)
 app.command("stream")(stream_command.stream)
 app.command("study")(study_command.study)
+app.command("excite")(excite_command.excite)
+app.command("export")(export_command.export)
 
 
 def _show_version(asked: bool) -> None:

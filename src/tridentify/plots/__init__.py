@@ -12,14 +12,17 @@ from tridentify.plots.fit import plot_fit
 from tridentify.plots.pole_zero import plot_pole_zero
 from tridentify.plots.record import plot_record
 from tridentify.plots.residual import plot_residual
+from tridentify.plots.spectrum import plot_excitation, plot_spectrum
 from tridentify.plots.trajectory import plot_trajectory
 
 __all__ = [
     "plot_bode",
     "plot_convergence",
+    "plot_excitation",
     "plot_fit",
     "plot_pole_zero",
     "plot_record",
     "plot_residual",
+    "plot_spectrum",
     "plot_trajectory",
 ]
