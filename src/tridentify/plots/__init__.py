@@ -9,6 +9,7 @@ from __future__ import annotations
 from tridentify.plots.bode import plot_bode
 from tridentify.plots.comparison import plot_comparison
 from tridentify.plots.convergence import plot_convergence
+from tridentify.plots.cost_surface import plot_cost_surface
 from tridentify.plots.fit import plot_fit
 from tridentify.plots.impulse import plot_impulse
 from tridentify.plots.nyquist import plot_nyquist
@@ -22,6 +23,7 @@ __all__ = [
     "plot_bode",
     "plot_comparison",
     "plot_convergence",
+    "plot_cost_surface",
     "plot_fit",
     "plot_impulse",
     "plot_nyquist",

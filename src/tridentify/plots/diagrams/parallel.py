@@ -69,11 +69,14 @@ def parallel_board(found: Taken) -> Board:
     board.branch(140.0, top)
     board.arrow((noisy.right, top), (end - 11.0, top))
     weights = found.weights()
-    labels = [operator_lines(found, k, 1) for k in range(weights.size)]
-    names = [f"β{index(k + 1)}" for k in range(weights.size)]
+    # operators on the poles of another channel's denominator have no weight here
+    own = [k for k in range(weights.size) if weights[k] or found.estimate.structure.shared]
+    own = own or list(range(weights.size))
+    labels = [operator_lines(found, k, 1) for k in own]
+    names = [f"β{index(k + 1)}" for k in own]
     begin = top + 48.0
     rows, first, last = operator_rows(
-        board, found, 164.0, begin, labels, weights.tolist(), names, (206.0, 124.0)
+        board, found, 164.0, begin, labels, weights[own].tolist(), names, (206.0, 124.0)
     )
     board.line((140.0, top), (140.0, rows[-1]))
     for y in rows:

@@ -114,6 +114,8 @@ def series_board(found: Taken) -> Board:
     note = operators_note(found)
     if np.any(num_std > 0) or np.any(den_std > 0):
         note += " ± is one standard error of the final estimate."
+    if heads > 1:
+        note += " What each denominator does to ŷ has weights, and a W₀ = 1, of its own."
     if found.other_inputs:
         note += f" ŷ holds what the other inputs do as well: {', '.join(found.other_inputs)}."
     board.paragraph(12.0, box.bottom + 24.0, note, 696.0, size=12.0, colour=SOFT)
