@@ -53,6 +53,7 @@ __all__ = [
     "SamplingError",
     "ShapeError",
     "StaticGainError",
+    "StepNotTakenError",
     "StructureError",
     "TextInColumnError",
     "ThousandsSeparatorError",
@@ -288,6 +289,10 @@ class ImproperModelError(StructureError):
 
 class UnsupportedError(StructureError):
     """A method or a conversion cannot do what the structure or the model asks."""
+
+
+class StepNotTakenError(UnsupportedError):
+    """An estimate came about without the step that is asked for."""
 
 
 # --- what the data can tell ----------------------------------------------------------------------
