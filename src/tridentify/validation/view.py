@@ -172,7 +172,8 @@ def look(estimate: Estimate, records: Sequence[Record], experiment: int | None) 
         chosen, point, residual = _fitted_start(estimate, kept)
         told.insert(0, f"another record: {chosen.label}, fitted to it with the coefficients held")
     root = _root(estimate)
-    found = _outputs(estimate, kept, point, residual, root)
+    noises = [_noise(estimate, kept, i) for i in range(len(estimate.output_names))]
+    found = _outputs(estimate.output_names, noises, kept, point, residual, root)
     for output in found:
         p = output.coefficients[0].shape[1] + output.nuisance[0].shape[1]
         if output.count < p + FEWEST:
@@ -362,15 +363,32 @@ def _root(estimate: Estimate) -> Array:
     return np.asarray(root[:, root.any(axis=0)])
 
 
+def refitted(view: View, point: Point) -> View:
+    """The same records seen from another model that was fitted to them.
+
+    Parameters
+    ----------
+    view : View
+    point : Point
+        Where that model ended.
+    """
+    root = np.eye(point.problem.n_coefficients)
+    noises = [output.noise for output in view.outputs]
+    names = [output.name for output in view.outputs]
+    found = _outputs(names, noises, view.records, point, point.residuals(), root)
+    return replace(view, outputs=found, point=point, own=True, has_errors=False)
+
+
 def _outputs(
-    estimate: Estimate,
+    names: Sequence[str],
+    noises: Sequence[Array],
     records: Sequence[Record],
     point: Point,
     residual: Sequence[Array],
     root: Array,
 ) -> tuple[Output, ...]:
     found = []
-    for i, name in enumerate(estimate.output_names):
+    for i, name in enumerate(names):
         columns, ours, physical = _columns(point, i)
         # the physical coefficients may differ by many orders of magnitude
         scale = np.abs(physical[:, ours]).max(axis=1, keepdims=True)
@@ -384,6 +402,5 @@ def _outputs(
         )
         y = tuple(np.asarray(record.y[:, i]) for record in records)
         fitted = tuple(a - b for a, b in zip(y, left, strict=True))
-        noise = _noise(estimate, records, i)
-        found.append(Output(name, y, fitted, left, own, terms, noise))
+        found.append(Output(name, y, fitted, left, own, terms, noises[i]))
     return tuple(found)
