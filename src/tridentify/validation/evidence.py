@@ -20,13 +20,14 @@ the past inputs is tested on what that leaves.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from tridentify.estimate import Estimate
-from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
+from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
 from tridentify.numerics.lagrange import added, span
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
@@ -43,6 +44,8 @@ Array = NDArray[np.float64]
 
 PRETEST = 0.05
 ROUNDS = 2
+WORTH_CHECKING = 0.02
+LONG = 20_000
 CALLED = 0.001
 PER_STRETCH = 25
 MOST_STRETCHES = 8
@@ -114,60 +117,165 @@ def examine(
     fitted = tuple(
         np.hstack(pair) for pair in zip(output.coefficients, output.nuisance, strict=True)
     )
-    lags = columns.past_lags(view, output)
-    everyone = range(view.records[0].n_inputs)
-    past = columns.responses(view, everyone, lags)
-    wave = columns.waves(view)
+    found = _Columns.of(view, index, estimate)
     own = _white(output, output.noise, fitted)
-    found = _autocorrelation(output, own, n_lags)
-    whiteness = portmanteau(found, output.noise)
-    larger = tuple(np.hstack(three) for three in zip(fitted, past, wave, strict=True))
-    coloured, noise = _noise(output, larger)
-    e, basis = _white(output, noise, fitted)
-    n = output.count
-    p_past, z = _past(output, noise, past, basis, e, len(lags))
-    slow = span(output.white(wave, noise), basis)
-    level = added(e, basis, slow, n).p_value
-    if p_past < CALLED and level < CALLED:
-        p_past, level = _told_apart(output, noise, (past, wave), (basis, e), len(lags), p_past)
-    by_input = tuple(
-        _beside(output, noise, view, j, lags, basis, e) if p_past < CALLED else 1.0
-        for j in everyone
-    )
-    wide = np.hstack([basis, z])
-    beside = wide if p_past < CALLED else basis
-    if level < CALLED:
-        slow = span(output.white(wave, noise), beside)
-        beside = np.hstack([beside, slow])
-        wide = np.hstack([wide, span(output.white(wave, noise), wide)])
-    coming = columns.responses(view, everyone, lags[: max(len(lags) // 2, 2)], coming=True)
-    feedback = added(e, wide, span(output.white(coming, noise), wide), n).p_value
-    half = columns.later(view, output)
-    later = added(e, beside, span(output.white(half, noise), beside), n).p_value
-    square = columns.squares(view, index, estimate)
-    squares = added(e, wide, span(output.white(square, noise), wide), n).p_value
-    plain = _studentised(output, e, beside)
+    correlation = _autocorrelation(output, own, n_lags)
+    larger = tuple(np.hstack(three) for three in zip(fitted, found.past, found.wave, strict=True))
+    coloured, freer = _noise(output, larger)
+    p = _tested(output, fitted, found, freer)
+    plain = _studentised(output, *_beside(output, fitted, found, freer, p))
     times = tuple(record.t for record in view.records)
     normality = distribution(output.name, plain, times, rate)
     scale, edges, scales = _scale(output, plain, own[0])
     return Evidence(
-        found,
-        whiteness,
+        correlation,
+        portmanteau(correlation, output.noise),
         coloured,
-        noise,
-        p_past,
-        level,
-        feedback,
-        later,
-        squares,
+        freer,
+        p.past,
+        p.level,
+        p.feedback,
+        p.later,
+        p.squares,
         scale,
-        by_input,
-        tuple(lags),
+        p.by_input,
+        found.lags,
         normality,
         edges,
         scales,
         _studentised(output, *own),
     )
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """All that a residual is searched for, not whitened; one array per experiment."""
+
+    lags: tuple[int, ...]
+    past: tuple[Array, ...]
+    coming: tuple[Array, ...]
+    wave: tuple[Array, ...]
+    later: tuple[Array, ...]
+    squares: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, view: View, index: int, estimate: Estimate) -> _Columns:
+        output = view.outputs[index]
+        lags = columns.past_lags(view, output)
+        inputs = range(view.records[0].n_inputs)
+        few = lags[: max(len(lags) // 2, 2)]
+        return cls(
+            tuple(lags),
+            columns.responses(view, inputs, lags),
+            columns.responses(view, inputs, few, coming=True),
+            columns.waves(view),
+            columns.later(view, output),
+            columns.squares(view, index, estimate),
+        )
+
+
+class _Tested(NamedTuple):
+    """p-values under one model of the noise."""
+
+    past: float
+    level: float
+    feedback: float
+    later: float
+    squares: float
+    by_input: tuple[float, ...]
+
+
+def _tested(
+    output: Output, fitted: tuple[Array, ...], found: _Columns, noise: Array
+) -> _Tested:
+    """All tests of added columns under one model of the noise."""
+    e, basis = _white(output, noise, fitted)
+    n = output.count
+    past, wave = output.white(found.past, noise), output.white(found.wave, noise)
+    n_lags = len(found.lags)
+    p_past = _past(past, basis, e, n_lags, n)
+    level = added(e, basis, span(wave, basis), n).p_value
+    p_past = _checked(output, fitted, found.past, noise, p_past)
+    level = _checked(output, fitted, found.wave, noise, level)
+    if p_past < CALLED and level < CALLED:
+        p_past, level = _told_apart(past, wave, (basis, e), n_lags, n, p_past)
+    n_inputs = past.shape[1] // n_lags
+    by_input = (1.0,) * n_inputs
+    if p_past < CALLED:
+        by_input = tuple(_one_input(past, j, basis, e, n_lags, n) for j in range(n_inputs))
+    more = (found.past,) if p_past < CALLED else ()
+    drift = (found.wave,) if level < CALLED else ()
+    beside, wide = _joined(fitted, *more, *drift), _joined(fitted, found.past, *drift)
+
+    def p_value(extra: tuple[Array, ...], known: tuple[Array, ...]) -> float:
+        own = span(output.white(known, noise))
+        p = added(e, own, span(output.white(extra, noise), own), n).p_value
+        return _checked(output, known, extra, noise, p)
+
+    return _Tested(
+        p_past,
+        level,
+        p_value(found.coming, wide),
+        p_value(found.later, beside),
+        p_value(found.squares, wide),
+        by_input,
+    )
+
+
+def _joined(*several: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(np.hstack(one) for one in zip(*several, strict=True))
+
+
+def _checked(
+    output: Output, known: tuple[Array, ...], extra: tuple[Array, ...], noise: Array, p: float
+) -> float:
+    """A p-value that holds although the noise's model was fitted to the same samples.
+
+    Under the model that belongs to the added columns the score test rejects too easily, under one
+    that was fitted without them too seldom: it may have taken them for noise. Where the first
+    rejects, the likelihood ratio decides, each side with a model of its own of the same order, in
+    F form; without a model it is the same test.
+    """
+    most = most_coefficients(output.count)
+    if p > WORTH_CHECKING or not most or output.count > LONG:
+        return p
+    alone = _modelled(output, known, np.zeros(0), most, 0)
+    order = max(alone.size, noise.size)
+    if order == 0:
+        return p
+    both = _joined(known, extra)
+    before, rank = _deviance(output, known, order, most)
+    after, larger = _deviance(output, both, order, most)
+    k, freedom = larger - rank, output.count - larger - order
+    if k < 1 or freedom < 1:
+        return 1.0
+    gain = np.expm1(max(before - after, 0.0) / output.count)
+    return max(p, float(fdtrc(k, freedom, gain * freedom / k)))
+
+
+def _deviance(
+    output: Output, fitted: tuple[Array, ...], order: int, most: int
+) -> tuple[float, int]:
+    """``-2 log L`` with columns and a noise model of given order, and the rank of the columns."""
+    noise = np.zeros(0)
+    for _ in range(ROUNDS):
+        noise = _modelled(output, fitted, noise, most, 0, order)
+    e, basis = _white(output, noise, fitted)
+    scale = sum(whiten(one, noise)[1] for one in output.residual)
+    n = output.count
+    return n * float(np.log(max(float(e @ e) / n, 1e-300))) + scale, basis.shape[1]
+
+
+def _beside(
+    output: Output, fitted: tuple[Array, ...], found: _Columns, noise: Array, p: _Tested
+) -> tuple[Array, Array]:
+    """The whitened residual, and what it is judged beside."""
+    e, basis = _white(output, noise, fitted)
+    if p.past < CALLED:
+        basis = np.hstack([basis, span(output.white(found.past, noise), basis)])
+    if p.level < CALLED:
+        basis = np.hstack([basis, span(output.white(found.wave, noise), basis)])
+    return e, basis
 
 
 def beside_remedy(first: Evidence, second: Evidence) -> Evidence:
@@ -235,13 +343,17 @@ def _noise(output: Output, larger: tuple[Array, ...]) -> tuple[float, Array]:
         found = _autocorrelation(output, _white(output, output.noise, larger), n_lags)
         own = portmanteau(found, output.noise).p_value
     noise = white
-    if free <= PRETEST and most:
+    stated = output.noise.size > 0
+    if most and (stated or free <= PRETEST):
         for _ in range(ROUNDS):
-            noise = _modelled(output, larger, noise, most)
+            noise = _modelled(output, larger, noise, most, int(stated))
     return own, noise
 
 
-def _modelled(output: Output, larger: tuple[Array, ...], noise: Array, most: int) -> Array:
+def _modelled(
+    output: Output, larger: tuple[Array, ...], noise: Array, most: int, fewest: int,
+    order: int | None = None,
+) -> Array:
     """A model of what no column explains, the columns fitted under the model before."""
     stacked = [np.where(s[:, None], c, 0.0) for s, c in zip(output.seen, larger, strict=True)]
     raw = np.vstack(stacked)
@@ -262,70 +374,36 @@ def _modelled(output: Output, larger: tuple[Array, ...], noise: Array, most: int
     for there, r, t in pieces:
         series.append(np.where(there, r, np.nan))
         taken += [np.where(there, t[:, k], np.nan) for k in range(t.shape[1])]
-    return fit_autoregression(series, most, taken=taken)
+    return fit_autoregression(series, most, order, fewest, taken)
 
 
-def _past(
-    output: Output,
-    noise: Array,
-    past: tuple[Array, ...],
-    basis: Array,
-    e: Array,
-    n_lags: int,
-) -> tuple[float, Array]:
-    """Test of past inputs, at the first few lags and at all of them; and their basis."""
-    white = output.white(past, noise)
-    first = np.arange(white.shape[1]) % n_lags < columns.SHORT
-    n = output.count
-    z = span(white, basis)
-    short = added(e, basis, span(white[:, first], basis), n).p_value
-    return min(1.0, 2.0 * min(short, added(e, basis, z, n).p_value)), z
+def _past(past: Array, basis: Array, e: Array, n_lags: int, n: int) -> float:
+    """Test of past inputs, at the first few lags and at all of them."""
+    first = np.arange(past.shape[1]) % n_lags < columns.SHORT
+    short = added(e, basis, span(past[:, first], basis), n).p_value
+    return min(1.0, 2.0 * min(short, added(e, basis, span(past, basis), n).p_value))
 
 
 def _told_apart(
-    output: Output,
-    noise: Array,
-    both: tuple[tuple[Array, ...], tuple[Array, ...]],
-    fitted: tuple[Array, Array],
-    n_lags: int,
-    p_past: float,
+    past: Array, wave: Array, fit: tuple[Array, Array], n_lags: int, n: int, p_past: float
 ) -> tuple[float, float]:
     """p-values of past inputs beside a drift, and of a drift beside past inputs."""
-    past, wave = both
-    basis, e = fitted
-    with_wave = np.hstack([basis, span(output.white(wave, noise), basis)])
-    p_beside = _past(output, noise, past, with_wave, e, n_lags)[0]
-    with_past = np.hstack([basis, span(output.white(past, noise), basis)])
-    slow = span(output.white(wave, noise), with_past)
-    level = added(e, with_past, slow, output.count).p_value
+    basis, e = fit
+    with_wave = np.hstack([basis, span(wave, basis)])
+    p_beside = _past(past, with_wave, e, n_lags, n)
+    with_past = np.hstack([basis, span(past, basis)])
+    level = added(e, with_past, span(wave, with_past), n).p_value
     if min(p_beside, level) > CALLED:
         # either alone explains the other; the response is the simpler cause
         return p_past, level
     return p_beside, level
 
 
-def _beside(
-    output: Output,
-    noise: Array,
-    view: View,
-    j: int,
-    lags: list[int],
-    basis: Array,
-    e: Array,
-) -> float:
+def _one_input(past: Array, j: int, basis: Array, e: Array, n_lags: int, n: int) -> float:
     """Test of one input's past, beside that of the others."""
-    others = [k for k in range(view.records[0].n_inputs) if k != j]
-    if others:
-        theirs = output.white(columns.responses(view, others, lags), noise)
-        basis = np.hstack([basis, span(theirs, basis)])
-    mine = output.white(columns.responses(view, [j], lags), noise)
-    return _past_of(output, mine, basis, e)
-
-
-def _past_of(output: Output, white: Array, basis: Array, e: Array) -> float:
-    n = output.count
-    short = added(e, basis, span(white[:, : columns.SHORT], basis), n).p_value
-    return min(1.0, 2.0 * min(short, added(e, basis, span(white, basis), n).p_value))
+    mine = np.arange(past.shape[1]) // n_lags == j
+    known = np.hstack([basis, span(past[:, ~mine], basis)])
+    return _past(past[:, mine], known, e, n_lags, n)
 
 
 def _studentised(output: Output, e: Array, basis: Array) -> tuple[Array, ...]:
