@@ -21,6 +21,7 @@ from tridentify.cli import (
     stream_command,
     study_command,
     terminal,
+    validate_command,
 )
 from tridentify.errors import (
     ConvergenceError,
@@ -54,6 +55,7 @@ app.command("channels")(channels_command.channels)
 app.command("demo")(demo_command.demo)
 app.command("stream")(stream_command.stream)
 app.command("study")(study_command.study)
+app.command("validate")(validate_command.validate)
 
 
 def _show_version(asked: bool) -> None:

@@ -1,19 +1,19 @@
 """Autocorrelation of the residual of a fit, with the moments that the fit leaves it.
 
-The residual of a fit with ``p`` unknowns is ``r = M e``, ``M = I - Q Q'``. For white Gaussian ``e``
-the autocorrelation ``r(k) = r' L_k r / r' r``, with ``L_k`` the symmetric matrix that picks the pairs
-of samples ``k`` apart which are both there, is independent of ``r' r``, so that exactly
+The residual of a fit with ``p`` unknowns is ``r = M e``, ``M = I - Q Q'``. For white Gaussian
+``e`` the autocorrelation ``r(k) = r' L_k r / r' r``, with ``L_k`` the symmetric matrix that picks
+the pairs of samples ``k`` apart which are both there, is independent of ``r' r``, so that exactly
 
     E r(k)   = t / m,                         t = tr(M L_k) = - tr(Q' L_k Q)
     E r(k)^2 = (t^2 + 2 s) / (m (m + 2)),     s = tr(M L_k M L_k),   m = N - p
 
-(Pitman 1937; Durbin & Watson 1950 for lag one). Both traces need only ``Q``. A step response with its
-slow derivatives shifts all correlations of a short record by ``-p / N``; Ljung and Box's formula,
-which is this one without ``Q``, takes that for a colour.
+(Pitman 1937; Durbin & Watson 1950 for lag one). Both traces need only ``Q``. A step response with
+its slow derivatives shifts all correlations of a short record by ``-p / N``; Ljung and Box's
+formula, which is this one without ``Q``, takes that for a colour.
 
 Where the noise has an autoregressive model of order ``p``, fitted to the same samples, its
-correlations lose the directions ``psi(k - j), j = 1 .. p``, with ``psi`` the impulse response of the
-model (Box & Pierce 1970); they are projected off, and the degrees of freedom are what is left.
+correlations lose the directions ``psi(k - j), j = 1 .. p``, with ``psi`` the impulse response of
+the model (Box & Pierce 1970); they are projected off, and the degrees of freedom are what is left.
 Coefficients of the system need no such correction when the noise is independent of the input
 (Pierce 1972).
 
@@ -160,14 +160,14 @@ def portmanteau(found: Autocorrelation, noise: Array) -> Portmanteau:
     sizes = sorted({*(p + 4**k for k in range(10) if p + 4**k < n_lags), n_lags})
     lags, statistics, freedom, p_values = [], [], [], []
     for size in sizes:
-        own = there[:size]
-        left, columns = z[:size][own], lost[:size][own]
+        known = there[:size]
+        left, columns = z[:size][known], lost[:size][known]
         if p:
             u, s, _ = np.linalg.svd(columns, full_matrices=False)
             u = u[:, s > 1e-8 * s[0]] if s.size and s[0] > 0 else u[:, :0]
             left = left - u @ (u.T @ left)
             columns = u
-        dimension = int(own.sum()) - columns.shape[1]
+        dimension = int(known.sum()) - columns.shape[1]
         if dimension < 1:
             continue
         lags.append(size)

@@ -12,6 +12,7 @@ from tridentify.plots.fit import plot_fit
 from tridentify.plots.pole_zero import plot_pole_zero
 from tridentify.plots.record import plot_record
 from tridentify.plots.residual import plot_residual
+from tridentify.plots.residual_tests import plot_residual_tests
 from tridentify.plots.trajectory import plot_trajectory
 
 __all__ = [
@@ -21,5 +22,6 @@ __all__ = [
     "plot_pole_zero",
     "plot_record",
     "plot_residual",
+    "plot_residual_tests",
     "plot_trajectory",
 ]

@@ -1,7 +1,7 @@
-"""What a residual is searched for: past and coming inputs, slow drifts, squares, later coefficients.
+"""What a residual is searched for: inputs past and coming, drifts, squares, later changes.
 
-All are columns beside the residual, experiment by experiment, not whitened. What the input was before
-the record is unknown and taken for its first value: a column need not be the truth to be
+All are columns beside the residual, experiment by experiment, not whitened. What the input was
+before the record is unknown and taken for its first value: a column need not be the truth to be
 uncorrelated with noise.
 """
 
@@ -26,12 +26,12 @@ WAVES = 4
 
 
 def past_lags(view: View, output: Output) -> list[int]:
-    """Knots [samples] of the responses that are looked for: every lag at first, then growing steps."""
+    """Knots [samples] of the responses that are looked for: first each lag, then wider."""
     n_inputs = view.records[0].n_inputs
     most = max(min(MOST_LAGS, output.count // (PER_COLUMN * n_inputs)), 3)
     longest = max(min(record.n_samples for record in view.records) // 4, most)
     grown = np.round(np.geomspace(1.0, longest + 1.0, most)).astype(int) - 1
-    return np.unique([*range(min(SHORT, most)), *grown]).tolist()
+    return sorted({*range(min(SHORT, most)), *grown.tolist()})
 
 
 def moved_input(view: View, channel: int, lag: int) -> tuple[Array, ...]:

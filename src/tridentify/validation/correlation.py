@@ -1,12 +1,12 @@
 """Correlation of the residual with an input at every lag, and the exact width of its bounds.
 
-With ``z_k`` the input ``k`` samples earlier, its mean taken off, and both whitened by the model of the
-noise, ``c_k = r' z_k / (|r| max |z|)`` has, for white noise of variance ``s^2`` before the fit, the
-variance ``s^2 z_k' (I - Q Q') z_k / (...)``: an input that is correlated with its own past makes the
-values at neighbouring lags alike, but not the bounds at one lag wrong, and what the fit took narrows
-them. On another record the errors of the coefficients come on top, ``|D' z_k|^2``. This is the
-variance ``sum r_e(k) r_u(k)`` of Box, Jenkins & Reinsel (*Time Series Analysis*, 4th ed., section
-12.1) after whitening, without the assumption of a long record.
+With ``z_k`` the input ``k`` samples earlier, its mean taken off, and both whitened by the model of
+the noise, ``c_k = r' z_k / (|r| max |z|)`` has, for white noise of variance ``s^2`` before the
+fit, the variance ``s^2 z_k' (I - Q Q') z_k / (...)``: an input that is correlated with its own
+past makes the values at neighbouring lags alike, but not the bounds at one lag wrong, and what the
+fit took narrows them. On another record the errors of the coefficients come on top, ``|D'
+z_k|^2``. This is the variance ``sum r_e(k) r_u(k)`` of Box, Jenkins & Reinsel (*Time Series
+Analysis*, 4th ed., section 12.1) after whitening, without the assumption of a long record.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from tridentify.numerics.lagrange import span
-from tridentify.validation.columns import moved_input
+from tridentify.validation.columns import moved_input, waves
 from tridentify.validation.result import CrossCorrelation
 from tridentify.validation.view import View
 
@@ -24,7 +24,14 @@ Array = NDArray[np.float64]
 
 
 def correlate(
-    view: View, index: int, channel: int, noise: Array, n_lags: int, level: float, p_value: float
+    view: View,
+    index: int,
+    channel: int,
+    noise: Array,
+    n_lags: int,
+    level: float,
+    p_value: float,
+    drifts: bool = False,
 ) -> CrossCorrelation:
     """Correlate one residual with one input.
 
@@ -40,10 +47,14 @@ def correlate(
         Of the bounds at each lag.
     p_value : float
         To go with it.
+    drifts : bool
+        Whether a slow drift was found, which is taken off.
     """
     output = view.outputs[index]
     moves = output.white(output.coefficients, noise)
     rest = output.white(output.nuisance, noise)
+    if drifts:
+        rest = np.hstack([rest, output.white(waves(view), noise)])
     basis = span(np.hstack([rest, moves]) if view.own else rest)
     r = output.white(tuple(np.nan_to_num(one) for one in output.residual), noise)
     r = r - basis @ (basis.T @ r)
@@ -65,9 +76,9 @@ def correlate(
     return CrossCorrelation(
         output.name,
         view.records[0].input_names[channel],
-        lags * view.step,
-        product / whole,
-        float(ndtri(0.5 + level / 2)) * np.sqrt(spread) / whole,
+        np.asarray(lags * view.step, dtype=np.float64),
+        np.asarray(product / whole, dtype=np.float64),
+        np.asarray(float(ndtri(0.5 + level / 2)) * np.sqrt(spread) / whole, dtype=np.float64),
         p_value,
     )
 

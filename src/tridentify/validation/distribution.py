@@ -1,10 +1,11 @@
 """Distribution of the innovations: Gaussian or not, and which samples stand out.
 
-Gaussian noise is not needed for the estimate, nor for its standard errors; heavy tails make a robust
-loss better, and gross outliers spoil what least squares finds. Skewness and kurtosis are judged
-together by D'Agostino and Pearson's test, whose approximation holds from 20 samples on. An outlier is
-farther from the middle than the largest of ``N`` Gaussian samples would be (Bonferroni), the scale
-taken from the middle of the distribution, so that what is looked for does not hide itself.
+Gaussian noise is not needed for the estimate, nor for its standard errors; heavy tails make a
+robust loss better, and gross outliers spoil what least squares finds. Skewness and kurtosis are
+judged together by D'Agostino and Pearson's test, whose approximation holds from 20 samples on. An
+outlier is farther from the middle than the largest of ``N`` Gaussian samples would be
+(Bonferroni), the scale taken from the middle of the distribution, so that what is looked for does
+not hide itself.
 
 References: R. D'Agostino & E. Pearson, Biometrika 60 (1973) 613-622; R. D'Agostino, A. Belanger &
 R. D'Agostino Jr., The American Statistician 44 (1990) 316-321.
@@ -59,7 +60,9 @@ def distribution(
     rows = []
     for e, (one, t) in enumerate(zip(innovations, times, strict=True)):
         far = np.nan_to_num((one - middle) / scale) if scale > 0 else np.zeros(one.size)
-        rows += [(float(e), float(t[k]), float(far[k])) for k in np.flatnonzero(np.abs(far) > limit)]
+        rows += [
+            (float(e), float(t[k]), float(far[k])) for k in np.flatnonzero(np.abs(far) > limit)
+        ]
     test = stats.normaltest(seen)
     return Normality(
         name,

@@ -4,11 +4,12 @@ All tests but those of distribution and scale are score tests of added columns
 (`numerics.lagrange`) on samples that are whitened by a model of the noise; the columns are those of
 `validation.columns`. Two things need care.
 
-*The noise.* An estimate that takes the noise for white may be right about the system and wrong about
-the noise. So the noise is looked at where it cannot be confused with a response that the model misses:
-in what is left after past inputs and slow drifts have been fitted along. If that is not white, an
-autoregressive model is fitted to it, allowing for what the columns took (`numerics.autoregression`),
-and the tests of added columns are made on samples whitened by that model.
+*The noise.* An estimate that takes the noise for white may be right about the system and wrong
+about the noise. So the noise is looked at where it cannot be confused with a response that the
+model misses: in what is left after past inputs and slow drifts have been fitted along. If that is
+not white, an autoregressive model is fitted to it, allowing for what the columns took
+(`numerics.autoregression`), and the tests of added columns are made on samples whitened by that
+model.
 
 *Confusion.* A drift may look like a late response to a step, and missing dynamics like a change of
 the coefficients. Where both drift and past inputs are called for, each is tested again beside the
@@ -20,6 +21,7 @@ the past inputs is tested on what that leaves.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -97,9 +99,7 @@ class Evidence:
     innovations: tuple[Array, ...]
 
 
-def examine(
-    view: View, index: int, estimate: Estimate, n_lags: int, rate: float
-) -> Evidence:
+def examine(view: View, index: int, estimate: Estimate, n_lags: int, rate: float) -> Evidence:
     """Make all tests of one output.
 
     Parameters
@@ -185,9 +185,7 @@ class _Tested(NamedTuple):
     by_input: tuple[float, ...]
 
 
-def _tested(
-    output: Output, fitted: tuple[Array, ...], found: _Columns, noise: Array
-) -> _Tested:
+def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: Array) -> _Tested:
     """All tests of added columns under one model of the noise."""
     e, basis = _white(output, noise, fitted)
     n = output.count
@@ -318,13 +316,9 @@ def _split(output: Output, stacked: Array) -> list[Array]:
     return np.split(stacked, ends)
 
 
-def _autocorrelation(
-    output: Output, own: tuple[Array, Array], n_lags: int
-) -> Autocorrelation:
+def _autocorrelation(output: Output, own: tuple[Array, Array], n_lags: int) -> Autocorrelation:
     seen = [one.astype(np.float64) for one in output.seen]
-    return autocorrelation_of_fit(
-        _split(output, own[0]), seen, _split(output, own[1]), n_lags
-    )
+    return autocorrelation_of_fit(_split(output, own[0]), seen, _split(output, own[1]), n_lags)
 
 
 def _noise(output: Output, larger: tuple[Array, ...]) -> tuple[float, Array]:
@@ -351,7 +345,11 @@ def _noise(output: Output, larger: tuple[Array, ...]) -> tuple[float, Array]:
 
 
 def _modelled(
-    output: Output, larger: tuple[Array, ...], noise: Array, most: int, fewest: int,
+    output: Output,
+    larger: tuple[Array, ...],
+    noise: Array,
+    most: int,
+    fewest: int,
     order: int | None = None,
 ) -> Array:
     """A model of what no column explains, the columns fitted under the model before."""
@@ -418,9 +416,7 @@ def _studentised(output: Output, e: Array, basis: Array) -> tuple[Array, ...]:
     return tuple(_split(output, found))
 
 
-def _scale(
-    output: Output, plain: tuple[Array, ...], own: Array
-) -> tuple[float, Array, Array]:
+def _scale(output: Output, plain: tuple[Array, ...], own: Array) -> tuple[float, Array, Array]:
     """Whether the size of the noise changes from stretch to stretch (Brown & Forsythe 1974).
 
     The absolute values are compared by their analysis of variance, gross outliers cut off.
@@ -429,7 +425,7 @@ def _scale(
     count = int(np.clip(output.count // PER_STRETCH, 2, MOST_STRETCHES))
     edges = np.linspace(0, joined.size, count + 1).round().astype(int)
     parts, scales = [], []
-    for a, b in zip(edges[:-1], edges[1:], strict=True):
+    for a, b in pairwise(edges.tolist()):
         one = joined[a:b]
         seen = one[np.isfinite(one)]
         scales.append(float(np.sqrt(np.mean(own[a:b] ** 2))) if seen.size else np.nan)

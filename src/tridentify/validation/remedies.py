@@ -1,9 +1,9 @@
-"""What would explain a residual that follows an input: a delay, or a higher order; tried, not guessed.
+"""What would explain a residual that follows an input: delay or order; tried, not guessed.
 
 From the poles of the estimate a few candidates take a handful of Levenberg-Marquardt steps on the
-output error (`output_error.finish`): every coefficient kept and one input later by a few samples; one
-or two more poles; another zero. The one of lowest AICc is named. This is no order selection, only the
-direction in which to look.
+output error (`output_error.finish`): every coefficient kept and one input later by a few samples;
+one or two more poles; another zero. The one of lowest AICc is named. This is no order selection,
+only the direction in which to look.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from tridentify.validation.view import View
 
 Array = NDArray[np.float64]
 
-STEPS = 10
+STEPS = 25
 CLEARLY = 6.0
 MOST_POLES = 20
 
@@ -95,7 +95,12 @@ def best_remedy(view: View, estimate: Estimate, noises: Sequence[Array]) -> Reme
     found = [one for one in tried if one is not None]
     if not found:
         return none
-    best = min(found, key=lambda one: one.criterion)
+    lowest = min(one.criterion for one in found)
+    # of candidates that are as good, the one with the fewest coefficients
+    best = min(
+        (one for one in found if one.criterion < lowest + CLEARLY),
+        key=lambda one: (one.point.problem.n_coefficients, one.criterion),
+    )
     if best.criterion > here.criterion - CLEARLY:
         return none
     share = 1.0 - best.energy / here.energy if here.energy > 0 else 0.0

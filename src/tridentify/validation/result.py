@@ -276,9 +276,14 @@ class Validation:
         lines = ["=" * _WIDTH, *textwrap.wrap(self.verdict, _WIDTH), "=" * _WIDTH]
         for finding in self.findings:
             mark = "! " if finding.serious else "- "
-            lines += textwrap.wrap(finding.text, _WIDTH, initial_indent=mark, subsequent_indent="  ")
             lines += textwrap.wrap(
-                f"what to do: {finding.remedy}", _WIDTH, initial_indent="  ", subsequent_indent="    "
+                finding.text, _WIDTH, initial_indent=mark, subsequent_indent="  "
+            )
+            lines += textwrap.wrap(
+                f"what to do: {finding.remedy}",
+                _WIDTH,
+                initial_indent="  ",
+                subsequent_indent="    ",
             )
         lines += [""] if self.findings else []
         lines += [*format_table(("output", "fit [%]", "expected", "R2_T", ""), self._fits()), ""]

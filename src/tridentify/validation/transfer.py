@@ -1,15 +1,16 @@
 """How an estimate does on a record that it was not made from: as well as its errors say, or worse.
 
 With the start of the record fitted, ``r = e + D w``: noise, and what the standard errors of the
-coefficients let the residual hold (``w`` of covariance one). So the size of the residual to be expected
-is ``s^2 (N - q) + |D|^2``, a bound that no better model could beat by more than ``|D|^2``. Whether the
-coefficients of this record are the same is told by the part of the residual along ``D = U diag(d) V'``:
+coefficients let the residual hold (``w`` of covariance one). So the size of the residual to be
+expected is ``s^2 (N - q) + |D|^2``, a bound that no better model could beat by more than
+``|D|^2``. Whether the coefficients of this record are the same is told by the part of the residual
+along ``D = U diag(d) V'``:
 
     sum (u_i' r)^2 / (s^2 + d_i^2)     is chi-square with rank(D) degrees of freedom,
 
-all outputs together. The variance ``s^2`` is that of what is left on this record, so a noisier record
-is not taken for another plant. It is the Wald test of equal coefficients in two records (Chow,
-Econometrica 28, 1960, 591-605), without fitting the second.
+all outputs together. The variance ``s^2`` is that of what is left on this record, so a noisier
+record is not taken for another plant. It is the Wald test of equal coefficients in two records
+(Chow, Econometrica 28, 1960, 591-605), without fitting the second.
 """
 
 from __future__ import annotations

@@ -1,9 +1,10 @@
 """The front door: an estimate and a record in, whether to trust it out.
 
-The tests of every output (`validation.evidence`), and on another record those of `validation.transfer`,
-form one family. Holm's procedure rejects in it so that a model which is right is called wrong with at
-most the probability ``1 - level``, whatever the dependence between the tests; half of it is spent on
-outliers and half on all the rest. What is rejected is put into words (`validation.verdict`).
+The tests of every output (`validation.evidence`), and on another record those of
+`validation.transfer`, form one family. Holm's procedure rejects in it so that a model which is
+right is called wrong with at most the probability ``1 - level``, whatever the dependence between
+the tests; half of it is spent on outliers and half on all the rest. What is rejected is put into
+words (`validation.verdict`).
 """
 
 from __future__ import annotations
@@ -25,7 +26,6 @@ from tridentify.validation.evidence import CALLED, Evidence, beside_remedy, exam
 from tridentify.validation.remedies import Remedy, best_remedy
 from tridentify.validation.result import (
     CrossCorrelation,
-    Normality,
     Stationarity,
     Test,
     Transfer,
@@ -155,7 +155,16 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
     for k, rejected in zip(made, holm(p_values, (1.0 - level) * (1.0 - OUTLIERS)), strict=True):
         tests[k] = replace(tests[k], rejected=bool(rejected))
     pictures = tuple(
-        correlate(view, i, j, noises[i], n_lags, level, evidence[i].by_input[j])
+        correlate(
+            view,
+            i,
+            j,
+            noises[i],
+            n_lags,
+            level,
+            evidence[i].by_input[j],
+            evidence[i].level < CALLED,
+        )
         for i in outputs
         for j in range(n_inputs)
     )
@@ -262,9 +271,9 @@ def _whiteness(one: Evidence, view: View, index: int, level: float) -> Whiteness
     found, test = one.autocorrelation, one.whiteness
     return Whiteness(
         view.outputs[index].name,
-        np.arange(1, found.value.size + 1) * view.step,
+        np.asarray(np.arange(1, found.value.size + 1) * view.step, dtype=np.float64),
         found.value - found.mean,
-        float(ndtri(0.5 + level / 2)) * found.std,
+        np.asarray(float(ndtri(0.5 + level / 2)) * found.std, dtype=np.float64),
         test.lags,
         test.statistics,
         test.p_values,
@@ -281,7 +290,8 @@ def _notes(view: View, evidence: Sequence[Evidence]) -> tuple[str, ...]:
     told = list(view.told)
     if view.uneven:
         told.append(
-            "time is uneven: lags count samples and stand for the typical step, so correlation over "
+            "time is uneven: lags count samples and stand for the typical step, so correlation "
+            "over "
             "a fixed time is not tested, and the noise is taken as white in the estimate"
         )
     lost = sum(int(np.isnan(one).sum()) for output in view.outputs for one in output.residual)

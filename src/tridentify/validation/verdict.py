@@ -163,7 +163,9 @@ def _about_one(
             lags = more.get("lags", ())
             assert isinstance(lags, tuple)
             found.append(
-                Finding(kind, name, str(more.get("input", "")), lags, text, advice, p_value, serious)
+                Finding(
+                    kind, name, str(more.get("input", "")), lags, text, advice, p_value, serious
+                )
             )
 
     if ("feedback", name) in rejected:
@@ -173,9 +175,11 @@ def _about_one(
         add(
             "feedback",
             "feedback",
-            f"the residual of {name} is correlated with {picture.input} {low:.3g}-{high:.3g} s later: "
+            f"the residual of {name} is correlated with {picture.input} {low:.3g}-{high:.3g} s "
+            "later: "
             "the input reacts to the output (feedback), or its clock is late",
-            "open the loop, or add a test signal that is large against the feedback; check that the "
+            "open the loop, or add a test signal that is large against the feedback; check that "
+            "the "
             "channels share one clock",
             input=picture.input,
             lags=(-high, -low),
@@ -185,7 +189,8 @@ def _about_one(
         "level",
         f"the level of the residual of {name} moves slowly over the record: the sensor drifts, or "
         "an offset or a slow disturbance is missing",
-        "estimate an offset and a drift (offset=True, drift='auto'; --drift auto), or cut the record",
+        "estimate an offset and a drift (offset=True, drift='auto'; --drift auto), or cut the "
+        "record",
     )
     explained = ("past inputs", name) in rejected or ("level", name) in rejected
     also = "also " if explained else ""
@@ -210,7 +215,8 @@ def _about_one(
     add(
         "inconstant",
         "coefficients constant",
-        f"the coefficients behind {name} differ between the first and the second half of the samples",
+        f"the coefficients behind {name} differ between the first and the second half of the "
+        "samples",
         "identify the parts on their own, or use online.ThreeModel(forgetting=...)",
     )
     found += _about_noise(view, one, name, rejected)
@@ -233,7 +239,8 @@ def _about_noise(
                 name,
                 "",
                 (),
-                f"{many} up to {np.abs(far[0, 2]):.0f} standard deviations from the model of {name} "
+                f"{many} up to {np.abs(far[0, 2]):.0f} standard deviations from the model of "
+                f"{name} "
                 f"({which} {at} s)",
                 "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing",
                 rejected.get(("Gaussian", name), one.normality.p_value),
@@ -261,7 +268,8 @@ def _about_noise(
                 name,
                 "",
                 (),
-                f"the noise of {name} changes its size over the record, by a factor of {ratio:.1f}: "
+                f"the noise of {name} changes its size over the record, by a factor of "
+                f"{ratio:.1f}: "
                 "the standard errors are not right",
                 "cut the record, or take standard errors from parts of it",
                 rejected["scale", name],
@@ -281,7 +289,8 @@ def _carried(
                 "all",
                 "",
                 (),
-                "the coefficients of this record differ from the estimate by more than its standard "
+                "the coefficients of this record differ from the estimate by more than its "
+                "standard "
                 "errors",
                 "identify both records together if they are one system, else each on its own",
                 rejected["same coefficients", "all"],
@@ -296,8 +305,10 @@ def _carried(
                     output.name,
                     "",
                     (),
-                    f"the residual of {output.name} is {transfer.size_ratio[i]:.2f} times as large as "
-                    f"the estimate leads to expect: this record is {'noisier' if more else 'quieter'}",
+                    f"the residual of {output.name} is {transfer.size_ratio[i]:.2f} times as "
+                    "large as "
+                    "the estimate leads to expect: this record is "
+                    f"{'noisier' if more else 'quieter'}",
                     "nothing for the model; weight the records by their noise if they are joined",
                     rejected["size of the noise", output.name],
                     serious=False,

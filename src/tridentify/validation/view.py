@@ -1,11 +1,12 @@
-"""What validation looks at: the residual of every output, and all that a fit could have taken of it.
+"""What validation looks at: the residual of every output, and all that a fit takes of it.
 
-The residual is ``r = y - G u - offset - drift - free response`` at the coefficients of the estimate.
-On the record that was identified the nuisance terms are those of the estimate. On another record they
-are fitted, with the coefficients held, as the terms of lowest AICc: the start of that record is its own.
+The residual is ``r = y - G u - offset - drift - free response`` at the coefficients of the
+estimate. On the record that was identified the nuisance terms are those of the estimate. On
+another record they are fitted, with the coefficients held, as the terms of lowest AICc: the start
+of that record is its own.
 
-Beside the residual stand its derivatives by the coefficients, multiplied by a root of their covariance,
-``D = (dy / d theta) C^{1/2}``, and those by the nuisance terms. On another record
+Beside the residual stand its derivatives by the coefficients, multiplied by a root of their
+covariance, ``D = (dy / d theta) C^{1/2}``, and those by the nuisance terms. On another record,
 ``r = e + D w + N v`` with ``w`` of covariance one: what the standard errors of the estimate say the
 residual may hold.
 """
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.cautions.beginning import beginning
+from tridentify.checks.samples import typical_step
 from tridentify.errors import ChannelCountError, DataError, TooFewSamplesError
 from tridentify.estimate import Estimate
 from tridentify.models.response import Response
@@ -128,8 +130,8 @@ class View:
     @property
     def step(self) -> float:
         """A typical time between samples [s]."""
-        steps = [np.diff(record.t) for record in self.records]
-        return float(np.median(np.concatenate(steps)))
+        first = self.records[0]
+        return typical_step(first.t) if first.dt is None else first.dt
 
     @property
     def uneven(self) -> bool:
@@ -178,7 +180,8 @@ def look(estimate: Estimate, records: Sequence[Record], experiment: int | None) 
         p = output.coefficients[0].shape[1] + output.nuisance[0].shape[1]
         if output.count < p + FEWEST:
             raise TooFewSamplesError(
-                f"found {output.count} samples of output {output.name!r} for {p} unknowns; expected "
+                f"found {output.count} samples of output {output.name!r} for {p} unknowns; "
+                "expected "
                 f"at least {p + FEWEST} to test a residual; record longer"
             )
     return View(kept, found, point, own, bool(np.isfinite(estimate.cov).all()), tuple(told))
@@ -203,7 +206,8 @@ def _check(estimate: Estimate, records: Sequence[Record], experiment: int | None
     if not 0 <= experiment < len(estimate.nuisance) or len(records) > 1:
         raise DataError(
             f"found experiment={experiment} for {len(records)} records and an estimate of "
-            f"{len(estimate.nuisance)} experiments; expected one record and an experiment from 0 to "
+            f"{len(estimate.nuisance)} experiments; expected one record and an experiment from "
+            "0 to "
             f"{len(estimate.nuisance) - 1}; leave experiment out to fit a start of its own"
         )
 
