@@ -17,6 +17,10 @@ the model (Box & Pierce 1970); they are projected off, and the degrees of freedo
 Coefficients of the system need no such correction when the noise is independent of the input
 (Pierce 1972).
 
+Sums of squares of scaled correlations have a longer tail than chi-square in a short record, the
+longer the more lags. Their mean and variance are taken from draws of white noise put through the
+same projection, and a scaled chi-square with these is used.
+
 References: E. Pitman, Proc. Cambridge Phil. Soc. 33 (1937) 212-222. J. Durbin & G. Watson,
 Biometrika 37 (1950) 409-428. G. Box & D. Pierce, J. American Statistical Association 65 (1970)
 1509-1526. G. Ljung & G. Box, Biometrika 65 (1978) 297-303. D. Pierce, Biometrika 59 (1972) 411-426.
@@ -29,9 +33,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.special import chdtrc
 
 Array = NDArray[np.float64]
+
+DRAWS = 1000
+SHORT, LONG = 500, 5_000
 
 
 class Autocorrelation(NamedTuple):
@@ -126,7 +134,7 @@ class Portmanteau(NamedTuple):
         return min(1.0, len(self.p_values) * min(self.p_values, default=1.0))
 
 
-def portmanteau(found: Autocorrelation, noise: Array) -> Portmanteau:
+def portmanteau(found: Autocorrelation, noise: Array, spread: Array | None = None) -> Portmanteau:
     """Ljung-Box tests over few lags and over all, for weak noise of short memory and for the rest.
 
     Parameters
@@ -134,6 +142,9 @@ def portmanteau(found: Autocorrelation, noise: Array) -> Portmanteau:
     found : Autocorrelation
     noise : (p,) array
         Coefficients of the autoregressive model that whitened the residual; empty for none.
+    spread : (n_tests, 2) array, optional
+        Mean and variance of the statistics (`spread_of_statistics`); by default those of
+        chi-square, which has too short a tail for a short record.
 
     Returns
     -------
@@ -146,32 +157,93 @@ def portmanteau(found: Autocorrelation, noise: Array) -> Portmanteau:
     >>> portmanteau(found, np.zeros(0)).p_value > 0.01
     True
     """
-    there = found.std > 0
-    z = np.where(there, (found.value - found.mean) / np.where(there, found.std, 1.0), 0.0)
-    n_lags, p = z.size, noise.size
+    projections = _projections(found.std > 0, noise)
+    values = _statistics(found.value[None, :], found, projections)[0]
+    freedom = np.array([one.dimension for one in projections], dtype=np.float64)
+    if spread is None:
+        spread = np.stack([freedom, 2.0 * freedom], axis=1)
+    mean, variance = spread[:, 0], spread[:, 1]
+    p_values = chdtrc(2.0 * mean**2 / variance, values * 2.0 * mean / variance)
+    return Portmanteau(
+        tuple(one.lags for one in projections),
+        tuple(values.tolist()),
+        tuple(one.dimension for one in projections),
+        tuple(np.asarray(p_values).tolist()),
+    )
+
+
+def spread_of_statistics(
+    found: Autocorrelation, noise: Array, seen: Sequence[Array], bases: Sequence[Array]
+) -> Array | None:
+    """Mean and variance of the statistics for white Gaussian noise and this very fit, by draws.
+
+    The draws are always the same ones. In long records, where chi-square serves, None.
+
+    Parameters
+    ----------
+    found, noise
+        As for `portmanteau`.
+    seen, bases
+        As for `autocorrelation_of_fit`.
+
+    Returns
+    -------
+    (n_tests, 2) array or None
+    """
+    total = sum(one.size for one in seen)
+    if total > LONG:
+        return None
+    rng = np.random.default_rng(0)
+    e = rng.standard_normal((DRAWS if total < SHORT else DRAWS // 4, total)) * np.concatenate(seen)
+    q = np.vstack(bases)
+    e -= (e @ q) @ q.T
+    products = np.zeros((e.shape[0], found.value.size))
+    for one in np.split(e, np.cumsum([one.size for one in seen])[:-1], axis=1):
+        size = next_fast_len(2 * one.shape[1])
+        power = np.abs(rfft(one, size, axis=1)) ** 2
+        own = irfft(power, size, axis=1)[:, 1 : min(found.value.size, one.shape[1] - 1) + 1]
+        products[:, : own.shape[1]] += own
+    values = products / np.sum(e * e, axis=1, keepdims=True)
+    statistics = _statistics(values, found, _projections(found.std > 0, noise))
+    return np.stack([statistics.mean(axis=0), statistics.var(axis=0)], axis=1)
+
+
+class _Projection(NamedTuple):
+    """Of the first ``lags`` correlations: what a noise model took of them."""
+
+    lags: int
+    dimension: int
+    lost: Array
+
+
+def _projections(there: NDArray[np.bool_], noise: Array) -> list[_Projection]:
+    n_lags, p = there.size, noise.size
     psi = np.zeros(n_lags + 1)
     psi[0] = 1.0
     for k in range(1, n_lags + 1):
         own = min(k, p)
         psi[k] = -float(noise[:own] @ psi[k - 1 :: -1][:own])
     lost = np.zeros((n_lags, p))
-    for j in range(1, p + 1):
+    for j in range(1, min(p, n_lags) + 1):
         lost[j - 1 :, j - 1] = psi[: n_lags - j + 1]
     sizes = sorted({*(p + 4**k for k in range(10) if p + 4**k < n_lags), n_lags})
-    lags, statistics, freedom, p_values = [], [], [], []
+    found = []
     for size in sizes:
-        known = there[:size]
-        left, columns = z[:size][known], lost[:size][known]
-        if p:
-            u, s, _ = np.linalg.svd(columns, full_matrices=False)
-            u = u[:, s > 1e-8 * s[0]] if s.size and s[0] > 0 else u[:, :0]
-            left = left - u @ (u.T @ left)
-            columns = u
-        dimension = int(known.sum()) - columns.shape[1]
-        if dimension < 1:
-            continue
-        lags.append(size)
-        statistics.append(float(left @ left))
-        freedom.append(dimension)
-        p_values.append(float(chdtrc(dimension, left @ left)))
-    return Portmanteau(tuple(lags), tuple(statistics), tuple(freedom), tuple(p_values))
+        columns = lost[:size] * there[:size, None]
+        u, s, _ = np.linalg.svd(columns, full_matrices=False)
+        u = u[:, s > 1e-8 * s[0]] if s.size and s[0] > 0 else u[:, :0]
+        dimension = int(there[:size].sum()) - u.shape[1]
+        if dimension > 0:
+            found.append(_Projection(size, dimension, u))
+    return found
+
+
+def _statistics(values: Array, found: Autocorrelation, projections: list[_Projection]) -> Array:
+    """(n_draws, n_tests) sums of squares of the scaled correlations ``values`` (n_draws, K)."""
+    there = found.std > 0
+    z = np.where(there, (values - found.mean) / np.where(there, found.std, 1.0), 0.0)
+    columns = []
+    for one in projections:
+        left = z[:, : one.lags]
+        columns.append(np.sum((left - (left @ one.lost) @ one.lost.T) ** 2, axis=1))
+    return np.stack(columns, axis=1) if columns else np.zeros((z.shape[0], 0))

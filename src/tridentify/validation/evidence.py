@@ -36,6 +36,7 @@ from tridentify.numerics.portmanteau import (
     Portmanteau,
     autocorrelation_of_fit,
     portmanteau,
+    spread_of_statistics,
 )
 from tridentify.validation import columns
 from tridentify.validation.distribution import distribution
@@ -129,7 +130,7 @@ def examine(view: View, index: int, estimate: Estimate, n_lags: int, rate: float
     scale, edges, scales = _scale(output, plain, own[0])
     return Evidence(
         correlation,
-        portmanteau(correlation, output.noise),
+        _portmanteau(output, own, correlation, output.noise),
         coloured,
         freer,
         p.past,
@@ -321,6 +322,14 @@ def _autocorrelation(output: Output, own: tuple[Array, Array], n_lags: int) -> A
     return autocorrelation_of_fit(_split(output, own[0]), seen, _split(output, own[1]), n_lags)
 
 
+def _portmanteau(
+    output: Output, own: tuple[Array, Array], found: Autocorrelation, noise: Array
+) -> Portmanteau:
+    seen = [one.astype(np.float64) for one in output.seen]
+    spread = spread_of_statistics(found, noise, seen, _split(output, own[1]))
+    return portmanteau(found, noise, spread)
+
+
 def _noise(output: Output, larger: tuple[Array, ...]) -> tuple[float, Array]:
     """Whether what no column explains is white under the estimate's model, and a model of it.
 
@@ -331,11 +340,13 @@ def _noise(output: Output, larger: tuple[Array, ...]) -> tuple[float, Array]:
     n_lags = max(most, output.noise.size + 4)
     white = np.zeros(0)
     e, basis = _white(output, white, larger)
-    free = portmanteau(_autocorrelation(output, (e, basis), n_lags), white).p_value
+    found = _autocorrelation(output, (e, basis), n_lags)
+    free = _portmanteau(output, (e, basis), found, white).p_value
     own = free
     if output.noise.size:
-        found = _autocorrelation(output, _white(output, output.noise, larger), n_lags)
-        own = portmanteau(found, output.noise).p_value
+        fit = _white(output, output.noise, larger)
+        found = _autocorrelation(output, fit, n_lags)
+        own = _portmanteau(output, fit, found, output.noise).p_value
     noise = white
     stated = output.noise.size > 0
     if most and (stated or free <= PRETEST):
