@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 STEPS = 25
 CLEARLY = 6.0
 MOST_POLES = 20
+GRID = 14
+SPACING = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,38 +176,41 @@ def _try_delay(
     nuisances: Nuisances,
     noises: Sequence[Array],
 ) -> _Tried | None:
-    """The best of some delays of one input; several at once would be a search."""
+    """The best delay of one input, ever finer about the best so far; several would be a search."""
     longest = min(record.n_samples for record in view.records) // 4
-    steps = np.unique(np.round(np.geomspace(1, max(longest, 2), 14)).astype(int))
     name = view.records[0].input_names[j]
-    found: list[tuple[float, int]] = []
-    for k in steps.tolist():
+    known: dict[float, float] = {}
+
+    def later(steps: float) -> Structure:
         late = delay.copy()
-        late[:, j] += k * view.step
-        structure = Structure(base.poles, base.zeros, delay=late.tolist())
-        try:
-            problem = _problem(view, structure, nuisances, noises)
-            point = evaluate(problem, view.point.poles)
-        except (TridentifyError, np.linalg.LinAlgError):
-            continue
-        n = float(point.counts.sum())
-        found.append(((point.objective - point.step(0.0).decrease) / n, k))
-    best: _Tried | None = None
-    for _, k in sorted(found)[:3]:
-        late = delay.copy()
-        late[:, j] += k * view.step
-        total = float(late[0, j])
-        remedy = Remedy(
-            "delay",
-            f"a delay of about {total:.3g} s of {name}",
-            "estimate the delay (delay='free', --delay free) or state it",
-            name,
-        )
-        structure = Structure(base.poles, base.zeros, delay=late.tolist())
-        one = _try(view, structure, nuisances, noises, [view.point.poles], remedy)
-        if one is not None and (best is None or one.criterion < best.criterion):
-            best = one
-    return best
+        late[:, j] += steps * view.step
+        return Structure(base.poles, base.zeros, delay=late.tolist())
+
+    def promise(steps: float) -> float:
+        if steps not in known:
+            try:
+                problem = _problem(view, later(steps), nuisances, noises)
+                point = evaluate(problem, view.point.poles)
+                fall = point.step(0.0).decrease
+                known[steps] = (point.objective - fall) / float(point.counts.sum())
+            except (TridentifyError, np.linalg.LinAlgError):
+                known[steps] = np.inf
+        return known[steps]
+
+    grid = np.unique(np.round(np.geomspace(1, max(longest, 2), GRID)).astype(int)).tolist()
+    best = float(min(grid, key=promise))
+    near = [k for k in range(int(best / SPACING), int(best * SPACING) + 2) if 1 <= k <= longest]
+    best = float(min([best, *near[:: max(len(near) // GRID, 1)]], key=promise))
+    for half in (0.5, 0.25):
+        best = min((best, best - half, best + half), key=promise)
+    total = float(delay[0, j]) + best * view.step
+    remedy = Remedy(
+        "delay",
+        f"a delay of about {total:.3g} s of {name}",
+        "estimate the delay (delay='free', --delay free) or state it",
+        name,
+    )
+    return _try(view, later(best), nuisances, noises, [view.point.poles], remedy)
 
 
 def _orders(
