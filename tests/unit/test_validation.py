@@ -308,7 +308,7 @@ def test_the_change_test_is_that_of_two_covariances(estimate):
     assert found.transfer.coefficients_p_value == pytest.approx(expected, rel=1e-3)
 
 
-# ------------------------------------------------------------------------------- records as they are
+# ----------------------------------------------------------------------------- records as they are
 def test_missing_samples_and_uneven_time():
     rng = np.random.default_rng(30)
     t = np.cumsum(rng.uniform(0.02, 0.08, N))
@@ -385,9 +385,9 @@ def test_a_record_without_noise_is_not_tested():
     assert found.summary()
 
 
-# ------------------------------------------------------------------------------------- what is refused
+# --------------------------------------------------------------------------------- what is refused
 def test_other_channels_are_refused(estimate, record):
-    with pytest.raises(ChannelCountError, match="found a record with channels .*'de'"):
+    with pytest.raises(ChannelCountError, match=r"found a record with channels .*'de'"):
         validate(estimate, Record(record.u, record.y, dt=DT, input_names=["de"]))
 
 

@@ -201,16 +201,28 @@ def _try_delay(
     best = float(min(grid, key=promise))
     near = [k for k in range(int(best / SPACING), int(best * SPACING) + 2) if 1 <= k <= longest]
     best = float(min([best, *near[:: max(len(near) // GRID, 1)]], key=promise))
-    for half in (0.5, 0.25):
-        best = min((best, best - half, best + half), key=promise)
-    total = float(delay[0, j]) + best * view.step
-    remedy = Remedy(
-        "delay",
-        f"a delay of about {total:.3g} s of {name}",
-        "estimate the delay (delay='free', --delay free) or state it",
-        name,
-    )
-    return _try(view, later(best), nuisances, noises, [view.point.poles], remedy)
+
+    def finished(steps: float, poles: Complex) -> _Tried | None:
+        total = float(delay[0, j]) + steps * view.step
+        remedy = Remedy(
+            "delay",
+            f"a delay of about {total:.3g} s of {name}",
+            "estimate the delay (delay='free', --delay free) or state it",
+            name,
+        )
+        return _try(view, later(steps), nuisances, noises, [poles], remedy)
+
+    # one step ahead promises little more than where to begin
+    here, tried = finished(best, view.point.poles), {0.0, best}
+    for width in (1.0, 1.0, 1.0, 0.5, 0.25):
+        for steps in (best - width, best + width):
+            if here is None or steps in tried or steps < 0:
+                continue
+            one = finished(steps, here.point.poles)
+            tried.add(steps)
+            if one is not None and one.criterion < here.criterion:
+                here, best = one, steps
+    return here
 
 
 def _orders(
