@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from tridentify.simulate import simulate
     from tridentify.structure import Structure
     from tridentify.transfer_function import TransferFunction
+    from tridentify.validation import Validation, validate
 
 __version__ = "0.1.0"
 
@@ -65,6 +66,7 @@ __all__ = [
     "Trace",
     "TransferFunction",
     "TridentifyError",
+    "Validation",
     "__version__",
     "asymptotic_bias",
     "frame_from_record",
@@ -74,6 +76,7 @@ __all__ = [
     "read_record",
     "record_from_frame",
     "simulate",
+    "validate",
 ]
 
 _HOME = {
@@ -98,6 +101,7 @@ _HOME = {
     "Trace": "estimate",
     "TransferFunction": "transfer_function",
     "TridentifyError": "errors",
+    "Validation": "validation",
     "asymptotic_bias": "methods.asymptotic_bias",
     "frame_from_record": "formats.frames",
     "identify": "identify",
@@ -106,6 +110,7 @@ _HOME = {
     "read_record": "formats.read",
     "record_from_frame": "formats.frames",
     "simulate": "simulate",
+    "validate": "validation",
 }
 
 

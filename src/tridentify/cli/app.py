@@ -23,6 +23,7 @@ from tridentify.cli import (
     stream_command,
     study_command,
     terminal,
+    validate_command,
 )
 from tridentify.errors import (
     ConvergenceError,
@@ -58,6 +59,7 @@ app.command("stream")(stream_command.stream)
 app.command("study")(study_command.study)
 app.command("excite")(excite_command.excite)
 app.command("export")(export_command.export)
+app.command("validate")(validate_command.validate)
 
 
 def _show_version(asked: bool) -> None:

@@ -280,6 +280,24 @@ def physical_transform(point: Point, keys: dict[object, slice], width: int) -> A
     return transform
 
 
+def physical_map(point: Point) -> tuple[Array, dict[object, slice]]:
+    """How the physical coefficients move with the unknowns of `Point.jacobian`.
+
+    Parameters
+    ----------
+    point : Point
+
+    Returns
+    -------
+    map : (n_coefficients, n_unknowns) array
+    layout : dict
+        Which unknowns stand where.
+    """
+    keys = point.jacobian()[0].width
+    width = max(place.stop for place in keys.values())
+    return _transform(point, keys, width), keys
+
+
 def _resolved(structure: Structure, nuisances: Nuisances) -> Structure:
     return replace(
         structure,

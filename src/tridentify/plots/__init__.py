@@ -16,6 +16,7 @@ from tridentify.plots.nyquist import plot_nyquist
 from tridentify.plots.pole_zero import plot_pole_zero
 from tridentify.plots.record import plot_record
 from tridentify.plots.residual import plot_residual
+from tridentify.plots.residual_tests import plot_residual_tests
 from tridentify.plots.spectrum import plot_excitation, plot_spectrum
 from tridentify.plots.step import plot_step
 from tridentify.plots.trajectory import plot_trajectory
@@ -34,5 +35,6 @@ __all__ = [
     "plot_residual",
     "plot_spectrum",
     "plot_step",
+    "plot_residual_tests",
     "plot_trajectory",
 ]
