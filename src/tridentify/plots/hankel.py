@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tridentify.plots.style import BLUE, GREY, ORANGE, dress, legend, make_axes
+from tridentify.plots.style import BLUE, GREY, ORANGE, dress, make_axes
 from tridentify.selection import Hankel, Selection
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def plot_hankel(selection: Selection | Hankel, *, ax: Axes | None = None) -> Axe
     above = hankel.values > hankel.floor
     ax.set_yscale("log")
     low = min(float(values.min()), 0.3 * hankel.floor if hankel.floor > 0 else largest)
-    ax.set_ylim(0.5 * low, 3.0 * largest)
+    ax.set_ylim(0.5 * low, 10.0 * largest)
     if hankel.floor > 0:
         ax.axhspan(0.5 * low, hankel.floor, color=ORANGE, alpha=0.16, linewidth=0)
         ax.axhline(hankel.floor, color=ORANGE, linewidth=1.0, label="noise floor (95 %)")
@@ -79,8 +79,9 @@ def plot_hankel(selection: Selection | Hankel, *, ax: Axes | None = None) -> Axe
     dress(
         ax,
         title=f"{count} {several} above the noise",
-        xlabel=f"number (parallel model: {hankel.operators})",
+        xlabel=f"number\nparallel model: {hankel.operators}",
         ylabel="Hankel singular value,\ninput over noise [-]",
     )
-    legend(ax, columns=2)
+    # the values fall from the left, so the upper right is free
+    ax.legend(fontsize=8, loc="upper right", framealpha=0.9, edgecolor="none")
     return ax

@@ -70,7 +70,8 @@ def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) 
         ax.set_xticks(places, labels, rotation=90 if turned else 0, fontsize=9)
     for ax in drawn[:-1] if axes is None else ():
         ax.tick_params(labelbottom=False)
-    drawn[-1].set_xlabel("poles, zeros", fontsize=9)
+    told = "" if selection.recommended is None else " (shaded: the recommended one)"
+    drawn[-1].set_xlabel(f"poles, zeros{told}", fontsize=9)
     return drawn
 
 

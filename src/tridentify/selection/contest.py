@@ -1,4 +1,4 @@
-"""Every candidate finished on the likelihood's maximum, all with the same model of the noise.
+"""Every candidate finished on the likelihood's maximum, all with noise models of one order.
 
 1. Each candidate is finished from the best of its starts: balanced truncations of the parallel
    model and a discrete-time model. Single poles or pairs are then tried elsewhere
@@ -6,9 +6,10 @@
 2. A candidate that contains another one cannot explain less. Where it does, its end was a local
    minimum, and it begins again from the poles of the lesser one with one pole more, taken from its
    own starts.
-3. The residual of the best candidate is tested for whiteness. If it is noise that is not white,
-   its autoregressive model goes to *all* candidates, which are finished again on whitened samples;
-   once more, as the residual has changed.
+3. The residual of the candidate of lowest AICc is tested for whiteness. If it is noise that is not
+   white, *all* candidates get an autoregressive model of the same order, each with coefficients
+   from its own residual, and are finished again on whitened samples; once more, as the residuals
+   have changed. One set of coefficients for all would favour the candidate that it comes from.
 
 A task is a value and its outcome depends on nothing else, so whoever runs the tasks, in whatever
 order, the table is the same to the last bit.
@@ -226,6 +227,14 @@ def noise_of(entry: Entry, records: Sequence[Record]) -> tuple[Array, ...]:
         follows = sum(shares) > MOSTLY * sum(one.size for one in series)
         found.append(np.zeros(0) if follows else a)
     return tuple(found)
+
+
+def noise_of_orders(residuals: Sequence[Array], orders: Sequence[int]) -> tuple[Array, ...]:
+    """Autoregressions of given orders for the residuals of each output."""
+    return tuple(
+        fit_autoregression([one[:, i] for one in residuals], p, p) if p else np.zeros(0)
+        for i, p in enumerate(orders)
+    )
 
 
 def raised(seeds: Sequence[Complex], poles: Complex) -> list[Complex]:

@@ -1,8 +1,8 @@
 r"""AIC, AICc, BIC and YIC of candidates, all on the same samples and the same noise.
 
-With ``N_i`` samples of output ``i``, ``e_i`` the residual, whitened by the noise model that all
-candidates share, and ``k`` unknowns (coefficients, delays, nuisance terms, variances, noise
-coefficients),
+With ``N_i`` samples of output ``i``, ``e_i`` the residual, whitened by a noise model of the order
+that all candidates share, and ``k`` unknowns (coefficients, delays, nuisance terms, variances,
+coefficients of the noise),
 
     -2 log L = sum_i N_i log(e_i' e_i / N_i) + log det         (constants left out)
     AIC  = -2 log L + 2 k
@@ -10,10 +10,9 @@ coefficients),
     BIC  = -2 log L + k log N
 
 (Akaike 1974; Hurvich & Tsai 1989; Schwarz 1978). Criteria that take noise for white credit a
-candidate for following the noise's slow swings; whitening takes that away. It must be one
-whitening for all: where each candidate has a noise model of its own, or one of them just passes
-the test of whiteness and the next does not, the difference of their criteria is that of the noise
-models.
+candidate for following the noise's slow swings; whitening takes that away. The noise models must be
+of one order for all: where one candidate just passes the test of whiteness and the next does not,
+the difference of their criteria is that of the noise models.
 
 Young's information criterion weighs fit against how well the coefficients are known,
 

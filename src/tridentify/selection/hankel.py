@@ -19,6 +19,11 @@ one of noise alone. The floor is the 95 % quantile of that over draws of ``e``; 
 is not noise. That way is safe: a value below the floor may still be one of the system's, above all
 where the input excites some operators poorly, so their number is a lower bound of the order.
 
+*Which operators.* A floor that shows anything wants few operators that the input excites: those on
+the poles of the recommended candidate, each three times. Twice would not do: there the fit is at
+its stationary point, and all further values are zero by construction. More values above the floor
+than the candidate has poles speak against it.
+
 References: K. Glover, International Journal of Control 39 (1984) 1115-1193. A. Antoulas,
 *Approximation of Large-Scale Dynamical Systems*, SIAM (2005).
 """

@@ -47,7 +47,8 @@ class SelectionRow:
         row, hence not always `Estimate.aicc`. nan where the candidate failed.
     fit, cross_fit : ndarray, shape (n_outputs,)
         NRMSE [percent] on the samples that were fitted, and on samples that were not
-        (`selection.held_out`).
+        (`selection.held_out`). As the criteria, that of the likelihood's maximum; a posterior mean
+        may fit less well.
     condition : float
         The worst of the steps in the estimate's trace and of its score columns.
     relative_std : float

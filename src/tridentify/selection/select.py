@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import DataError, TridentifyError
+from tridentify.estimate import Estimate
 from tridentify.identify import _listed, checked_method
 from tridentify.methods.base import Method, Progress
 from tridentify.methods.three_model import ThreeModel
@@ -31,6 +32,7 @@ from tridentify.selection.contest import (
     contained,
     narrowed,
     noise_of,
+    noise_of_orders,
     raised,
     run_task,
 )
@@ -43,7 +45,7 @@ from tridentify.selection.criteria import (
 )
 from tridentify.selection.hankel import Hankel, hankel_values
 from tridentify.selection.held_out import Held, cross_fit
-from tridentify.selection.orders import checked_candidates, default_candidates
+from tridentify.selection.orders import checked_candidates, default_candidates, order_label
 from tridentify.selection.result import Selection, SelectionRow
 from tridentify.selection.rule import Contender, choose
 from tridentify.selection.shared import Shared, shared_models
@@ -51,6 +53,7 @@ from tridentify.selection.words import reason_of
 from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
+REPEATED = 3
 IN_QUESTION = 10.0
 """Rows whose AICc or BIC is within this of the lowest are identified in full."""
 
@@ -141,11 +144,11 @@ def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """The entries with their criteria, on one noise model."""
+    """The entries with their criteria and models of the noise, of the same orders."""
 
     entries: tuple[Entry, ...]
     criteria: tuple[Criteria | None, ...]
-    noise: tuple[Array, ...]
+    noise: tuple[tuple[Array, ...], ...]
 
     def contenders(self) -> list[Contender]:
         """What the rule sees."""
@@ -182,17 +185,17 @@ class _Work:
         place = choose(table.contenders(), decades)
         full = self._in_question(table, place)
         again = self._identified(tasks, table, full)
-        held = [Held(e.estimate, self.records, unseen) for e in again]
+        held = [Held(e.estimate, self.records, unseen) for e in table.entries]
         fits = self.run(cross_fit, held, "fits on samples that were left out")
         rows = tuple(
-            self._row(entry, criteria, fit, k in full)
+            self._row(entry, criteria, fit, k in full, table.entries[k].estimate)
             for k, (entry, criteria, fit) in enumerate(
                 zip(again, table.criteria, fits, strict=True)
             )
         )
-        hankel = self._hankel(table, shared)
+        hankel = self._hankel(table, place)
         missed = place is not None and _follows_input(
-            table.entries[place], table.noise, self.records
+            table.entries[place], table.noise[place], self.records
         )
         reason = reason_of(rows, table.contenders(), place, decades, missed)
         notes = _notes(table, unseen)
@@ -221,7 +224,7 @@ class _Work:
 
     def contest(self, tasks: Sequence[Task], shared: Shared | None) -> Table:
         """Every candidate on the likelihood's maximum, all on one model of the noise."""
-        white = (np.zeros(0),) * self.records[0].n_outputs
+        white = (0,) * self.records[0].n_outputs
         entries = self.run(run_task, tasks, f"{len(tasks)} candidates from shared starts")
         table = _table(self._improved(tasks, entries, shared, white), self.records, white)
         if isinstance(self.method, ThreeModel) and self.method.noise == "white":
@@ -230,20 +233,19 @@ class _Work:
             best = table.best()
             if best is None:
                 return table
-            noise = noise_of(table.entries[best], self.records)
-            if not any(a.size for a in noise):
+            orders = tuple(a.size for a in noise_of(table.entries[best], self.records))
+            if not any(orders):
                 return table
+            table = _table(table.entries, self.records, orders)
             own = [
                 narrowed(task, (*task.seeds, entry.poles), noise)
-                for task, entry in zip(tasks, table.entries, strict=True)
+                for task, entry, noise in zip(tasks, table.entries, table.noise, strict=True)
                 if entry.poles is not None and entry.shared
             ]
             done = iter(self.run(run_task, own, "all candidates on whitened samples"))
             entries = [next(done) if e.poles is not None and e.shared else e for e in table.entries]
-            entries = self._improved(tasks, entries, shared, noise)
-            table = _table(entries, self.records, noise)
-            if _is_settled(table, self.records):
-                break
+            entries = self._improved(tasks, entries, shared, orders)
+            table = _table(entries, self.records, orders)
         return table
 
     def _improved(
@@ -251,12 +253,12 @@ class _Work:
         tasks: Sequence[Task],
         entries: Sequence[Entry],
         shared: Shared | None,
-        noise: tuple[Array, ...],
+        orders: tuple[int, ...],
     ) -> list[Entry]:
         """Candidates that explain less than one that they contain begin again from there."""
         found = list(entries)
         shape = self.records[0].n_outputs, self.records[0].n_inputs
-        table = _table(found, self.records, noise)
+        table = _table(found, self.records, orders)
         retries: list[tuple[int, Task]] = []
         for k, (task, entry) in enumerate(zip(tasks, found, strict=True)):
             if not entry.shared or entry.poles is None or shared is None:
@@ -272,12 +274,13 @@ class _Work:
                     seeds = [small.poles]
                     if entry.poles.size > small.poles.size:
                         seeds = raised([*task.seeds, entry.poles], small.poles)
+                    noise = table.noise[j] if any(orders) else ()
                     retries.append((k, replace(task, seeds=tuple(seeds), noise=noise)))
         said = "candidates that fell behind lesser ones again"
         outcomes = self.run(run_task, [task for _, task in retries], said) if retries else []
         for (k, _), entry in zip(retries, outcomes, strict=True):
-            other = _table([entry], self.records, noise).criteria[0]
-            own = _table([found[k]], self.records, noise).criteria[0]
+            other = _table([entry], self.records, orders).criteria[0]
+            own = _table([found[k]], self.records, orders).criteria[0]
             if other is not None and own is not None and other.deviance < own.deviance:
                 found[k] = entry
         return found
@@ -304,10 +307,16 @@ class _Work:
         return found
 
     def _row(
-        self, entry: Entry, criteria: Criteria | None, fit: Array, identified: bool
+        self,
+        entry: Entry,
+        criteria: Criteria | None,
+        fit: Array,
+        identified: bool,
+        maximum: Estimate | None,
     ) -> SelectionRow:
+        """A row: criteria and fit of the likelihood's maximum, the rest of the estimate."""
         estimate = entry.estimate
-        if estimate is None or criteria is None:
+        if estimate is None or criteria is None or maximum is None:
             return SelectionRow(entry.structure, None, entry.reason or "no estimate")
         relative, widest = largest_relative_std(estimate)
         steps = [step.condition for one in estimate.trace.passes for step in one.steps]
@@ -318,8 +327,8 @@ class _Work:
             aic=criteria.aic,
             aicc=criteria.aicc,
             bic=criteria.bic,
-            yic=young(estimate, _spread(self.records)),
-            fit=estimate.fit,
+            yic=young(maximum, _spread(self.records)),
+            fit=maximum.fit,
             cross_fit=fit,
             condition=max(conditions, default=math.nan),
             relative_std=relative,
@@ -330,44 +339,49 @@ class _Work:
             ok=estimate.status.ok,
         )
 
-    def _hankel(self, table: Table, shared: Shared | None) -> Hankel | None:
-        if shared is None:
+    def _hankel(self, table: Table, place: int | None) -> Hankel | None:
+        """On operators with the poles of the recommended candidate."""
+        if place is None:
+            return None
+        estimate, poles = table.entries[place].estimate, table.entries[place].poles
+        if estimate is None or poles is None:
             return None
         self.say("Hankel singular values of the parallel model")
-        operators = [(m.name, m.bank.poles[: m.order]) for m in shared.models]
-        best = table.best()
-        if best is not None and table.entries[best].poles is not None:
-            poles = np.asarray(table.entries[best].poles)
-            operators.append(("on the poles of the lowest AICc, twice each", np.tile(poles, 2)))
-        widest = shared.models[0].problem.experiments[0]
+        known = estimate.structure
         nuisances = Structure(
             1,
             0,
-            offset=widest.offset,
-            drift=widest.drift,
-            initial_state="free" if widest.free else "rest",
+            delay=known.delay,
+            offset=known.offset,
+            drift=known.drift,
+            initial_state=known.initial_state,
         )
+        label = order_label(table.entries[place].structure)
+        operators = [(f"on the poles of {label}, each {REPEATED} times", np.tile(poles, REPEATED))]
         try:
-            return hankel_values(self.records, operators, nuisances, table.noise)
+            return hankel_values(self.records, operators, nuisances, table.noise[place])
         except (TridentifyError, np.linalg.LinAlgError, ValueError):
             return None
 
 
-def _table(entries: Sequence[Entry], records: Sequence[Record], noise: tuple[Array, ...]) -> Table:
-    """Criteria on the samples that all candidates explain."""
+def _table(entries: Sequence[Entry], records: Sequence[Record], orders: tuple[int, ...]) -> Table:
+    """Criteria on the samples that all candidates explain, with noise models of given orders."""
     common = [np.isfinite(np.asarray(record.y)) for record in records]
     for entry in entries:
         for e, residual in enumerate(entry.residuals):
             common[e] &= np.isfinite(residual)
     size = np.mean([np.nanmean(np.asarray(r.y) ** 2, axis=0) for r in records], axis=0)
     found: list[Criteria | None] = []
+    noises: list[tuple[Array, ...]] = []
     for entry in entries:
         if entry.estimate is None:
             found.append(None)
+            noises.append(())
             continue
         seen = [np.where(c, r, np.nan) for c, r in zip(common, entry.residuals, strict=True)]
-        found.append(criteria_of(seen, noise, size, unknowns_of(entry.estimate)))
-    return Table(tuple(entries), tuple(found), noise)
+        noises.append(noise_of_orders(seen, orders))
+        found.append(criteria_of(seen, noises[-1], size, unknowns_of(entry.estimate)))
+    return Table(tuple(entries), tuple(found), tuple(noises))
 
 
 def _contender(entry: Entry, criteria: Criteria | None) -> Contender:
@@ -393,21 +407,6 @@ def _decades(records: Sequence[Record]) -> float:
     return max(math.log10(max(*ratios, 1.0)), 0.25)
 
 
-def _is_settled(table: Table, records: Sequence[Record]) -> bool:
-    """Whether the best entry's residual, whitened by the common model, passes for white."""
-    best = table.best()
-    if best is None:
-        return True
-    from tridentify.numerics.autoregression import whiten
-    from tridentify.numerics.whiteness import is_white
-
-    entry = table.entries[best]
-    return all(
-        is_white([whiten(one[:, i], a)[0] for one in entry.residuals])
-        for i, a in enumerate(table.noise)
-    )
-
-
 def _follows_input(entry: Entry, noise: tuple[Array, ...], records: Sequence[Record]) -> bool:
     """Whether the whitened residual knows the input (a chi-square test at 0.1 %)."""
     from scipy.special import chdtri
@@ -426,11 +425,12 @@ def _follows_input(entry: Entry, noise: tuple[Array, ...], records: Sequence[Rec
 
 def _notes(table: Table, unseen: Sequence[Record]) -> tuple[str, ...]:
     told = []
-    if any(a.size for a in table.noise):
-        sizes = ", ".join(str(a.size) for a in table.noise)
+    noise = next((noise for noise in table.noise if noise), ())
+    if any(a.size for a in noise):
+        sizes = ", ".join(str(a.size) for a in noise)
         told.append(
-            f"the noise is coloured: all criteria are those of samples whitened by one "
-            f"autoregression (order {sizes})"
+            "the noise is coloured: all criteria are those of samples whitened by "
+            f"autoregressions, for every candidate of the same order ({sizes})"
         )
     if unseen:
         told.append("held-out: fit of the validation record, offset and initial state fitted to it")
