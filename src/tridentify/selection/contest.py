@@ -1,4 +1,4 @@
-"""Every candidate finished on the likelihood's maximum, all with noise models of one order.
+"""Every candidate finished on the likelihood's maximum, all on the same terms.
 
 1. Each candidate is finished from the best of its starts: balanced truncations of the parallel
    model and a discrete-time model. Single poles or pairs are then tried elsewhere
@@ -10,6 +10,9 @@
    white, *all* candidates get an autoregressive model of the same order, each with coefficients
    from its own residual, and are finished again on whitened samples; once more, as the residuals
    have changed. One set of coefficients for all would favour the candidate that it comes from.
+4. Offset, drift and initial state belong to the record, not to the order. Left to each candidate
+   they would blur the comparison, so where they are open the candidate of lowest BIC is finished
+   with every choice, and the choice of lowest BIC holds for all.
 
 A task is a value and its outcome depends on nothing else, so whoever runs the tasks, in whatever
 order, the table is the same to the last bit.
@@ -21,7 +24,7 @@ import warnings
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,20 +34,24 @@ from tridentify.estimate import Estimate, Status, Trace
 from tridentify.identify import identify
 from tridentify.methods.base import Method, check
 from tridentify.methods.three_model import ThreeModel
-from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
+from tridentify.numerics.autoregression import (
+    deviance,
+    fit_autoregression,
+    most_coefficients,
+)
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.numerics.whiteness import input_share, is_white
 from tridentify.output_error.decide import Finished, decide
 from tridentify.output_error.finish import at_rounding, criterion, finish
-from tridentify.output_error.nuisance import build_base, candidates
+from tridentify.output_error.nuisance import Nuisances, build_base, candidates
 from tridentify.output_error.point import Point, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
 from tridentify.strategy.search import Found, Search
 from tridentify.strategy.starts import discrete_poles
-from tridentify.structure import Structure
+from tridentify.structure import InitialState, Structure
 
 Array = NDArray[np.float64]
 
@@ -197,18 +204,17 @@ def contained(small: Entry, large: Entry, shape: tuple[int, int]) -> bool:
     return more >= 0 and wide and bool(along) and free and one is not other
 
 
-def noise_of(entry: Entry, records: Sequence[Record]) -> tuple[Array, ...]:
-    """A model of the noise of each output from a residual; empty where it passes for white.
+def noise_orders(entry: Entry, records: Sequence[Record]) -> tuple[int, ...]:
+    """Order of an autoregression for each output's residual, by BIC; 0 where it passes for white.
 
-    None for a residual that mostly follows the input, which is a response that is missed, and for
-    time that is not uniform.
+    Also 0 for a residual that mostly follows the input, which is a response that is missed, for
+    one that is no more than rounding, and where time is not uniform.
     """
     assert entry.estimate is not None
     steps = {record.dt for record in records}
     n_outputs = len(entry.estimate.output_names)
-    white = (np.zeros(0),) * n_outputs
     if len(steps) > 1 or None in steps:
-        return white
+        return (0,) * n_outputs
     found = []
     for i in range(n_outputs):
         series = [one[:, i] for one in entry.residuals]
@@ -217,7 +223,7 @@ def noise_of(entry: Entry, records: Sequence[Record]) -> tuple[Array, ...]:
         power = sum(float(np.nansum(one**2)) for one in series) / max(count, 1)
         most = most_coefficients(count - 2 * len(entry.estimate.names))
         if most == 0 or power <= 1e-18 * size or is_white(series):
-            found.append(np.zeros(0))
+            found.append(0)
             continue
         a = fit_autoregression(series, most, fewest=1)
         shares = [
@@ -225,8 +231,33 @@ def noise_of(entry: Entry, records: Sequence[Record]) -> tuple[Array, ...]:
             for one, r in zip(series, records, strict=True)
         ]
         follows = sum(shares) > MOSTLY * sum(one.size for one in series)
-        found.append(np.zeros(0) if follows else a)
+        found.append(0 if follows else _lean_order(series, a.size, count))
     return tuple(found)
+
+
+def _lean_order(series: Sequence[Array], most: int, count: int) -> int:
+    """The order up to ``most`` of lowest BIC, at least 1."""
+    prices = [
+        deviance(series, fit_autoregression(series, p, p)) + p * np.log(count)
+        for p in range(1, most + 1)
+    ]
+    return int(np.argmin(prices)) + 1
+
+
+def nuisance_choices(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, ...]:
+    """What a structure leaves open of offset, drift and initial state."""
+    return candidates(records, structure)
+
+
+def with_nuisances(task: Task, terms: Nuisances) -> Task:
+    """The same candidate with one choice of nuisance terms."""
+    pinned = replace(
+        task.structure,
+        offset=terms.offset,
+        drift=terms.drift,
+        initial_state=cast("InitialState", terms.initial_state),
+    )
+    return replace(task, structure=pinned)
 
 
 def noise_of_orders(residuals: Sequence[Array], orders: Sequence[int]) -> tuple[Array, ...]:

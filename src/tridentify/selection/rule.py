@@ -13,10 +13,10 @@ several, the one with the highest likelihood). "Significantly" is a fall of ``-2
 
     max(N log(1 + c / (N - k)), d log N),        P(chi2_d > c) = alpha / M
 
-for ``d`` more unknowns. The first is the likelihood-ratio test, exact to the order 1 / N as of an F
-test, at ``alpha`` = 1 %, with ``M`` the number of places that a new pole has (Bonferroni): four in
-each decade between the slowest and the fastest rate the record can show, for each new pole. The
-second is BIC's price; it lets the false alarms vanish as the record grows.
+for ``d`` more unknowns. The first is the likelihood-ratio test, exact to the order 1 / N as of an
+F test, at ``alpha`` = 5 %, with ``M`` the number of places that new poles have (Bonferroni): two in
+each decade between the slowest and the fastest rate the record can show, to the power of their
+number. The second is BIC's price; it lets the false alarms vanish as the record grows.
 
 *What disqualifies.* Candidates that failed or whose end is no usable minimum neither are
 recommended nor count against others. What is left of the residual after all is looked at too: if
@@ -36,8 +36,8 @@ from scipy.special import chdtri
 
 from tridentify.selection.criteria import Criteria
 
-ALPHA = 0.01
-PER_DECADE = 4.0
+ALPHA = 0.05
+PER_DECADE = 2.0
 
 
 @dataclass(frozen=True)

@@ -31,10 +31,12 @@ from tridentify.selection.contest import (
     Task,
     contained,
     narrowed,
-    noise_of,
     noise_of_orders,
+    noise_orders,
+    nuisance_choices,
     raised,
     run_task,
+    with_nuisances,
 )
 from tridentify.selection.criteria import (
     Criteria,
@@ -154,10 +156,11 @@ class Table:
         """What the rule sees."""
         return [_contender(e, c) for e, c in zip(self.entries, self.criteria, strict=True)]
 
-    def best(self) -> int | None:
-        """The usable entry of lowest AICc."""
-        kept = [k for k, one in enumerate(self.contenders()) if one.usable]
-        return min(kept, key=lambda k: self.contenders()[k].criteria.aicc, default=None)
+    def best(self, criterion: str) -> int | None:
+        """The usable entry where a criterion is lowest."""
+        rows = self.contenders()
+        kept = [k for k, one in enumerate(rows) if one.usable]
+        return min(kept, key=lambda k: float(getattr(rows[k].criteria, criterion)), default=None)
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +191,7 @@ class _Work:
         held = [Held(e.estimate, self.records, unseen) for e in table.entries]
         fits = self.run(cross_fit, held, "fits on samples that were left out")
         rows = tuple(
-            self._row(entry, criteria, fit, k in full, table.entries[k].estimate)
+            self._row(structures[k], entry, criteria, fit, k in full, table.entries[k].estimate)
             for k, (entry, criteria, fit) in enumerate(
                 zip(again, table.criteria, fits, strict=True)
             )
@@ -223,30 +226,55 @@ class _Work:
         return found
 
     def contest(self, tasks: Sequence[Task], shared: Shared | None) -> Table:
-        """Every candidate on the likelihood's maximum, all on one model of the noise."""
-        white = (0,) * self.records[0].n_outputs
+        """Every candidate on the likelihood's maximum, on the same terms (`contest`)."""
+        orders = (0,) * self.records[0].n_outputs
         entries = self.run(run_task, tasks, f"{len(tasks)} candidates from shared starts")
-        table = _table(self._improved(tasks, entries, shared, white), self.records, white)
-        if isinstance(self.method, ThreeModel) and self.method.noise == "white":
-            return table
+        table = _table(self._improved(tasks, entries, shared, orders), self.records, orders)
         for _ in range(MOST_ROUNDS):
-            best = table.best()
+            best = table.best("aicc")
             if best is None:
                 return table
-            orders = tuple(a.size for a in noise_of(table.entries[best], self.records))
-            if not any(orders):
-                return table
+            if not (isinstance(self.method, ThreeModel) and self.method.noise == "white"):
+                orders = noise_orders(table.entries[best], self.records)
             table = _table(table.entries, self.records, orders)
+            pinned = self._same_nuisances(tasks, table, orders)
             own = [
                 narrowed(task, (*task.seeds, entry.poles), noise)
-                for task, entry, noise in zip(tasks, table.entries, table.noise, strict=True)
+                for task, entry, noise in zip(pinned, table.entries, table.noise, strict=True)
                 if entry.poles is not None and entry.shared
             ]
-            done = iter(self.run(run_task, own, "all candidates on whitened samples"))
-            entries = [next(done) if e.poles is not None and e.shared else e for e in table.entries]
-            entries = self._improved(tasks, entries, shared, orders)
+            done = iter(self.run(run_task, own, "all candidates on the same terms"))
+            entries = []
+            for entry in table.entries:
+                again = next(done) if entry.poles is not None and entry.shared else entry
+                entries.append(entry if again.estimate is None else again)
+            entries = self._improved(pinned, entries, shared, orders)
             table = _table(entries, self.records, orders)
+            if not any(orders):
+                break
         return table
+
+    def _same_nuisances(
+        self, tasks: Sequence[Task], table: Table, orders: tuple[int, ...]
+    ) -> list[Task]:
+        """The tasks with the nuisance terms of lowest BIC, of the candidate of lowest BIC."""
+        best = table.best("bic")
+        if best is None or not table.entries[best].shared:
+            return list(tasks)
+        task, entry = tasks[best], table.entries[best]
+        assert entry.poles is not None
+        open_ = nuisance_choices(self.records, task.structure)
+        if len(open_) < 2:
+            return list(tasks)
+        tried = [
+            narrowed(with_nuisances(task, terms), (entry.poles,), table.noise[best])
+            for terms in open_
+        ]
+        entries = self.run(run_task, tried, "which nuisance terms")
+        chosen = _table(entries, self.records, orders).best("bic")
+        if chosen is None:
+            return list(tasks)
+        return [with_nuisances(task, open_[chosen]) if task.shared else task for task in tasks]
 
     def _improved(
         self,
@@ -308,6 +336,7 @@ class _Work:
 
     def _row(
         self,
+        structure: Structure,
         entry: Entry,
         criteria: Criteria | None,
         fit: Array,
@@ -317,12 +346,12 @@ class _Work:
         """A row: criteria and fit of the likelihood's maximum, the rest of the estimate."""
         estimate = entry.estimate
         if estimate is None or criteria is None or maximum is None:
-            return SelectionRow(entry.structure, None, entry.reason or "no estimate")
+            return SelectionRow(structure, None, entry.reason or "no estimate")
         relative, widest = largest_relative_std(estimate)
         steps = [step.condition for one in estimate.trace.passes for step in one.steps]
         conditions = [c for c in (*steps, estimate.condition) if math.isfinite(c)]
         return SelectionRow(
-            structure=entry.structure,
+            structure=structure,
             estimate=estimate,
             aic=criteria.aic,
             aicc=criteria.aicc,
