@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from tridentify.methods.svf_least_squares import SvfLeastSquares
     from tridentify.methods.three_model import ThreeModel
     from tridentify.record import Record
+    from tridentify.selection import Selection, select_structure
     from tridentify.simulate import simulate
     from tridentify.structure import Structure
     from tridentify.transfer_function import TransferFunction
@@ -57,6 +58,7 @@ __all__ = [
     "Parameter",
     "Record",
     "RefinedInstrumentalVariable",
+    "Selection",
     "Status",
     "Structure",
     "StructureError",
@@ -75,6 +77,7 @@ __all__ = [
     "online",
     "read_record",
     "record_from_frame",
+    "select_structure",
     "simulate",
     "validate",
 ]
@@ -92,6 +95,7 @@ _HOME = {
     "Parameter": "estimate",
     "Record": "record",
     "RefinedInstrumentalVariable": "methods.refined_instrumental_variable",
+    "Selection": "selection",
     "Status": "estimate",
     "Structure": "structure",
     "StructureError": "errors",
@@ -108,6 +112,7 @@ _HOME = {
     "list_channels": "formats.read",
     "online": "online",
     "read_record": "formats.read",
+    "select_structure": "selection",
     "record_from_frame": "formats.frames",
     "simulate": "simulate",
     "validate": "validation",

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 __all__ = [
     "BoundsError",
+    "CandidateError",
     "ChannelCountError",
     "ChannelNameError",
     "CoefficientError",
@@ -245,6 +246,10 @@ class OptionError(StructureError, TypeError):
 
 class ParameterNameError(StructureError):
     """A coefficient that is fixed, bounded or known otherwise does not exist in the structure."""
+
+
+class CandidateError(StructureError):
+    """There is no candidate to select from, or one of them is no structure."""
 
 
 class BoundsError(StructureError):

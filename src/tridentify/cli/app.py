@@ -20,6 +20,7 @@ from tridentify.cli import (
     export_command,
     identify_command,
     physical_command,
+    select_command,
     stream_command,
     study_command,
     terminal,
@@ -52,6 +53,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("identify")(identify_command.identify)
+app.command("select")(select_command.select)
 app.command("physical")(physical_command.physical)
 app.command("channels")(channels_command.channels)
 app.command("demo")(demo_command.demo)

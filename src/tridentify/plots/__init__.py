@@ -11,12 +11,14 @@ from tridentify.plots.comparison import plot_comparison
 from tridentify.plots.convergence import plot_convergence
 from tridentify.plots.cost_surface import plot_cost_surface
 from tridentify.plots.fit import plot_fit
+from tridentify.plots.hankel import plot_hankel
 from tridentify.plots.impulse import plot_impulse
 from tridentify.plots.nyquist import plot_nyquist
 from tridentify.plots.pole_zero import plot_pole_zero
 from tridentify.plots.record import plot_record
 from tridentify.plots.residual import plot_residual
 from tridentify.plots.residual_tests import plot_residual_tests
+from tridentify.plots.selection import plot_selection
 from tridentify.plots.spectrum import plot_excitation, plot_spectrum
 from tridentify.plots.step import plot_step
 from tridentify.plots.trajectory import plot_trajectory
@@ -36,5 +38,7 @@ __all__ = [
     "plot_spectrum",
     "plot_step",
     "plot_residual_tests",
+    "plot_hankel",
+    "plot_selection",
     "plot_trajectory",
 ]
