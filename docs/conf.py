@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
+import os
+import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
@@ -39,6 +43,23 @@ default_role = "py:obj"
 suppress_warnings = ["config.cache"]
 
 # ---------------------------------------------------------------------------------- pages that run
+# The pages' kernels: the package of this checkout and no profile of the user's.
+# A figure that a cell ends with is shown, as after %matplotlib inline.
+PROFILE = """
+c.InteractiveShellApp.matplotlib = "inline"
+c.InlineBackend.figure_formats = {"svg"}
+c.InlineBackend.print_figure_kwargs = {"bbox_inches": None}
+c.HistoryManager.enabled = False
+c.IPKernelApp.log_level = 40
+"""
+kernels = Path(tempfile.mkdtemp(prefix="docs-kernels-"))
+atexit.register(lambda owner=os.getpid(): os.getpid() == owner and shutil.rmtree(kernels))
+(kernels / "profile_default").mkdir()
+(kernels / "profile_default" / "ipython_config.py").write_text(PROFILE)
+os.environ["IPYTHONDIR"] = str(kernels)
+os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE.parent / "src"), str(HERE.parent / "examples")])
+os.environ["DOCS_ROOT"] = str(HERE.parent)
+os.environ.pop("MPLBACKEND", None)
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"
@@ -54,6 +75,11 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
+autodoc_type_aliases = {
+    "ArrayLike": "array_like",
+    **dict.fromkeys(("Array", "FloatArray", "ComplexArray", "Real"), "ndarray"),
+    **{name: name for name in ("Intersample", "Polynomials", "Choice", "InitialState", "Axes")},
+}
 python_use_unqualified_type_names = True
 python_maximum_signature_line_length = 88
 toc_object_entries_show_parents = "hide"

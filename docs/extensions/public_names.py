@@ -17,6 +17,7 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 _REFERENCE = re.compile(r"\s*\.\. \[(\d+)\] (.+)")
+_RAISED = re.compile(r"(:Raises: |[\s*]*)\*\*((?:[A-Z]\w+(?:Error|Warning)(?:, )?)+)\*\*")
 _FIRST_LINES: dict[str, str] = {}
 
 
@@ -61,6 +62,17 @@ def number_references(
             lines[k] = f"   {line.strip()}"
 
 
+def link_errors(
+    app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
+    """Make links of the classes that "Raises" names, several at a time."""
+    for k, line in enumerate(lines):
+        found = _RAISED.match(line)
+        if found:
+            names = ", ".join(f":py:obj:`~.{error}`" for error in found[2].split(", "))
+            lines[k] = f"{found[1]}{names}{line[found.end() :]}"
+
+
 def hide_first_line(
     app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
 ) -> None:
@@ -79,8 +91,9 @@ def show_first_line(
 
 def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("public-names", PublicNames)
-    # napoleon reads docstrings between the two
+    # napoleon (priority 500) turns sections into fields
     app.connect("autodoc-process-docstring", number_references, priority=100)
     app.connect("autodoc-process-docstring", hide_first_line, priority=100)
+    app.connect("autodoc-process-docstring", link_errors, priority=900)
     app.connect("autodoc-process-docstring", show_first_line, priority=900)
     return {"version": "1", "parallel_read_safe": True, "parallel_write_safe": True}
