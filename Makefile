@@ -19,7 +19,7 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all check lint format bench clean clean-all FORCE
+.PHONY: help demo test test-all check docs lint format bench clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -33,7 +33,7 @@ test: $(INSTALLED_DEV) ## install, then run the fast tests and the docstring exa
 test-all: $(INSTALLED_DEV) ## the same with the long statistical tests
 	@$(PYTEST) $(PYTEST_ARGS)
 
-check: lint test ## all that has to pass before a change goes in
+check: lint docs test ## all that has to pass before a change goes in
 
 lint: $(INSTALLED_DEV) ## formatting, lint, types, layers
 	@$(PY) -m ruff format --check .
@@ -44,6 +44,12 @@ lint: $(INSTALLED_DEV) ## formatting, lint, types, layers
 format: $(INSTALLED_DEV) ## format the sources and apply the safe lint fixes
 	@$(PY) -m ruff check --fix .
 	@$(PY) -m ruff format .
+
+# -E: a page shows what the package does now, so none is kept from an earlier build.
+docs: $(INSTALLED_DEV) ## build the documentation into build/docs, running every example in it
+	@MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m sphinx -q -E -n -W --keep-going \
+		-j $(JOBS) -b html docs build/docs
+	@echo "build/docs/index.html"
 
 bench: $(INSTALLED_DEV) ## run every script of benchmarks/ (an hour and more; by hand only)
 	@set -e; for script in $(sort $(wildcard benchmarks/[a-z]*.py)); do \

@@ -87,8 +87,7 @@ class ThreeModel:
     References
     ----------
     .. [1] A. Silvestrov, M. Ostroverkhov, L. Spinul, O. Khalimovskyy, H. Veshchykov, System
-    Research and Information
-       Technologies 2025(2).
+       Research and Information Technologies 2025(2).
 
     Examples
     --------
