@@ -53,11 +53,22 @@ c.HistoryManager.enabled = False
 c.IPKernelApp.log_level = 40
 """
 kernels = Path(tempfile.mkdtemp(prefix="docs-kernels-"))
-atexit.register(lambda owner=os.getpid(): os.getpid() == owner and shutil.rmtree(kernels))
+owner = os.getpid()
+
+
+def clean() -> None:
+    """Only the process that made the folder removes it, not those that it forks."""
+    if os.getpid() == owner:
+        shutil.rmtree(kernels, ignore_errors=True)
+
+
+atexit.register(clean)
 (kernels / "profile_default").mkdir()
 (kernels / "profile_default" / "ipython_config.py").write_text(PROFILE)
 os.environ["IPYTHONDIR"] = str(kernels)
-os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE.parent / "src"), str(HERE.parent / "examples")])
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [str(HERE.parent / "src"), str(HERE.parent / "examples")]
+)
 os.environ["DOCS_ROOT"] = str(HERE.parent)
 os.environ.pop("MPLBACKEND", None)
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]

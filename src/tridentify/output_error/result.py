@@ -295,7 +295,7 @@ def physical_map(point: Point) -> tuple[Array, dict[object, slice]]:
     """
     keys = point.jacobian()[0].width
     width = max(place.stop for place in keys.values())
-    return _transform(point, keys, width), keys
+    return physical_transform(point, keys, width), keys
 
 
 def _resolved(structure: Structure, nuisances: Nuisances) -> Structure:
