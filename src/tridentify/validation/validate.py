@@ -25,9 +25,9 @@ from tridentify.validation.correlation import correlate
 from tridentify.validation.evidence import CALLED, Evidence, beside_remedy, examine
 from tridentify.validation.remedies import Remedy, best_remedy
 from tridentify.validation.result import (
+    Check,
     CrossCorrelation,
     Stationarity,
-    Test,
     Transfer,
     Validation,
     Whiteness,
@@ -191,7 +191,7 @@ def _assemble(
     evidence: Sequence[Evidence],
     pictures: tuple[CrossCorrelation, ...],
     transfer: Transfer | None,
-    tests: tuple[Test, ...],
+    tests: tuple[Check, ...],
     said: tuple[tuple, str, tuple[str, ...]],  # type: ignore[type-arg]
 ) -> Validation:
     innovations = zip(*(one.innovations for one in evidence), strict=True)
