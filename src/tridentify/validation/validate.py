@@ -3,8 +3,8 @@
 The tests of every output (`validation.evidence`), and on another record those of
 `validation.transfer`, form one family. Holm's procedure rejects in it so that a model which is
 right is called wrong with at most the probability ``1 - level``, whatever the dependence between
-the tests; half of it is spent on outliers and half on all the rest. What is rejected is put into
-words (`validation.verdict`).
+the tests; a tenth of it is spent on outliers. What is rejected is put into words
+(`validation.verdict`).
 """
 
 from __future__ import annotations

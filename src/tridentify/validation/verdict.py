@@ -269,8 +269,7 @@ def _about_noise(
                 "",
                 (),
                 f"the noise of {name} changes its size over the record, by a factor of "
-                f"{ratio:.1f}: "
-                "the standard errors are not right",
+                f"{ratio:.1f}: the standard errors are not right",
                 "cut the record, or take standard errors from parts of it",
                 rejected["scale", name],
             )
@@ -290,8 +289,7 @@ def _carried(
                 "",
                 (),
                 "the coefficients of this record differ from the estimate by more than its "
-                "standard "
-                "errors",
+                "standard errors",
                 "identify both records together if they are one system, else each on its own",
                 rejected["same coefficients", "all"],
             )
