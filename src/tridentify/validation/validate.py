@@ -22,7 +22,13 @@ from tridentify.numerics.lagrange import holm
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record import Record
 from tridentify.validation.correlation import correlate
-from tridentify.validation.evidence import CALLED, Evidence, beside_remedy, examine
+from tridentify.validation.evidence import (
+    CALLED,
+    Evidence,
+    beside_remedy,
+    examine,
+    without_outliers,
+)
 from tridentify.validation.remedies import Remedy, best_remedy
 from tridentify.validation.result import (
     Check,
@@ -39,6 +45,7 @@ from tridentify.validation.view import View, look, refitted
 Array = NDArray[np.float64]
 
 FEWEST_LAGS, MOST_LAGS = 20, 60
+FEW_LEFT = 0.9
 OUTLIERS = 0.1
 """Share of the false alarms that is spent on outliers."""
 
@@ -139,13 +146,13 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         return _exact(estimate, view, level)
     outputs, n_inputs = range(len(view.outputs)), view.records[0].n_inputs
     rate = (1.0 - level) * OUTLIERS / len(outputs)
-    evidence = [examine(view, i, estimate, n_lags, rate) for i in outputs]
+    evidence = [_examined(view, i, estimate, n_lags, rate) for i in outputs]
     missed = [i for i in outputs if evidence[i].past < CALLED]
     remedy = best_remedy(view, estimate, [one.noise for one in evidence]) if missed else Remedy("")
     if remedy.point is not None:
         other = refitted(view, remedy.point)
         for i in missed:
-            again = examine(other, i, estimate, n_lags, rate)
+            again = _examined(other, i, estimate, n_lags, rate)
             evidence[i] = beside_remedy(evidence[i], again)
     noises = [one.noise for one in evidence]
     transfer = None if view.own else carried_over(view, estimate, noises)
@@ -169,6 +176,9 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         for j in range(n_inputs)
     )
     found = findings(view, evidence, pictures, tests, transfer, remedy)
+    if estimate.loss != "squared":
+        # a robust loss does not follow them
+        found = tuple(replace(f, serious=f.serious and f.kind != "outliers") for f in found)
     fit, r2 = _fits(view)
     return _assemble(
         estimate,
@@ -181,6 +191,18 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         tuple(tests),
         (found, in_words(found, view, transfer, fit.tolist()), _notes(view, evidence)),
     )
+
+
+def _examined(view: View, index: int, estimate: Estimate, n_lags: int, rate: float) -> Evidence:
+    """All tests of one output, on the samples that are no outliers."""
+    found = examine(view, index, estimate, n_lags, rate)
+    if not len(found.normality.outliers) or found.past < CALLED:
+        return found
+    clean = without_outliers(view, index, found)
+    if clean.outputs[index].count < view.outputs[index].count * FEW_LEFT:
+        return found
+    again = examine(clean, index, estimate, n_lags, rate)
+    return replace(again, normality=found.normality, innovations=found.innovations)
 
 
 def _assemble(
