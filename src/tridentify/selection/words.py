@@ -79,7 +79,9 @@ def _against_larger(
     best = min(usable, key=lambda k: contenders[k].criteria.aicc)
     if best != place:
         other = contenders[best].criteria
-        text = f"{_capital(named(rows[best].structure))} lower AICc by {own.aicc - other.aicc:.1f}"
+        gain = own.aicc - other.aicc
+        only = " only" if gain < CLOSE else ""
+        text = f"{_capital(named(rows[best].structure))} lower AICc by {gain:.1f}{only}"
         if rows[best].relative_std > POORLY:
             text += f", while {rows[best].widest} is known to {_share(rows[best].relative_std)}"
         if other.n_unknowns > own.n_unknowns:
@@ -87,10 +89,10 @@ def _against_larger(
             fall = own.deviance - other.deviance
             text += (
                 f"; -2 log L falls by {max(fall, 0.0):.1f}, less than the {price:.1f} that "
-                "further unknowns must bring"
+                "the further unknowns must bring"
             )
         else:
-            text += ", with as many unknowns"
+            text += ", but the record hardly determines its poles"
         return f"{text}: {name} are recommended."
     larger = [k for k in usable if contenders[k].criteria.n_unknowns > own.n_unknowns]
     if not larger:
@@ -119,7 +121,7 @@ def _against_smaller(
         return ""
     return (
         f"{_capital(named(rows[near].structure))} are too few: -2 log L is {fall:.1f} higher, "
-        f"more than the {price:.1f} of an idle addition."
+        f"more than the {price:.1f} that needless unknowns may bring."
     )
 
 
