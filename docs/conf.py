@@ -57,7 +57,9 @@ atexit.register(lambda owner=os.getpid(): os.getpid() == owner and shutil.rmtree
 (kernels / "profile_default").mkdir()
 (kernels / "profile_default" / "ipython_config.py").write_text(PROFILE)
 os.environ["IPYTHONDIR"] = str(kernels)
-os.environ["PYTHONPATH"] = os.pathsep.join([str(HERE.parent / "src"), str(HERE.parent / "examples")])
+os.environ["PYTHONPATH"] = os.pathsep.join(
+    [str(HERE.parent / "src"), str(HERE.parent / "examples")]
+)
 os.environ["DOCS_ROOT"] = str(HERE.parent)
 os.environ.pop("MPLBACKEND", None)
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
