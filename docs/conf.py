@@ -30,8 +30,8 @@ extensions = [
 ]
 exclude_patterns = ["extensions", "static"]
 nitpicky = True
-# The build looks nothing up elsewhere, so names of other packages have no page to go to. What stands
-# between single backticks in a docstring is a link where the reference has that name, else code.
+# The build looks nothing up elsewhere, so names of other packages have no page to go to. What
+# stands in single backticks in a docstring is a link where the reference has that name, else code.
 nitpick_ignore_regex = [
     ("py:(class|exc)", r"(numpy|np|npt|scipy|matplotlib|pathlib|collections|os|enum|types)\..+"),
     ("py:class", r"(concurrent|typing|io|functools|datetime|fractions)\..+"),
@@ -53,7 +53,8 @@ c.HistoryManager.enabled = False
 c.IPKernelApp.log_level = 40
 """
 kernels = Path(tempfile.mkdtemp(prefix="docs-kernels-"))
-atexit.register(lambda owner=os.getpid(): os.getpid() == owner and shutil.rmtree(kernels))
+OWNER = os.getpid()  # processes that are forked from this one leave the folder alone
+atexit.register(lambda: os.getpid() == OWNER and shutil.rmtree(kernels))
 (kernels / "profile_default").mkdir()
 (kernels / "profile_default" / "ipython_config.py").write_text(PROFILE)
 os.environ["IPYTHONDIR"] = str(kernels)
