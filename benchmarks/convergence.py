@@ -31,7 +31,7 @@ from typing import Any
 
 import numpy as np
 from machine import HERE, keep
-from random_systems import INPUTS, LENGTHS, ORDERS, SEED, SNRS, Drawn, draw
+from random_systems import INPUTS, LENGTHS, SEED, Drawn, draw
 
 from tridentify import Estimate, Record, TransferFunction, identify, simulate
 from tridentify.identify import METHODS
@@ -47,12 +47,7 @@ TRUTH = "output error from the truth"
 THEN = " + output error"
 MINIMISERS = (OURS, "output-error")
 AIM = 0.999
-GROUPS: dict[str, tuple[Any, ...]] = {
-    "order": ORDERS,
-    "input": INPUTS,
-    "snr": SNRS,
-    "samples": LENGTHS,
-}
+GROUPS = ("order", "input", "snr", "samples")
 
 Row = dict[str, Any]
 
@@ -111,9 +106,9 @@ def attempt(drawn: Drawn, method: Method) -> tuple[Row, Estimate | None]:
     }, estimate
 
 
-def judge(number: int, seed: int, rivals: int) -> Row:
+def judge(number: int, seed: int, rivals: int, lengths: tuple[int, int] = LENGTHS) -> Row:
     """All methods on one record."""
-    drawn = draw(number, seed)
+    drawn = draw(number, seed, lengths)
     tried: dict[str, Row] = {}
     for name, method in contestants(number < rivals).items():
         tried[name], estimate = attempt(drawn, method)
@@ -142,10 +137,12 @@ def judge(number: int, seed: int, rivals: int) -> Row:
     }
 
 
-def run(numbers: Sequence[int], seed: int, rivals: int) -> Iterator[Row]:
+def run(numbers: Sequence[int], seed: int, rivals: int, lengths: tuple[int, int]) -> Iterator[Row]:
     """All records, two at a time."""
     with ProcessPoolExecutor(max_workers=2) as pool:
-        yield from pool.map(partial(judge, seed=seed, rivals=rivals), numbers, chunksize=10)
+        yield from pool.map(
+            partial(judge, seed=seed, rivals=rivals, lengths=lengths), numbers, chunksize=10
+        )
 
 
 def reached(row: Row, method: str) -> bool:
@@ -176,9 +173,9 @@ def summary(rows: Sequence[Row], method: str) -> Row:
                     sum(reached(row, method) for row in good if row[name] == value),
                     sum(row[name] == value for row in good),
                 ]
-                for value in values
+                for value in dict.fromkeys(row[name] for row in rows)
             }
-            for name, values in GROUPS.items()
+            for name in GROUPS
         },
     }
 
@@ -213,7 +210,7 @@ def report(rows: Sequence[Row], seed: int, seconds: float) -> tuple[str, dict[st
         )
     lines += ["", "per cent of the identifiable records, by"]
     head = f"{'':{width}s} "
-    for group, values in GROUPS.items():
+    for group, values in found[OURS]["groups"].items():
         head += " |" + "".join(f"{group + ' ' if i == 0 else ''}{value}".rjust(9 if i else 12)
                                for i, value in enumerate(values))  # fmt: skip
     lines.append(head)
@@ -282,9 +279,9 @@ def picture(found: dict[str, Row], path: str) -> None:
     figure.savefig(path, dpi=130)
 
 
-def study(number: int, seed: int) -> None:
+def study(number: int, seed: int, lengths: tuple[int, int]) -> None:
     """One record in detail."""
-    drawn = draw(number, seed)
+    drawn = draw(number, seed, lengths)
     print(
         f"record {number} (seed {seed}): {drawn.structure.poles} poles, {drawn.zeros} zeros, "
         f"{drawn.input}, {drawn.snr} dB, {drawn.record.n_samples} samples every "
@@ -292,7 +289,7 @@ def study(number: int, seed: int) -> None:
     )
     print("poles", np.array2string(drawn.poles, precision=4))
     print("zeros", np.array2string(drawn.zero_values, precision=4))
-    row = judge(number, seed, number + 1)
+    row = judge(number, seed, number + 1, lengths)
     width = max(map(len, row["methods"]))
     for name, one in row["methods"].items():
         told = one["error"] or one["status"]
@@ -330,16 +327,21 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=RECORDS)
     parser.add_argument("--rivals", type=int, default=RIVALS, help="records all methods get")
     parser.add_argument("--seed", type=int, default=SEED)
+    parser.add_argument(
+        "--lengths", type=int, nargs=2, default=LENGTHS, metavar="SAMPLES",
+        help="of the records, in turn (default %(default)s)",
+    )  # fmt: skip
     parser.add_argument("--only", type=int, metavar="NUMBER", help="one record, in detail")
     parser.add_argument("--save", action="store_true", help="store the result and fill README.md")
     options = parser.parse_args()
+    lengths = options.lengths[0], options.lengths[1]
     if options.only is not None:
-        study(options.only, options.seed)
+        study(options.only, options.seed, lengths)
         return
     print(f"bound against the package's standard errors: within {check_bound():.1e}", flush=True)
     before = time.perf_counter()
     rows: list[Row] = []
-    for row in run(range(options.records), options.seed, options.rivals):
+    for row in run(range(options.records), options.seed, options.rivals, lengths):
         rows.append(row)
         if len(rows) % 250 == 0:
             print(f"{len(rows)} records, {time.perf_counter() - before:.0f} s", file=sys.stderr)

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -96,12 +97,12 @@ class Drawn(NamedTuple):
         return self.weakest < WEAK
 
 
-def draw(number: int, seed: int = SEED) -> Drawn:
-    """Record ``number``."""
+def draw(number: int, seed: int = SEED, lengths: Sequence[int] = LENGTHS) -> Drawn:
+    """Record ``number``; two ``lengths`` in turn."""
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(number,)))
     cell = np.unravel_index(number % 60, (5, 3, 2, 2))
     kind, order, snr, n_samples = (
-        INPUTS[cell[0]], ORDERS[cell[1]], SNRS[cell[2]], LENGTHS[cell[3]],
+        INPUTS[cell[0]], ORDERS[cell[1]], SNRS[cell[2]], lengths[cell[3]],
     )  # fmt: skip
     poles, dt = _poles_and_step(rng, order, n_samples)
     zeros = _zeros(rng, poles)

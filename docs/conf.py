@@ -53,8 +53,16 @@ c.HistoryManager.enabled = False
 c.IPKernelApp.log_level = 40
 """
 kernels = Path(tempfile.mkdtemp(prefix="docs-kernels-"))
-OWNER = os.getpid()  # processes that are forked from this one leave the folder alone
-atexit.register(lambda: os.getpid() == OWNER and shutil.rmtree(kernels))
+OWNER = os.getpid()
+
+
+def clean() -> None:
+    """Only the process that made the folder removes it, not those that it forks."""
+    if os.getpid() == OWNER:
+        shutil.rmtree(kernels, ignore_errors=True)
+
+
+atexit.register(clean)
 (kernels / "profile_default").mkdir()
 (kernels / "profile_default" / "ipython_config.py").write_text(PROFILE)
 os.environ["IPYTHONDIR"] = str(kernels)

@@ -37,9 +37,11 @@ if TYPE_CHECKING:
     from tridentify.methods.svf_least_squares import SvfLeastSquares
     from tridentify.methods.three_model import ThreeModel
     from tridentify.record import Record
+    from tridentify.selection import Selection, select_structure
     from tridentify.simulate import simulate
     from tridentify.structure import Structure
     from tridentify.transfer_function import TransferFunction
+    from tridentify.validation import Validation, validate
 
 __version__ = "0.1.0"
 
@@ -56,6 +58,7 @@ __all__ = [
     "Parameter",
     "Record",
     "RefinedInstrumentalVariable",
+    "Selection",
     "Status",
     "Structure",
     "StructureError",
@@ -65,6 +68,7 @@ __all__ = [
     "Trace",
     "TransferFunction",
     "TridentifyError",
+    "Validation",
     "__version__",
     "asymptotic_bias",
     "frame_from_record",
@@ -73,7 +77,9 @@ __all__ = [
     "online",
     "read_record",
     "record_from_frame",
+    "select_structure",
     "simulate",
+    "validate",
 ]
 
 _HOME = {
@@ -89,6 +95,7 @@ _HOME = {
     "Parameter": "estimate",
     "Record": "record",
     "RefinedInstrumentalVariable": "methods.refined_instrumental_variable",
+    "Selection": "selection",
     "Status": "estimate",
     "Structure": "structure",
     "StructureError": "errors",
@@ -98,14 +105,17 @@ _HOME = {
     "Trace": "estimate",
     "TransferFunction": "transfer_function",
     "TridentifyError": "errors",
+    "Validation": "validation",
     "asymptotic_bias": "methods.asymptotic_bias",
     "frame_from_record": "formats.frames",
     "identify": "identify",
     "list_channels": "formats.read",
     "online": "online",
     "read_record": "formats.read",
+    "select_structure": "selection",
     "record_from_frame": "formats.frames",
     "simulate": "simulate",
+    "validate": "validation",
 }
 
 

@@ -30,8 +30,12 @@ def save_document(path: str | os.PathLike[str], key: str, schema: int, value: ob
     OutputPathError
         The file cannot be written.
     """
-    text = json.dumps({key: schema, **encode(value)}, indent=1, allow_nan=False)
-    return write_atomically(path, text + "\n")
+    return write_atomically(path, document_text(key, schema, value))
+
+
+def document_text(key: str, schema: int, value: object) -> str:
+    """The JSON text that `save_document` writes."""
+    return json.dumps({key: schema, **encode(value)}, indent=1, allow_nan=False) + "\n"
 
 
 def load_document(

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 __all__ = [
     "BoundsError",
+    "CandidateError",
     "ChannelCountError",
     "ChannelNameError",
     "CoefficientError",
@@ -53,6 +54,7 @@ __all__ = [
     "SamplingError",
     "ShapeError",
     "StaticGainError",
+    "StepNotTakenError",
     "StructureError",
     "TextInColumnError",
     "ThousandsSeparatorError",
@@ -246,6 +248,10 @@ class ParameterNameError(StructureError):
     """A coefficient that is fixed, bounded or known otherwise does not exist in the structure."""
 
 
+class CandidateError(StructureError):
+    """There is no candidate to select from, or one of them is no structure."""
+
+
 class BoundsError(StructureError):
     """A bound is not a pair (low, high) with low < high, or a fixed value is not finite."""
 
@@ -288,6 +294,10 @@ class ImproperModelError(StructureError):
 
 class UnsupportedError(StructureError):
     """A method or a conversion cannot do what the structure or the model asks."""
+
+
+class StepNotTakenError(UnsupportedError):
+    """An estimate came about without the step that is asked for."""
 
 
 # --- what the data can tell ----------------------------------------------------------------------

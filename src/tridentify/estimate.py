@@ -8,6 +8,7 @@ gain, confidence bands) is propagated to first order, see `tridentify.numerics.d
 from __future__ import annotations
 
 import dataclasses
+import html
 import os
 import re
 import textwrap
@@ -21,6 +22,7 @@ import numpy.typing as npt
 
 from tridentify.encoding import decode, load_document, save_document
 from tridentify.errors import DataError
+from tridentify.markup import fraction
 from tridentify.numerics import delta_method
 from tridentify.numerics.root_draws import pole_values
 from tridentify.parameter import Nuisance, Parameter
@@ -76,6 +78,8 @@ class Estimate:
     outliers : ndarray, shape (n_outliers, 4)
         Samples beyond four standard deviations of the noise under a robust loss: position of the
         experiment, of the output and of the sample, and the weight that it had (at most 1).
+    call : str
+        The method with its options, as one writes it; empty if it was not called by `identify`.
 
     Examples
     --------
@@ -116,6 +120,7 @@ class Estimate:
     draws: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
     loss: str = "squared"
     outliers: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
+    call: str = ""
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -457,7 +462,27 @@ class Estimate:
     def _repr_html_(self) -> str:
         fits = ", ".join(f"{n} {f:.1f} %" for n, f in zip(self.output_names, self.fit, strict=True))
         caption = f"{self.method}: {self.status.message}; fit {fits}"
-        return html_table(_TITLES, [_row(p) for p in self.parameters.values()], caption)
+        rows = [_row(p, self.held_note(p.name)) for p in self.parameters.values()]
+        rows += [_row(quantity) for quantity in self.derived()]
+        advice = [f"What to do: {self.status.remedy}."] if self.status.remedy else []
+        doubts = "".join(f"<li>{html.escape(text)}</li>" for text in (*advice, *self.cautions))
+        warned = f"<ul>{doubts}</ul>" if doubts else ""
+        return f"{warned}{self._fractions()}{html_table(_TITLES, rows, caption)}"
+
+    def _fractions(self) -> str:
+        """Every channel as MathML."""
+        found = []
+        for i, output in enumerate(self.output_names):
+            for j, input_ in enumerate(self.input_names):
+                num, den, cov = self.channel(i, j)
+                std = np.sqrt(np.maximum(np.diag(cov), 0))
+                n = len(den) - 1
+                top = list(zip(num.tolist(), std[n:-1].tolist(), strict=True))
+                below = list(zip(den.tolist(), [0.0, *std[:n].tolist()], strict=True))
+                late = self.model.delay[i, j]
+                delay = f"exp(-{format_value(late, std[-1])} s) " if late else ""
+                found.append(fraction(f"{output} / {input_}", top, below, delay))
+        return "".join(found)
 
     def save(self, path: str | os.PathLike[str]) -> Path:
         """Write the estimate as JSON: to a temporary name first, then renamed.

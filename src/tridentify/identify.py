@@ -25,6 +25,7 @@ from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record import Record
 from tridentify.structure import Structure
+from tridentify.text import as_call
 
 METHODS: Mapping[str, Callable[[], Method]] = MappingProxyType(
     {
@@ -96,7 +97,7 @@ def identify(
     chosen = checked_method(method)
     with one_blas_thread():
         estimate = chosen.estimate(listed, structure, progress)
-        estimate = replace(estimate, cautions=cautions(estimate, listed))
+        estimate = replace(estimate, cautions=cautions(estimate, listed), call=as_call(chosen))
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
         raise UnsupportedOrderError(
             f"found a pole that runs away from the record with {structure.poles} poles: "

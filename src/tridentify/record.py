@@ -48,11 +48,14 @@ from tridentify.errors import (
     ShapeError,
     shown,
 )
+from tridentify.markup import sparkline
 from tridentify.numerics.interpolation import FEWEST, lowpass
 
 __all__ = ["FloatArray", "Intersample", "Record"]
 
 MOST_SAMPLES = 20_000_000
+_DRAWN = 6
+"""Channels drawn in a notebook."""
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -664,4 +667,8 @@ class Record:
             "outputs": self._labelled(self.output_names),
         }
         cells = "".join(f"<tr><th>{k}</th><td>{html.escape(v)}</td></tr>" for k, v in rows.items())
+        for names, signals in ((self.input_names, self.u), (self.output_names, self.y)):
+            for name, signal in list(zip(names, signals.T, strict=True))[:_DRAWN]:
+                drawing = sparkline(signal, name)
+                cells += f"<tr><th>{html.escape(name)}</th><td>{drawing}</td></tr>"
         return f"<table><caption>Record {html.escape(self.name)}</caption>{cells}</table>"

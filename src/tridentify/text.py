@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import html
 import math
 import re
@@ -187,3 +188,41 @@ def unit_product(factors: Mapping[str, int]) -> str:
         return " ".join(above) or "-"
     denominator = below[0] if len(below) == 1 else f"({' '.join(below)})"
     return f"{' '.join(above) or '1'}/{denominator}"
+
+
+def as_call(value: object) -> str:
+    """The call that makes a dataclass of options again, without what is left at its default.
+
+    Examples
+    --------
+    >>> from dataclasses import dataclass
+    >>> @dataclass(frozen=True)
+    ... class Options:
+    ...     poles: int
+    ...     offset: bool | str = "auto"
+    ...     fixed: dict[str, float] | None = None
+    >>> as_call(Options(2, fixed={"a0": 3.0})), as_call(Options(1))
+    ("Options(poles=2, fixed={'a0': 3.0})", 'Options(poles=1)')
+    """
+    if not dataclasses.is_dataclass(value):
+        return repr(value)
+    given = []
+    for field in dataclasses.fields(value):
+        item = _plain(getattr(value, field.name))
+        empty = field.default is None and item in ({}, ())
+        if field.init and not empty and not _same(item, field.default):
+            given.append(f"{field.name}={item!r}")
+    return f"{type(value).__name__}({', '.join(given)})"
+
+
+def _plain(value: object) -> object:
+    """Read-only mappings as what one writes for them."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, tuple):
+        return tuple(_plain(item) for item in value)
+    return value
+
+
+def _same(value: object, default: object) -> bool:
+    return type(value) is type(default) and value == default

@@ -27,6 +27,20 @@ def freeze_arrays(noun: object) -> None:
             object.__setattr__(noun, field.name, array)
 
 
+def pairs(poles: npt.ArrayLike) -> Array:
+    """Poles as rows of real and imaginary part; rows are kept.
+
+    Examples
+    --------
+    >>> pairs([-1 + 2j]).tolist(), pairs([[-1.0, 2.0]]).tolist(), pairs([]).shape
+    ([[-1.0, 2.0]], [[-1.0, 2.0]], (0, 2))
+    """
+    given = np.asarray(poles)
+    if np.iscomplexobj(given):
+        given = np.column_stack([given.real, given.imag])
+    return np.asarray(given, dtype=np.float64).reshape(-1, 2)
+
+
 class Status(enum.Enum):
     """How an estimation ended; each member carries a message, a remedy and whether it is usable.
 
@@ -98,15 +112,26 @@ _STATUS = {
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Step:
-    """One step: "parallel", "series-parallel", "series", "output error" or "posterior"."""
+    """One step: "parallel", "series-parallel", "series", "output error" or "posterior".
+
+    ``coefficients`` are the weights ``beta`` of a parallel model (output by output, input by
+    input), those of a series model (output by output, ``W_0 = 1`` first), else the coefficients of
+    the model found, or of its denominators alone. ``kind`` names the operators ("allpass",
+    "laguerre" or "orthonormal"), and row k of ``poles`` holds real and imaginary part [rad/s] of
+    the pole that operator k adds, or of a pole of the filter ``c(p)`` of a series-parallel model;
+    empty where the step has none, or did not say.
+    """
 
     name: str
     coefficients: Array
     cost: float
     condition: float
     note: str = ""
+    kind: str = ""
+    poles: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "poles", pairs(self.poles))
         freeze_arrays(self)
 
 

@@ -6,7 +6,6 @@ every denominator monic, no numerator of a higher degree than its denominator.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tridentify import interop
 from tridentify.checks.coefficients import (
     channel_delays,
     is_flat,
@@ -24,7 +24,6 @@ from tridentify.checks.coefficients import (
 from tridentify.checks.samples import channel_names
 from tridentify.errors import (
     ChannelCountError,
-    MissingDependencyError,
     OptionError,
     StructureError,
     UnsupportedError,
@@ -290,23 +289,18 @@ class TransferFunction:
         >>> TransferFunction([0.5], [1.0, 1.0, 3.0]).to_control().den[0][0]
         array([1., 1., 3.])
         """
-        control = _import_control()
-        self._refuse_delay("python-control")
-        return control.TransferFunction(
-            [[np.array(item) for item in row] for row in self.num],
-            [[np.array(item) for item in row] for row in self.den],
-            inputs=list(self.input_names),
-            outputs=list(self.output_names),
-        )
+        interop.import_control()
+        interop.refuse_delay(self.delay, "python-control")
+        return interop.to_control(self.num, self.den, self.input_names, self.output_names)
 
     @classmethod
     def from_control(cls, system: Any) -> TransferFunction:
-        """Convert from a continuous-time `control.TransferFunction`.
+        """Convert from a continuous-time model of python-control.
 
         Parameters
         ----------
-        system : control.TransferFunction
-            Model in continuous time.
+        system : control.TransferFunction or control.StateSpace
+            Model in continuous time. Of a state-space model the channels share one denominator.
 
         Returns
         -------
@@ -326,24 +320,46 @@ class TransferFunction:
         >>> TransferFunction.from_control(control.tf([2.0], [2.0, 4.0])).den[0][0]
         array([1., 2.])
         """
-        control = _import_control()
-        if not isinstance(system, control.TransferFunction) or system.isdtime(strict=True):
-            raise UnsupportedError(
-                f"found {shown(type(system).__name__)} with time step "
-                f"{getattr(system, 'dt', None)}; expected a continuous-time "
-                "control.TransferFunction; convert it with control.tf first"
-            )
-        labels = {
-            "input_names": list(system.input_labels),
-            "output_names": list(system.output_labels),
-        }
-        made_up = re.compile(r"[uy]\[\d+\]")
-        names = {k: v for k, v in labels.items() if not all(made_up.fullmatch(n) for n in v)}
-        rows = range(system.noutputs)
+        return cls._of(interop.from_control(system))
+
+    @classmethod
+    def from_scipy(cls, system: Any) -> TransferFunction:
+        """Convert from a continuous-time model of SciPy.
+
+        Parameters
+        ----------
+        system : scipy.signal.lti or tuple
+            `TransferFunction`, `ZerosPolesGain` or `StateSpace`, or a tuple as SciPy takes it:
+            ``(num, den)``, ``(zeros, poles, gain)`` or ``(A, B, C, D)``.
+
+        Returns
+        -------
+        TransferFunction
+
+        Raises
+        ------
+        UnsupportedError
+            `system` is another kind of model, or one in discrete time.
+        CoefficientError
+            It makes no real polynomials.
+
+        Examples
+        --------
+        >>> from scipy.signal import ZerosPolesGain
+        >>> TransferFunction.from_scipy(ZerosPolesGain([], [-1.0, -2.0], 4.0))
+        TransferFunction([4.0], [1.0, 3.0, 2.0])
+        >>> TransferFunction.from_scipy(([1.0], [2.0, 4.0])).num[0][0]
+        array([0.5])
+        """
+        return cls._of(interop.from_scipy(system))
+
+    @classmethod
+    def _of(cls, found: interop.Coefficients) -> TransferFunction:
         return cls(
-            [[system.num[i][j] for j in range(system.ninputs)] for i in rows],
-            [[system.den[i][j] for j in range(system.ninputs)] for i in rows],
-            **names,
+            found.num,
+            found.den,
+            input_names=found.input_names,
+            output_names=found.output_names,
         )
 
     def to_scipy(self) -> Any:
@@ -363,23 +379,13 @@ class TransferFunction:
         >>> TransferFunction([1.0], [2.0, 4.0]).to_scipy().num
         array([0.5])
         """
-        from scipy.signal import TransferFunction as ScipyTransferFunction
-
-        self._refuse_delay("scipy")
+        interop.refuse_delay(self.delay, "scipy")
         if not self.is_siso:
             raise UnsupportedError(
                 f"found {self.n_outputs} outputs and {self.n_inputs} inputs; expected one of each "
                 "for scipy; convert channel(output, input)"
             )
-        num = stripped(self.num[0][0])
-        return ScipyTransferFunction(np.array(num), np.array(self.den[0][0]))
-
-    def _refuse_delay(self, package: str) -> None:
-        if np.any(self.delay > 0.0):
-            raise UnsupportedError(
-                f"found a delay of {self.delay.max():.6g} s; expected none, since {package} cannot "
-                "hold it; build the model again without delay, or with a Pade approximation"
-            )
+        return interop.to_scipy(stripped(self.num[0][0]), self.den[0][0])
 
     def _channels(self) -> list[tuple[int, int, str]]:
         return [
@@ -475,13 +481,3 @@ def _sorted_roots(coefficients: FloatArray) -> ComplexArray:
 def _roots(polynomials: Polynomials) -> Any:
     roots = [[_sorted_roots(item) for item in row] for row in polynomials]
     return roots[0][0] if len(roots) == len(roots[0]) == 1 else roots
-
-
-def _import_control() -> Any:
-    try:
-        import control
-    except ImportError as error:
-        raise MissingDependencyError(
-            "found no python-control; expected it for this conversion; pip install control"
-        ) from error
-    return control

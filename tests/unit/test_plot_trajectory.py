@@ -46,7 +46,7 @@ def lines(ax):
 def test_the_picture_has_an_axes_a_coefficient_and_one_for_flags(run):
     axes = plots.plot_trajectory(run)
     assert len(axes) == 4
-    axes[0].figure.canvas.draw()
+    axes[0].figure.draw_without_rendering()
     assert [ax.get_ylabel() for ax in axes] == [
         "a1 [1/s]", "a0 [1/s^2]", "b0 [m/(V s^2)]", "flags",
     ]  # fmt: skip
@@ -124,5 +124,5 @@ def test_a_run_that_was_never_ready_can_be_drawn():
     nothing = np.full((100, 3), np.nan)
     flags = [online.Flag.NOT_READY] * 100
     axes = plots.plot_trajectory(made_up(theta=nothing, std=nothing, flags=flags), {"a1": 4.0})
-    axes[0].figure.canvas.draw()
+    axes[0].figure.draw_without_rendering()
     assert axes[-1].get_yticklabels()[0].get_text() == "not ready"

@@ -30,7 +30,7 @@ EXPECTED_AXES = {"record": 3, "fit": 3, "residual": 4, "bode": 4, "convergence":
 
 def _rendered(ax):
     """Draw for real: layout and log scales warn only then, and a warning is an error here."""
-    ax.figure.canvas.draw()
+    ax.figure.draw_without_rendering()
     return ax.figure
 
 
@@ -183,7 +183,7 @@ def test_tick_labels_of_the_cost_do_not_overlap(single, costs):
     passes = tuple(Pass(k, (), single.estimate.theta, cost) for k, cost in enumerate(costs, 1))
     estimate = dataclasses.replace(single.estimate, trace=Trace(passes))
     ax = plots.plot_convergence(estimate)[1]
-    ax.figure.canvas.draw()
+    ax.figure.draw_without_rendering()
     low, high = ax.get_ylim()
     labels = [
         label.get_window_extent()

@@ -146,7 +146,9 @@ def test_control_and_back() -> None:
 
 def test_control_models_of_another_kind_are_refused() -> None:
     control = pytest.importorskip("control")
-    for system in (control.tf([1.0], [1.0, 0.5], 0.1), control.ss(-1, 1, 1, 0)):
+    sampled = (control.tf([1.0], [1.0, 0.5], 0.1), control.ss(-0.5, 1, 1, 0, 0.1))
+    measured = control.frd([1.0, 0.5], [1.0, 2.0])
+    for system in (*sampled, measured, "1 / s"):
         with pytest.raises(errors.UnsupportedError, match="continuous-time"):
             TransferFunction.from_control(system)
 

@@ -16,11 +16,15 @@ from typer.main import get_command
 from tridentify.cli import (
     channels_command,
     demo_command,
+    excite_command,
+    export_command,
     identify_command,
     physical_command,
+    select_command,
     stream_command,
     study_command,
     terminal,
+    validate_command,
 )
 from tridentify.errors import (
     ConvergenceError,
@@ -49,11 +53,15 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("identify")(identify_command.identify)
+app.command("select")(select_command.select)
 app.command("physical")(physical_command.physical)
 app.command("channels")(channels_command.channels)
 app.command("demo")(demo_command.demo)
 app.command("stream")(stream_command.stream)
 app.command("study")(study_command.study)
+app.command("excite")(excite_command.excite)
+app.command("export")(export_command.export)
+app.command("validate")(validate_command.validate)
 
 
 def _show_version(asked: bool) -> None:

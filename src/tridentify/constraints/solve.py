@@ -198,7 +198,7 @@ def constrain(
     first = records[0]
     known = known_of(structure, first.input_names, first.output_names, scale)
     fullest = choices[-1]
-    problem = _problem(records, structure, fullest, known).whitened(seeds.noise)
+    problem = problem_for(records, structure, fullest, known).whitened(seeds.noise)
     reached, tried = _from_all(problem, known, starts, scale, most)
     doubts = disagreement(problem, reached, starts, structure, first, scale, most)
     best, nuisances, told = _decided(records, structure, choices, reached, most)
@@ -264,7 +264,7 @@ def _decided(
     ends = {len(choices) - 1: reached}
     table = [np.inf] * len(choices)
     table[-1] = criterion(reached.fit, known)
-    problems = [_problem(records, structure, c, known).whitened(noise) for c in choices[:-1]]
+    problems = [problem_for(records, structure, c, known).whitened(noise) for c in choices[:-1]]
     for k, problem in enumerate(problems):
         here = fit_at(problem, known, reached.fit.theta)
         trusted = np.inf if is_exact(here) else TRUSTED * float(here.counts.sum())
@@ -299,7 +299,7 @@ def _coloured(
         noise = _noise_model(best, orders)
         orders = [a.size for a in noise] if count else None
         before = best
-        problem = _problem(records, structure, choices[-1], best.known).whitened(noise)
+        problem = problem_for(records, structure, choices[-1], best.known).whitened(noise)
         again = descend(problem, best.known, best.fit.theta, most)
         best, nuisances, told = _decided(records, structure, choices, again, most)
         moved = np.abs(best.fit.theta - before.fit.theta)
@@ -329,7 +329,7 @@ def _tinted(
         found.append(fit_autoregression(series, most, fewest=1) if most else np.zeros(0))
     if not any(a.size for a in found):
         return best, nuisances
-    problem = _problem(records, structure, nuisances, best.known).whitened(tuple(found))
+    problem = problem_for(records, structure, nuisances, best.known).whitened(tuple(found))
     return descend(problem, best.known, best.fit.theta), nuisances
 
 
@@ -389,7 +389,7 @@ def _choices(
     return found
 
 
-def _problem(
+def problem_for(
     records: Sequence[Record], structure: Structure, nuisances: Nuisances, known: Known
 ) -> Problem:
     """The problem for one choice of nuisance terms; its input counts from `reference`."""

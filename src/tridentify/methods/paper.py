@@ -50,6 +50,7 @@ from tridentify.output_error.result import Rests, fit_rests, literal_estimate
 from tridentify.record import Record
 from tridentify.regression import Regression, regress
 from tridentify.structure import Structure
+from tridentify.trace import pairs
 
 Array = NDArray[np.float64]
 
@@ -220,6 +221,8 @@ class _Run:
                     series.beta.ravel(),
                     float(series.cost.sum()) / self.samples,
                     series.condition,
+                    kind=self.options.operators,
+                    poles=pairs(self.operators.poles),
                 ),
             )
             self._add(number, steps, model, rest, series.distance, note)
@@ -284,6 +287,8 @@ class _Run:
             float(parallel.cost.sum()) / self.samples,
             parallel.condition,
             f"{self.options.operators}, gamma {self.options.gamma:g} rad/s",
+            self.options.operators,
+            pairs(self.operators.poles),
         )
         return model, (first, self._described(step, "on the parallel model's output")), note
 
@@ -316,7 +321,9 @@ class _Run:
 
     def _described(self, step: SeriesParallelFit, note: str) -> Step:
         theta = _Model(step.poles, step.b).theta()
-        return Step("series-parallel", theta, step.cost / self.samples, step.condition, note)
+        filter_ = pairs(self.filter_bank.poles)
+        cost = step.cost / self.samples
+        return Step("series-parallel", theta, cost, step.condition, note, poles=filter_)
 
     def _output(
         self, bank: Cascade, regressions: list[Regression], model: _Model

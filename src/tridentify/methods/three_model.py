@@ -56,6 +56,7 @@ from tridentify.strategy.delays import Place, best_of_places
 from tridentify.strategy.passes import series_model
 from tridentify.strategy.search import Search
 from tridentify.structure import Structure
+from tridentify.trace import pairs
 
 Array = NDArray[np.float64]
 
@@ -345,6 +346,8 @@ class ThreeModel:
             float(series.cost.sum() / point.counts.sum()),
             series.condition,
             "W_0 = 1 and the orthonormal functions on the poles of a",
+            "orthonormal",
+            pairs(np.concatenate([branch.inner.poles for branch in point.branches])),
         )
         note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
         recorder.add(point, (step,), series.distance, note)

@@ -198,6 +198,43 @@ def fit_denominators(
     -------
     SeriesParallelFit
     """
+    columns, matrix, target = equation_error(regressions, response, filterings, n_zeros, weights)
+    solution = solve(matrix, target)
+    owner = {(i, j): one for one in filterings for i, j in np.argwhere(one.channels).tolist()}
+    poles = [
+        _roots(one.filter_bank, one.basis, columns.pick(solution.x, ("a", g)), one.n_poles)
+        for g, one in enumerate(filterings)
+    ]
+    b = tuple(
+        tuple(
+            polynomial(
+                owner[i, j].filter_bank, owner[i, j].basis, columns.pick(solution.x, ("b", i, j)), m
+            )
+            if (i, j) in owner
+            else np.zeros(0)
+            for j, m in enumerate(row)
+        )
+        for i, row in enumerate(n_zeros)
+    )
+    return SeriesParallelFit(np.concatenate(poles), b, solution.cost, solution.condition)
+
+
+def equation_error(
+    regressions: Sequence[Regression],
+    response: Response,
+    filterings: Sequence[Filtering],
+    n_zeros: Sequence[Sequence[int]],
+    weights: Array,
+) -> tuple[Columns, Array, Array]:
+    """The linear least-squares problem that `fit_denominators` solves, with its arguments.
+
+    Returns
+    -------
+    columns : Columns
+        ``("a", g)`` are the weights of ``a_g / c_g``, ``("b", i, j)`` those of the numerators.
+    matrix : (m, n_unknowns) array
+    target : (m,) array
+    """
     q = regressions[0].layout.order
     columns = Columns()
     parts = [_part(one, response, q) for one in filterings]
@@ -212,25 +249,7 @@ def fit_denominators(
                     monic = monic + leading
             if blocks:
                 columns.add(blocks, -weights[i] * monic)
-    matrix, target = columns.assemble()
-    solution = solve(matrix, target)
-    owner = {(i, j): one for one in filterings for i, j in np.argwhere(one.channels).tolist()}
-    poles = [
-        _roots(one.filter_bank, one.basis, columns.pick(solution.x, ("a", g)), one.n_poles)
-        for g, one in enumerate(filterings)
-    ]
-    b = tuple(
-        tuple(
-            _polynomial(
-                owner[i, j].filter_bank, owner[i, j].basis, columns.pick(solution.x, ("b", i, j)), m
-            )
-            if (i, j) in owner
-            else np.zeros(0)
-            for j, m in enumerate(row)
-        )
-        for i, row in enumerate(n_zeros)
-    )
-    return SeriesParallelFit(np.concatenate(poles), b, solution.cost, solution.condition)
+    return (columns, *columns.assemble())
 
 
 class _Part(NamedTuple):
@@ -271,8 +290,8 @@ def _blocks(
     return blocks, _monic(regression, part.response, states, basis, n, e, i)
 
 
-def _polynomial(filter_bank: Cascade, basis: DegreeBasis, beta: Array, degree: int) -> Array:
-    """Coefficients of a numerator, descending powers."""
+def polynomial(filter_bank: Cascade, basis: DegreeBasis, beta: Array, degree: int) -> Array:
+    """Coefficients of a numerator, descending powers; linear in its weights ``beta``."""
     q = filter_bank.order
     count = min(degree + 1, q)
     proper = (beta[:count] @ basis.rows[:count]) @ numerators(filter_bank.poles)

@@ -213,13 +213,39 @@ def frequency_response_std(
     >>> frequency_response_std([1.0], [1.0, 1.0], cov, [0.0])
     (array([0.1]), array([0.]))
     """
+    jacobian = frequency_response_slopes(num, den, omega)
+    return standard_deviation(jacobian.real, cov), standard_deviation(jacobian.imag, cov)
+
+
+def frequency_response_slopes(
+    num: npt.ArrayLike, den: npt.ArrayLike, omega: npt.ArrayLike
+) -> Complex:
+    """Derivatives of ``ln(b(j omega) / a(j omega))`` by the coefficients.
+
+    Parameters
+    ----------
+    num, den : array_like
+        Descending powers, ``den`` monic of degree n.
+    omega : array_like, shape (n_omega,)
+        Angular frequencies [rad/s].
+
+    Returns
+    -------
+    ndarray of complex, shape (n_omega, n + m + 2)
+        By ``(a_{n-1}, ..., a_0, b_m, ..., b_0, tau)``; not finite at a pole or zero on the axis.
+
+    Examples
+    --------
+    >>> frequency_response_slopes([2.0], [1.0, 1.0], [0.0]).real  # 1 / a_0 and 1 / b_0
+    array([[-1. ,  0.5, -0. ]])
+    """
     b, a = np.atleast_1d(np.asarray(num, float)), np.atleast_1d(np.asarray(den, float))
     s = 1j * np.atleast_1d(np.asarray(omega, dtype=np.float64))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         by_a = -(s[:, None] ** np.arange(a.size - 2, -1, -1)) / np.polyval(a, s)[:, None]
         by_b = s[:, None] ** np.arange(b.size - 1, -1, -1) / np.polyval(b, s)[:, None]
-    jacobian = np.hstack((by_a, by_b, -s[:, None]))
-    return standard_deviation(jacobian.real, cov), standard_deviation(jacobian.imag, cov)
+    slopes: Complex = np.hstack((by_a, by_b, -s[:, None]))
+    return slopes
 
 
 def confidence_ellipse(cov: Real, level: float = 0.95, n_points: int = 73) -> Real:
@@ -304,4 +330,55 @@ def step_response(
     highest = started[:, None] - by_b @ a_row[1:, None]  # p^n / a = 1 - sum a_k p^k / a
     by_b = np.hstack([highest, by_b])[:, n - m :]
     slope = (states[:, :n] @ matrix.T + drive) @ output * started
+    return response, np.hstack([by_a, by_b, -slope[:, None]])
+
+
+def impulse_response(
+    num: npt.ArrayLike,
+    den: npt.ArrayLike,
+    realization: tuple[Real, Real, Real],
+    times: npt.ArrayLike,
+) -> tuple[Real, Real]:
+    """Impulse response of ``b / a`` and its derivatives by the coefficients, both exact.
+
+    Parameters
+    ----------
+    num, den, realization, times
+        As of `step_response`.
+
+    Returns
+    -------
+    response : ndarray, shape (n_times,)
+        Without the impulse of weight ``b_n`` at time zero where there are as many zeros as poles.
+    jacobian : ndarray, shape (n_times, n + m + 2)
+        By ``(a_{n-1}, ..., a_0, b_m, ..., b_0, tau)``.
+
+    Notes
+    -----
+    The states of the bank after an impulse are the time derivatives of those under a step.
+
+    Examples
+    --------
+    >>> first_order = (np.array([[-1.0]]), np.ones(1), np.ones((1, 1)))
+    >>> response, jacobian = impulse_response([2.0], [1.0, 1.0], first_order, [0.0, 1.0])
+    >>> response.round(4), jacobian[1, :2].round(4)  # 2 e^-t, -2 t e^-t, e^-t
+    (array([2.    , 0.7358]), array([-0.7358,  0.3679]))
+    """
+    b_row, a_row = np.atleast_1d(np.asarray(num, float)), np.atleast_1d(np.asarray(den, float))
+    t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    n, m = a_row.size - 1, b_row.size - 1
+    matrix, drive, powers = realization
+    padded = np.pad(b_row, (n - m, 0))
+    direct = padded[0]
+    output = (padded[1:] - direct * a_row[1:]) @ powers
+    both = np.block([[matrix, np.zeros((n, n))], [np.outer(drive, output), matrix]])
+    inputs = np.concatenate([drive, direct * drive])
+    started = (t >= 0).astype(np.float64)[:, None]
+    states = step_states(both[None], inputs[None], np.maximum(t, 0.0))[:, 0, :]
+    kicked = (states @ both.T + inputs) * started
+    response = kicked[:, :n] @ output
+    by_a = -kicked[:, n:] @ powers.T
+    by_b = kicked[:, :n] @ powers.T
+    by_b = np.hstack([-by_b @ a_row[1:, None], by_b])[:, n - m :]  # p^n / a = 1 - sum a_k p^k / a
+    slope = kicked[:, :n] @ matrix.T @ output
     return response, np.hstack([by_a, by_b, -slope[:, None]])

@@ -188,6 +188,24 @@ class Problem:
         """(n_poles,) ``a_{n-1} .. a_0`` of every group."""
         return np.concatenate([denominator(own)[1:] for own in self.split(poles)])
 
+    def vector(self, poles: Complex, b: Sequence[Sequence[Array]]) -> Array:
+        """The parameter vector of poles and numerators, without delays.
+
+        Parameters
+        ----------
+        poles : (n_poles,) complex array
+            Group by group.
+        b : nested sequence of arrays
+            ``b[output][input]``, descending powers.
+        """
+        a_places, b_places = self.places()
+        found = np.zeros(self.n_coefficients - self.n_delays)
+        for place, own in zip(a_places, self.split(poles), strict=True):
+            found[place] = denominator(own)[1:]
+        for (i, j), place in b_places.items():
+            found[place] = b[i][j]
+        return found
+
     def places(self) -> tuple[tuple[slice, ...], dict[tuple[int, int], slice]]:
         """Where the coefficients stand in the parameter vector (`Structure.names`).
 

@@ -69,7 +69,7 @@ def estimate_from(
             f"expected coefficients that the record can tell apart (below {SINGULAR:.0e}); lower "
             "the number of poles or zeros, or excite the system more richly"
         )
-    transform = _transform(point, keys, inverse.shape[0])
+    transform = physical_transform(point, keys, inverse.shape[0])
     _refuse_invisible(point, structure, theta, transform, noise)
     cov = transform @ inverse @ transform.T
     cov = 0.5 * (cov + cov.T)
@@ -133,7 +133,7 @@ def output_rss(point: Point) -> Array:
 def standard_errors(point: Point) -> Array:
     """(n_coefficients,) of the physical coefficients."""
     inverse, _, keys = _covariance(point, point.rss / degrees_of_freedom(point))
-    transform = _transform(point, keys, inverse.shape[0])
+    transform = physical_transform(point, keys, inverse.shape[0])
     variance: Array = np.einsum("ij,jk,ik->i", transform, inverse, transform)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
@@ -152,7 +152,7 @@ def covariance(point: Point, held: Array | None = None) -> Array:
     (n_coefficients, n_coefficients) array
     """
     root, _, keys = _root(point, point.rss / degrees_of_freedom(point), held)
-    factor = _transform(point, keys, root.shape[0]) @ root
+    factor = physical_transform(point, keys, root.shape[0]) @ root
     return np.asarray(factor @ factor.T)
 
 
@@ -246,7 +246,7 @@ def _root(
     rows = rows / norms
     free = None
     if held is not None and held.size:
-        fixed = (held @ _transform(point, columns.width, norms.size)) / norms
+        fixed = (held @ physical_transform(point, columns.width, norms.size)) / norms
         fixed /= np.linalg.norm(fixed, axis=1, keepdims=True)
         free = np.linalg.qr(fixed.T, mode="complete")[0][:, held.shape[0] :]
         rows = rows @ free
@@ -257,7 +257,7 @@ def _root(
     return root, condition, columns.width
 
 
-def _transform(point: Point, keys: dict[object, slice], width: int) -> Array:
+def physical_transform(point: Point, keys: dict[object, slice], width: int) -> Array:
     """d(physical coefficients) / d(unknowns)."""
     problem = point.problem
     transform = np.zeros((problem.n_coefficients, width))
@@ -278,6 +278,24 @@ def _transform(point: Point, keys: dict[object, slice], width: int) -> Array:
     if problem.n_delays:
         transform[-problem.n_delays :, keys["delay"]] = np.eye(problem.n_delays)
     return transform
+
+
+def physical_map(point: Point) -> tuple[Array, dict[object, slice]]:
+    """How the physical coefficients move with the unknowns of `Point.jacobian`.
+
+    Parameters
+    ----------
+    point : Point
+
+    Returns
+    -------
+    map : (n_coefficients, n_unknowns) array
+    layout : dict
+        Which unknowns stand where.
+    """
+    keys = point.jacobian()[0].width
+    width = max(place.stop for place in keys.values())
+    return physical_transform(point, keys, width), keys
 
 
 def _resolved(structure: Structure, nuisances: Nuisances) -> Structure:

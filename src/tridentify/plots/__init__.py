@@ -7,19 +7,38 @@ shows anything. Figures are made without pyplot, so that they need no display an
 from __future__ import annotations
 
 from tridentify.plots.bode import plot_bode
+from tridentify.plots.comparison import plot_comparison
 from tridentify.plots.convergence import plot_convergence
+from tridentify.plots.cost_surface import plot_cost_surface
 from tridentify.plots.fit import plot_fit
+from tridentify.plots.hankel import plot_hankel
+from tridentify.plots.impulse import plot_impulse
+from tridentify.plots.nyquist import plot_nyquist
 from tridentify.plots.pole_zero import plot_pole_zero
 from tridentify.plots.record import plot_record
 from tridentify.plots.residual import plot_residual
+from tridentify.plots.residual_tests import plot_residual_tests
+from tridentify.plots.selection import plot_selection
+from tridentify.plots.spectrum import plot_excitation, plot_spectrum
+from tridentify.plots.step import plot_step
 from tridentify.plots.trajectory import plot_trajectory
 
 __all__ = [
     "plot_bode",
+    "plot_comparison",
     "plot_convergence",
+    "plot_excitation",
+    "plot_cost_surface",
     "plot_fit",
+    "plot_impulse",
+    "plot_nyquist",
     "plot_pole_zero",
     "plot_record",
     "plot_residual",
+    "plot_spectrum",
+    "plot_step",
+    "plot_residual_tests",
+    "plot_hankel",
+    "plot_selection",
     "plot_trajectory",
 ]

@@ -24,12 +24,16 @@ CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER, BLACK)
 
 WIDTH = 5.6
 """Of a figure [inch]: narrow enough for its text to stay readable on a telephone."""
+PER_INCH = 11.0
+"""Characters of a title or a legend beside each other."""
+HANDLE = 7
+"""Characters that a legend's line and the space around it take."""
 MAX_POINTS = 4000
 """Longer series are drawn as the envelope of their stretches."""
 
 
 def make_axes(
-    axes: Sequence[Axes] | None,
+    axes: Sequence[Axes] | Axes | None,
     heights: Sequence[float],
     *,
     sharex: bool = False,
@@ -38,7 +42,7 @@ def make_axes(
 
     Parameters
     ----------
-    axes : sequence of matplotlib Axes, or None
+    axes : sequence of matplotlib Axes, one of them, or None
     heights : sequence of float
         Height of each of the axes [inch].
     sharex : bool
@@ -83,9 +87,15 @@ def dress(ax: Axes, *, title: str = "", xlabel: str = "", ylabel: str = "") -> N
 
 
 def legend(ax: Axes, *, columns: int = 3) -> None:
-    """Legend above the axes on the right, where it covers no data."""
+    """Legend above the axes on the right, where it covers no data; a long title moves up."""
     handles, labels = ax.get_legend_handles_labels()
     if labels:
+        title = ax.get_title(loc="left")
+        shown = sum(len(label) for label in labels[:columns]) + HANDLE * min(len(labels), columns)
+        width = ax.get_window_extent().width / ax.figure.dpi
+        lines = -(-len(labels) // columns)
+        if title and len(title.split("\n")[-1]) + shown > PER_INCH * width:
+            ax.set_title(title, loc="left", fontsize=10, pad=6.0 + 13.0 * lines)
         ax.legend(
             handles,
             labels,

@@ -22,6 +22,7 @@ from tridentify.numerics.realization import Complex
 from tridentify.output_error.finish import Recorder, at_rounding
 from tridentify.output_error.point import Point, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
+from tridentify.trace import pairs
 
 ENOUGH = 0.5
 MOST_ADAPTED = 12
@@ -67,13 +68,16 @@ def adapt(
                     float(parallel.cost.sum() / point.counts.sum()),
                     parallel.condition,
                     f"{parallel.beta.shape[2]} orthonormal functions on the poles of a, twice each",
+                    "orthonormal",
+                    pairs(np.concatenate([np.tile(b.inner.poles, 2) for b in point.branches])),
                 ),
                 Step(
                     "series-parallel",
-                    base.lower_coefficients(step.poles),
+                    base.vector(step.poles, step.b),
                     step.cost / float(point.counts.sum()),
                     step.condition,
                     "filter 1/a of the pass before",
+                    poles=pairs(np.concatenate([b.inner.poles for b in point.branches])),
                 ),
             ),
             np.nan,

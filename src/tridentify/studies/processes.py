@@ -101,6 +101,42 @@ def run_batches(
 
 
 @contextmanager
+def process_pool(workers: int) -> Iterator[ProcessPoolExecutor]:
+    """Processes as `run_batches` has them, for several rounds of work.
+
+    Parameters
+    ----------
+    workers : int
+        Most processes at a time.
+
+    Yields
+    ------
+    ProcessPoolExecutor
+        Shut down at the end; what has not begun by then is dropped.
+
+    Raises
+    ------
+    TridentifyError
+        A process died.
+    """
+    with _one_thread_each():
+        pool = ProcessPoolExecutor(
+            workers,
+            mp_context=multiprocessing.get_context("spawn"),
+            initializer=_obey_the_caller,
+        )
+        try:
+            yield pool
+        except BrokenProcessPool as error:
+            raise TridentifyError(
+                "found a worker process that died; expected it to finish its work; use fewer "
+                "workers if memory is short"
+            ) from error
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
 def _one_thread_each() -> Iterator[None]:
     """Processes started meanwhile have single-threaded linear algebra.
 

@@ -13,7 +13,8 @@ estimate.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -109,9 +110,24 @@ def step_values(estimate: Estimate, theta: Real, times: Real) -> Real:
     UnsupportedError
         A delay was estimated, so that every draw would need times of its own.
     """
+    return _time_values(estimate, theta, times, _step)
+
+
+def impulse_values(estimate: Estimate, theta: Real, times: Real) -> Real:
+    """Impulse responses of every draw, without the impulse of a direct term; as `step_values`."""
+    return _time_values(estimate, theta, times, _impulse)
+
+
+def _time_values(
+    estimate: Estimate,
+    theta: Real,
+    times: Real,
+    respond: Callable[[Real, Real, Real, Real], Real],
+) -> Real:
     if any(name.startswith("delay") for name in estimate.names):
         raise UnsupportedError(
-            "found an estimated delay; expected a known one to draw step responses; use step_band"
+            "found an estimated delay; expected a known one to draw responses over time; use "
+            "step_band or impulse_band"
         )
     shape = (len(theta), times.size, len(estimate.output_names), len(estimate.input_names))
     found = np.empty(shape)
@@ -119,12 +135,21 @@ def step_values(estimate: Estimate, theta: Real, times: Real) -> Real:
         for j in range(shape[3]):
             late = times - estimate.model.delay[i, j]
             num, den, _ = channel_draws(estimate, theta, i, j)
-            found[:, :, i, j] = _step(num, den, estimate.model.den[i][j], late)
+            found[:, :, i, j] = respond(num, den, estimate.model.den[i][j], late)
     return found
 
 
-def _step(num: Real, den: Real, reference: Real, times: Real) -> Real:
-    """Step responses (n_draws, n_times) by the coordinates of the reference denominator."""
+class _Driven(NamedTuple):
+    """Systems in the coordinates of a reference denominator, and their states under a step."""
+
+    closed: Real
+    drive: Real
+    output: Real
+    direct: Real
+    states: Real
+
+
+def _driven(num: Real, den: Real, reference: Real, times: Real) -> _Driven:
     n, m = reference.size - 1, num.shape[1] - 1
     a, b, powers = powers_of(reference)
     alpha = (den[:, 1:] - reference[1:]) @ powers
@@ -136,6 +161,21 @@ def _step(num: Real, den: Real, reference: Real, times: Real) -> Real:
     closed = a - b[:, None] * alpha[:, None, :]
     drive = np.broadcast_to(b, (len(num), n))
     states = step_states(closed, drive, np.maximum(times, 0.0))
+    return _Driven(closed, drive, output, direct, states)
+
+
+def _step(num: Real, den: Real, reference: Real, times: Real) -> Real:
+    """Step responses (n_draws, n_times) by the coordinates of the reference denominator."""
+    found = _driven(num, den, reference, times)
     with np.errstate(over="ignore", invalid="ignore"):
-        response = np.einsum("tdn,dn->dt", states, output)
-    return np.asarray(response + np.outer(direct, times >= 0))
+        response = np.einsum("tdn,dn->dt", found.states, found.output)
+    return np.asarray(response + np.outer(found.direct, times >= 0))
+
+
+def _impulse(num: Real, den: Real, reference: Real, times: Real) -> Real:
+    """Impulse responses (n_draws, n_times): the states move as those under a step change."""
+    found = _driven(num, den, reference, times)
+    with np.errstate(over="ignore", invalid="ignore"):
+        kicked = np.einsum("dnm,tdm->tdn", found.closed, found.states) + found.drive
+        response = np.einsum("tdn,dn->dt", kicked, found.output)
+    return np.asarray(response * (times >= 0))

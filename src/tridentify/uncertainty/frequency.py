@@ -71,6 +71,35 @@ def frequency_response_std(estimate: Estimate, omega: npt.ArrayLike) -> tuple[Re
     return magnitude, phase
 
 
+def response_covariance(estimate: Estimate, omega: npt.ArrayLike) -> Real:
+    """Covariance of real and imaginary part of the frequency response, to first order.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    omega : array_like, shape (n_omega,)
+        Angular frequencies [rad/s].
+
+    Returns
+    -------
+    ndarray, shape (n_omega, n_outputs, n_inputs, 2, 2)
+        What `tridentify.numerics.delta_method.confidence_ellipse` draws in the complex plane; not
+        finite where the response is not.
+    """
+    grid = np.atleast_1d(np.asarray(omega, dtype=np.float64))
+    response = estimate.model.frequency_response(grid)
+    found = np.empty((*response.shape, 2, 2))
+    for i in range(response.shape[1]):
+        for j in range(response.shape[2]):
+            num, den, cov = estimate.channel(i, j)
+            slopes = delta_method.frequency_response_slopes(num, den, grid)
+            with np.errstate(invalid="ignore", over="ignore"):
+                moved = response[:, i, j, None] * slopes
+                parts = np.stack([moved.real, moved.imag], axis=1)
+                found[:, i, j] = parts @ cov @ parts.transpose(0, 2, 1)
+    return found
+
+
 def response_band(estimate: Estimate, omega: npt.ArrayLike, *, level: float = 0.95) -> ResponseBand:
     """Frequency response of the model with a pointwise confidence band.
 

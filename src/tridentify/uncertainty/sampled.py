@@ -36,11 +36,13 @@ from tridentify.uncertainty.draws import (
     channel_draws,
     derived_values,
     frequency_values,
+    impulse_values,
     root_parts,
     step_values,
     unstable,
 )
 from tridentify.uncertainty.frequency import ResponseBand
+from tridentify.uncertainty.impulse import ImpulseBand, direct_terms
 from tridentify.uncertainty.intervals import Kind, intervals, quantiles
 from tridentify.uncertainty.stable_scale import stable_draws
 from tridentify.uncertainty.step import StepBand
@@ -321,6 +323,25 @@ def sampled_step_band(
     centre = step_values(estimate, np.asarray(estimate.theta)[None], times)[0]
     low, high = intervals(step_values(estimate, sample.theta, times), centre, level, kind)
     return StepBand(times, centre, low, high, level)
+
+
+def sampled_impulse_band(
+    sample: Sample, t: npt.ArrayLike, level: float = 0.95, *, kind: Kind = "percentile"
+) -> ImpulseBand:
+    """Impulse response with a pointwise band; times as in `impulse_band`.
+
+    Raises
+    ------
+    OptionError
+        The level is no probability, or the times do not rise.
+    UnsupportedError
+        A delay was estimated.
+    """
+    times = checked_times(t)
+    estimate = sample.estimate
+    centre = impulse_values(estimate, np.asarray(estimate.theta)[None], times)[0]
+    low, high = intervals(impulse_values(estimate, sample.theta, times), centre, level, kind)
+    return ImpulseBand(times, centre, low, high, direct_terms(estimate), level)
 
 
 def _quantities(

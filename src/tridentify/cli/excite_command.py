@@ -1,0 +1,287 @@
+"""``tridentify excite``: an input to fly, as a file, and the precision that it will give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tridentify.cli.terminal import show, show_json
+from tridentify.errors import OptionError, shown
+
+if TYPE_CHECKING:
+    from tridentify.estimate import Estimate
+    from tridentify.excitation import Excitation
+    from tridentify.transfer_function import TransferFunction
+
+
+class Signal(StrEnum):
+    """What is made."""
+
+    PRBS = "prbs"
+    MULTISINE = "multisine"
+    THREE_TWO_ONE_ONE = "3-2-1-1"
+    DOUBLET = "doublet"
+    CHIRP = "chirp"
+    OPTIMAL = "optimal"
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What was asked for; None where nothing was said."""
+
+    dt: float
+    amplitude: float
+    duration: float | None
+    band: tuple[float, float] | None
+    width: float | None
+    for_frequency: float | None
+    order: int | None
+    clock: float | None
+    lead: float | None
+    tail: float | None
+    periods: int | None
+    coefficient: Sequence[str] | None
+    binary: bool | None
+    inputs: tuple[str, ...]
+    model: TransferFunction | Estimate | None
+
+
+USED = {
+    Signal.PRBS: {"order", "clock", "periods"},
+    Signal.MULTISINE: {"duration", "band", "periods"},
+    Signal.THREE_TWO_ONE_ONE: {"width", "for_frequency", "lead", "tail"},
+    Signal.DOUBLET: {"width", "for_frequency", "lead", "tail"},
+    Signal.CHIRP: {"duration", "band"},
+    Signal.OPTIMAL: {"duration", "band", "periods", "coefficient", "binary"},
+}
+SEVERAL = (Signal.PRBS, Signal.MULTISINE)
+
+
+def excite(
+    signal: Annotated[Signal, typer.Argument(help="What to make.")],
+    dt: Annotated[float, typer.Option(metavar="SECONDS", help="Sampling interval.")],
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write time and inputs there, as CSV.")
+    ] = None,
+    amplitude: Annotated[float, typer.Option(help="Largest magnitude.")] = 1.0,
+    duration: Annotated[
+        float | None,
+        typer.Option(metavar="SECONDS", help="Of a chirp, or of a multisine's period."),
+    ] = None,
+    band: Annotated[
+        str | None,
+        typer.Option(metavar="LOW,HIGH", help="Of a chirp or multisine [rad/s]."),
+    ] = None,
+    width: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Of a doublet's or 3-2-1-1's unit.")
+    ] = None,
+    for_frequency: Annotated[
+        float | None,
+        typer.Option(metavar="RAD/S", help="In place of --width: the mode to be excited."),
+    ] = None,
+    order: Annotated[int | None, typer.Option(help="Stages of a PRBS; 7 by default.")] = None,
+    clock: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Time that a PRBS holds a bit.")
+    ] = None,
+    lead: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Rest before pulses.")
+    ] = None,
+    tail: Annotated[
+        float | None, typer.Option(metavar="SECONDS", help="Rest after pulses.")
+    ] = None,
+    periods: Annotated[int | None, typer.Option(help="How often it is repeated.")] = None,
+    inputs: Annotated[
+        list[str] | None,
+        typer.Option("--input", metavar="NAME", help="Name of an input; may be repeated."),
+    ] = None,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL", help="model.json of the plant: say what precision to expect."
+        ),
+    ] = None,
+    noise: Annotated[
+        float | None,
+        typer.Option(metavar="STD", help="Noise on the output; that of the estimate by default."),
+    ] = None,
+    coefficient: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Of interest to the optimal input; may be repeated."),
+    ] = None,
+    binary: Annotated[
+        bool | None,
+        typer.Option("--binary", help="The optimal input as a signal of two levels."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print one JSON object instead of text.")
+    ] = False,
+) -> None:
+    """Make an input for an experiment, and say what precision it will give.
+
+    Example: tridentify excite 3-2-1-1 --dt 0.02 --for-frequency 3 --tail 5 --out plan.csv
+    """
+    from tridentify.excitation import precision
+    from tridentify.export import read_json
+
+    plant = None if model is None else read_json(model)
+    wish = Wish(
+        dt,
+        amplitude,
+        duration,
+        _band(band),
+        width,
+        for_frequency,
+        order,
+        clock,
+        lead,
+        tail,
+        periods,
+        coefficient,
+        binary,
+        tuple(inputs or ()),
+        plant,
+    )
+    _refuse_idle(signal, wish)
+    if noise is not None and plant is None:
+        raise OptionError("found --noise without --model; expected both, or none; add --model")
+    plan = MAKERS[signal](wish)
+    plan = plan.named(inputs) if inputs else plan
+    ahead = None if plant is None else precision(plant, plan, noise_std=noise)
+    written = [] if out is None else [str(plan.save(out))]
+    if as_json:
+        document: dict[str, Any] = {
+            "what": plan.what,
+            "n_samples": plan.n_samples,
+            "dt": plan.dt,
+            "amplitude": plan.amplitude.tolist(),
+            "rms": plan.rms.tolist(),
+            "precision": None if ahead is None else ahead.to_dict(),
+            "files": written,
+        }
+        show_json(document)
+        return
+    blocks = [plan.summary(), *([] if ahead is None else [ahead.summary()])]
+    show(*blocks, *(f"wrote {path}" for path in written))
+
+
+def _band(text: str | None) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise OptionError(
+            f"found --band {shown(text)}; expected two frequencies in rad/s; write for example "
+            "--band 0.5,20"
+        ) from error
+    return low, high
+
+
+def _refuse_idle(signal: Signal, wish: Wish) -> None:
+    """Refuse options that the signal does not have."""
+    every = set().union(*USED.values())
+    idle = sorted(key for key in every - USED[signal] if getattr(wish, key) is not None)
+    if idle:
+        options = ", ".join("--" + key.replace("_", "-") for key in idle)
+        known = ", ".join("--" + key.replace("_", "-") for key in sorted(USED[signal]))
+        raise OptionError(
+            f"found {options} with {signal.value}; expected only {known} besides the common ones; "
+            "leave it out"
+        )
+    if len(wish.inputs) > 1 and signal not in (*SEVERAL, Signal.OPTIMAL):
+        raise OptionError(
+            f"found {len(wish.inputs)} inputs with {signal.value}; expected one, or a prbs or "
+            "multisine; make one file for each"
+        )
+
+
+def _needed(wish: Wish, key: str) -> Any:
+    value = getattr(wish, key)
+    if value is None:
+        raise OptionError(
+            f"found no --{key}; expected it for this signal; see tridentify excite --help"
+        )
+    return value
+
+
+def _prbs(wish: Wish) -> Excitation:
+    from tridentify.excitation import prbs
+
+    return prbs(
+        7 if wish.order is None else wish.order,
+        dt=wish.dt,
+        clock=wish.clock,
+        levels=(-wish.amplitude, wish.amplitude),
+        periods=1 if wish.periods is None else wish.periods,
+        n_inputs=max(len(wish.inputs), 1),
+    )
+
+
+def _multisine(wish: Wish) -> Excitation:
+    from tridentify.excitation import multisine
+
+    return multisine(
+        _needed(wish, "duration"),
+        dt=wish.dt,
+        band=_needed(wish, "band"),
+        n_inputs=max(len(wish.inputs), 1),
+        amplitude=wish.amplitude,
+        periods=1 if wish.periods is None else wish.periods,
+    )
+
+
+def _pulses(wish: Wish, *, three: bool) -> Excitation:
+    from tridentify.excitation import doublet, three_two_one_one
+
+    make = three_two_one_one if three else doublet
+    return make(
+        wish.amplitude,
+        wish.width,
+        dt=wish.dt,
+        for_frequency=wish.for_frequency,
+        lead=wish.lead or 0.0,
+        tail=wish.tail or 0.0,
+    )
+
+
+def _chirp(wish: Wish) -> Excitation:
+    from tridentify.excitation import chirp
+
+    return chirp(
+        _needed(wish, "band"),
+        _needed(wish, "duration"),
+        dt=wish.dt,
+        amplitude=wish.amplitude,
+    )
+
+
+def _optimal(wish: Wish) -> Excitation:
+    from tridentify.excitation import optimal_spectrum
+
+    best = optimal_spectrum(
+        _needed(wish, "model"),
+        coefficients=wish.coefficient,
+        band=wish.band,
+        limit=wish.amplitude,
+    )
+    return best.excitation(
+        wish.duration,
+        wish.dt,
+        shape="binary" if wish.binary else "multisine",
+        periods=1 if wish.periods is None else wish.periods,
+    )
+
+
+MAKERS: dict[Signal, Callable[[Wish], Excitation]] = {
+    Signal.PRBS: _prbs,
+    Signal.MULTISINE: _multisine,
+    Signal.THREE_TWO_ONE_ONE: lambda wish: _pulses(wish, three=True),
+    Signal.DOUBLET: lambda wish: _pulses(wish, three=False),
+    Signal.CHIRP: _chirp,
+    Signal.OPTIMAL: _optimal,
+}

@@ -1,0 +1,248 @@
+"""``tridentify select``: files in, a table of candidates and a recommended structure out."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from contextlib import ExitStack, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tridentify.cli import options
+from tridentify.cli.ask import chosen_method, nested_delays
+from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.results import ResultFolder
+from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.tables import describe_records, make_table
+from tridentify.cli.terminal import Activity, listed, paragraph, show, show_json
+from tridentify.errors import IdentifiabilityError, OrderError, shown
+from tridentify.record import Record
+from tridentify.structure import Structure
+
+if TYPE_CHECKING:
+    from tridentify.selection import Selection
+
+MOST = 200
+
+Poles = Annotated[
+    str,
+    options.model_option(
+        metavar="A:B", help="Numbers of poles to try: a range, or one number. Shared denominators."
+    ),
+]
+Zeros = Annotated[
+    str,
+    options.model_option(
+        metavar="A:B",
+        help="Numbers of zeros to try: a range, one number, or all (every number below that of "
+        "the poles). A range takes in as many zeros as poles where it reaches so far.",
+    ),
+]
+Jobs = Annotated[
+    int,
+    typer.Option(
+        min=1, metavar="N", help="Processes side by side; the result does not depend on it."
+    ),
+]
+Validation = Annotated[
+    list[Path] | None,
+    options.record_option(
+        "--validation",
+        metavar="FILE",
+        help="A file to judge the fit on, with the same columns; may be repeated. Without it, "
+        "blocks of the record are left out in turn.",
+    ),
+]
+Out = Annotated[
+    Path | None,
+    options.result_option(
+        metavar="DIR", help="Write selection.json and the pictures into this folder."
+    ),
+]
+
+
+def select(
+    files: options.Files,
+    inputs: options.Inputs,
+    outputs: options.Outputs,
+    poles: Poles = "1:4",
+    zeros: Zeros = "all",
+    time: options.Time = None,
+    dt: options.Step = None,
+    intersample: options.Intersample = options.Between.ZOH,
+    instants: options.Instants = options.Merging.AUTO,
+    missing: options.Missing = None,
+    units: options.Units = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    validation: Validation = None,
+    delay: options.Delay = None,
+    offset: options.Offset = options.Choice.AUTO,
+    drift: options.Drift = options.Choice.NO,
+    initial_state: options.InitialState = options.Beginning.AUTO,
+    method: options.Method = "three-model",
+    noise: options.NoiseModel = options.Noise.AUTO,
+    jobs: Jobs = 1,
+    out: Out = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Compare numbers of poles and zeros, and recommend one.
+
+    Example: tridentify select flight.csv --input elevator --output q --poles 1:4
+    """
+    shape = len(outputs), len(inputs)
+    template = Structure(
+        1,
+        0,
+        delay=nested_delays(delay or (), *shape),
+        offset=offset.answer,
+        drift=drift.answer,
+        initial_state=initial_state.value,
+    )
+    candidates = candidates_from(poles, zeros, template)
+    chosen = chosen_method(method, noise)
+    sources = [
+        Source(
+            some,
+            tuple(inputs),
+            tuple(outputs),
+            time,
+            dt,
+            intersample.value,
+            begin,
+            end,
+            instants.value,
+            units_from(units or ()),
+            rules_from(missing or ()),
+        )
+        for some, begin, end in ((files, start, stop), (validation or [], None, None))
+        if some
+    ]
+    written: Sequence[Path] = ()
+    with ExitStack() as stack:
+        results = None if out is None else stack.enter_context(ResultFolder(out))
+        activity = stack.enter_context(Activity())
+        records, *unseen = (load(source, activity) for source in sources)
+        load_sample_loop(activity)
+        selection = _selected(records, unseen, candidates, chosen, jobs, activity)
+        if results is not None:
+            _write(selection, results.draft, activity)
+            written = results.publish()
+    _show(selection, records, written, as_json)
+
+
+def candidates_from(poles: str, zeros: str, template: Structure) -> list[Structure]:
+    """Read the ranges of poles and zeros.
+
+    Parameters
+    ----------
+    poles, zeros : str
+        ``"1:4"``, ``"2"``; zeros also ``"all"``.
+    template : Structure
+        Everything but the orders.
+
+    Returns
+    -------
+    list of Structure
+
+    Raises
+    ------
+    OrderError
+        A range cannot be read, or holds no candidate, or too many.
+
+    Examples
+    --------
+    >>> [(s.poles, s.zeros) for s in candidates_from("1:2", "all", Structure(1, 0))]
+    [(1, 0), (2, 0), (2, 1)]
+    """
+    from dataclasses import replace
+
+    low, high = _range("--poles", poles)
+    few, many = (0, high) if zeros.strip() == "all" else _range("--zeros", zeros)
+    every = zeros.strip() == "all"
+    found = [
+        replace(template, poles=n, zeros=m)
+        for n in range(max(low, 1), high + 1)
+        for m in range(few, min(many, n - every) + 1)
+    ]
+    if not found or len(found) > MOST:
+        raise OrderError(
+            f"found {len(found) or 'no'} candidates for --poles {poles} --zeros {zeros}; expected "
+            f"1 to {MOST}, with at least one pole and no more zeros than poles; change the ranges"
+        )
+    return found
+
+
+def _range(option: str, text: str) -> tuple[int, int]:
+    match = re.fullmatch(r"\s*(\d{1,3})\s*(?::\s*(\d{1,3})\s*)?", text)
+    if match is None:
+        also = " or all" if option == "--zeros" else ""
+        raise OrderError(
+            f"found {option} {shown(text)}; expected a range such as 1:4, one number{also}; "
+            "correct it"
+        )
+    low = int(match[1])
+    return low, low if match[2] is None else int(match[2])
+
+
+def _selected(
+    records: Sequence[Record],
+    unseen: Sequence[Sequence[Record]],
+    candidates: Sequence[Structure],
+    method: Any,
+    jobs: int,
+    activity: Activity,
+) -> Selection:
+    """Select; with several processes if that is asked for."""
+    from tridentify.selection import select_structure
+    from tridentify.studies.processes import process_pool
+
+    with nullcontext() if jobs == 1 else process_pool(jobs) as pool:
+        return select_structure(
+            records,
+            candidates,
+            method=method,
+            validation=unseen[0] if unseen else None,
+            executor=pool,
+            progress=activity.stage,
+        )
+
+
+def _write(selection: Selection, folder: Path, activity: Activity) -> None:
+    """Write selection.json and the pictures."""
+    from tridentify.plots import plot_hankel, plot_selection
+
+    activity.stage("drawing the pictures")
+    selection.save(folder / "selection.json")
+    figure: Any = plot_selection(selection)[0].figure
+    figure.savefig(folder / "selection.svg")
+    if selection.hankel is not None:
+        figure = plot_hankel(selection).figure
+        figure.savefig(folder / "hankel.svg")
+
+
+def _show(
+    selection: Selection, records: Sequence[Record], written: Sequence[Path], as_json: bool
+) -> None:
+    """Print; an answer that there is none is an error."""
+    if as_json:
+        show_json(selection.to_dict() | {"files": [str(path) for path in written]})
+    else:
+        own = selection.recommended
+        head = "no structure is recommended" if own is None else f"recommended: {own.label}"
+        notes = [paragraph(note, "- ") for note in selection.all_notes()]
+        show(
+            describe_records(records),
+            f"{head} (poles, zeros)\n" + paragraph(selection.reason, "  ", "  "),
+            make_table(selection.titles, [selection.table()]),
+            "\n".join(notes),
+            *describe_files(written),
+        )
+    if selection.recommended is None:
+        tried = listed([row.label for row in selection.rows][:4])
+        raise IdentifiabilityError(
+            f"found no usable candidate among {len(selection.rows)} ({tried} and so on); expected "
+            "one that the record determines; try fewer poles, or record longer"
+        )

@@ -1,0 +1,228 @@
+"""``tridentify validate``: a stored model and files in, whether to trust the model out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Annotated, Any, cast
+
+import typer
+
+from tridentify.checks.samples import Intersample
+from tridentify.cli import options
+from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.results import ResultFolder
+from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.tables import describe_records, make_table
+from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.errors import ChannelNameError
+from tridentify.estimate import Estimate
+from tridentify.files import write_atomically
+from tridentify.record import Record
+from tridentify.validation import Validation
+
+NOT_TRUSTED = 1
+
+ModelFile = Annotated[
+    Path, typer.Argument(metavar="MODEL", help="model.json, as identify --out or save writes it.")
+]
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="FILE",
+        help="The file that was identified, or another one; several are several experiments.",
+    ),
+]
+Inputs = Annotated[
+    list[str] | None,
+    options.record_option(
+        "--input",
+        metavar="NAME",
+        help="Column of an input, in the order of the model's; by default by the model's names.",
+    ),
+]
+Outputs = Annotated[
+    list[str] | None,
+    options.record_option(
+        "--output",
+        metavar="NAME",
+        help="Column of an output, in the order of the model's; by default by the model's names.",
+    ),
+]
+Held = Annotated[
+    options.Between | None,
+    options.record_option(
+        metavar="HOW",
+        help="What the input does between samples: zoh, foh or band-limited; by default as when "
+        "the model was identified.",
+    ),
+]
+Experiment = Annotated[
+    int | None,
+    options.record_option(
+        metavar="N",
+        help="The file is experiment N of the model (1 is the first): its offset and initial state "
+        "are used. By default they are fitted, unless the files are those that were identified.",
+    ),
+]
+Level = Annotated[
+    float,
+    options.result_option(
+        metavar="P", help="Probability that a right model passes all tests together."
+    ),
+]
+Out = Annotated[
+    Path | None,
+    options.result_option(
+        metavar="DIR", help="Write validation.json and residual-tests.png into this folder."
+    ),
+]
+Check = Annotated[
+    bool,
+    options.result_option(
+        "--check", help=f"Exit with code {NOT_TRUSTED} if anything serious is found."
+    ),
+]
+
+
+def validate(
+    model: ModelFile,
+    files: Files,
+    inputs: Inputs = None,
+    outputs: Outputs = None,
+    time: options.Time = None,
+    dt: options.Step = None,
+    intersample: Held = None,
+    instants: options.Instants = options.Merging.AUTO,
+    missing: options.Missing = None,
+    units: options.Units = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    experiment: Experiment = None,
+    level: Level = 0.99,
+    out: Out = None,
+    as_json: options.AsJson = False,
+    check: Check = False,
+) -> None:
+    """Test whether a model explains records but for noise, and say what it misses.
+
+    Example: tridentify validate result/model.json flight.csv
+    """
+    estimate = Estimate.load(model)
+    between = estimate.intersample if intersample is None else intersample.value
+    source = Source(
+        files,
+        _columns("input", inputs, estimate.input_names),
+        _columns("output", outputs, estimate.output_names),
+        time,
+        dt,
+        cast("Intersample", between),
+        start,
+        stop,
+        instants.value,
+        units_from(units or ()),
+        rules_from(missing or ()),
+    )
+    written: Sequence[Path] = ()
+    with ExitStack() as stack:
+        results = None if out is None else stack.enter_context(ResultFolder(out))
+        activity = stack.enter_context(Activity())
+        records = [_renamed(record, estimate) for record in load(source, activity)]
+        load_sample_loop(activity)
+        activity.stage("testing the residual")
+        found = _validation(estimate, records, experiment, level)
+        if results is not None:
+            _write(found, results.draft, activity)
+            written = results.publish()
+    if as_json:
+        show_json(found.to_dict() | {"files": [str(path) for path in written]})
+    else:
+        _show(found, records, written)
+    if check and not found.ok:
+        raise typer.Exit(NOT_TRUSTED)
+
+
+def _columns(what: str, given: Sequence[str] | None, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Columns of the channels, in the order of the model's."""
+    if not given:
+        return names
+    if len(given) != len(names):
+        raise ChannelNameError(
+            f"found {len(given)} --{what} for a model with {len(names)} ({', '.join(names)}); "
+            "expected one for each, in that order; name them all or none"
+        )
+    return tuple(given)
+
+
+def _renamed(record: Record, estimate: Estimate) -> Record:
+    """The same record under the names of the model's channels."""
+    old = (*record.input_names, *record.output_names)
+    new = (*estimate.input_names, *estimate.output_names)
+    if old == new:
+        return record
+    units = {b: record.units[a] for a, b in zip(old, new, strict=True) if a in record.units}
+    sampling = {"t": record.t} if record.dt is None else {"dt": record.dt}
+    if record.dt is not None and record.t[0]:
+        sampling = {"t": record.t}
+    return Record(
+        record.u,
+        record.y,
+        **cast("dict[str, Any]", sampling),
+        intersample=record.intersample,
+        input_names=estimate.input_names,
+        output_names=estimate.output_names,
+        units=units,
+        name=record.name,
+    )
+
+
+def _validation(
+    estimate: Estimate, records: Sequence[Record], experiment: int | None, level: float
+) -> Validation:
+    from tridentify.validation import validate as judge
+
+    which = None if experiment is None else experiment - 1
+    return judge(estimate, records, experiment=which, level=level)
+
+
+def _write(found: Validation, folder: Path, activity: Activity) -> None:
+    import json
+
+    from tridentify.plots import plot_residual_tests
+
+    activity.stage("writing the figure")
+    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
+    write_atomically(folder / "validation.json", text + "\n")
+    figure = plot_residual_tests(found)[0].get_figure(root=True)
+    assert figure is not None
+    figure.savefig(folder / "residual-tests.png", dpi=150)
+
+
+def _show(found: Validation, records: Sequence[Record], written: Sequence[Path]) -> None:
+    """Print verdict, findings and tables."""
+    lines = [paragraph(found.verdict)]
+    for finding in found.findings:
+        lines.append(paragraph(finding.text, "! " if finding.serious else "- ", "  "))
+        lines.append(paragraph(finding.remedy, "  what to do: ", "    "))
+    expected = [""] * len(found.output_names)
+    if found.transfer is not None:
+        expected = [f"{fit:.2f}" for fit in found.transfer.expected_fit]
+    fits = [
+        (name, f"{fit:.2f}", best, f"{r2:.6f}")
+        for name, fit, best, r2 in zip(
+            found.output_names, found.fit, expected, found.r2, strict=True
+        )
+    ]
+    tests = [
+        (f"{test.name} ({test.output})", f"{test.p_value:.2g}", "rejected" * test.rejected)
+        for test in found.tests
+    ]
+    show(
+        describe_records(records),
+        "\n".join(lines),
+        make_table(("output", "fit [%]", "expected", "R2_T"), [fits]),
+        *([make_table(("test", "p-value", ""), [tests])] if tests else []),
+        "\n".join(paragraph(note, "- ", "  ") for note in found.notes),
+        *describe_files(written),
+    )

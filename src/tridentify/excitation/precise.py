@@ -1,0 +1,492 @@
+"""What precision a planned input will give, before anything is recorded.
+
+The inverse of the Fisher information (`tridentify.excitation.information`) is the smallest
+covariance that an unbiased estimator can have, and that of the maximum likelihood for long records.
+It needs the coefficients it is to tell, so a plan is as good as the model it begins with. Where
+that is an `Estimate`, the plan is worked out again for draws of its coefficients, and the spread of
+the answers says how much is owed to the one model (Pronzato & Walter 1985: robust design).
+
+The information is proportional to the square of the amplitude and to the number of repetitions, so
+what amplitude, or how many repetitions, a wanted precision takes is known exactly.
+
+References: S. M. Kay, *Fundamentals of Statistical Signal Processing: Estimation Theory*, Prentice
+Hall 1993, section 3.9. R. K. Mehra, IEEE Trans. Automatic Control 19 (1974) 753-768. L. Pronzato &
+E. Walter, Mathematical Biosciences 75 (1985) 103-120. V. Klein & E. A. Morelli, *Aircraft System
+Identification*, AIAA 2006, chapter 9.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tridentify.errors import (
+    ChannelCountError,
+    DelayError,
+    OptionError,
+    ParameterNameError,
+    TridentifyError,
+    UndeterminedError,
+    shown,
+)
+from tridentify.estimate import Estimate
+from tridentify.excitation.checks import count
+from tridentify.excitation.information import (
+    Information,
+    coefficients_of,
+    fullest,
+    information,
+    structure_of,
+)
+from tridentify.excitation.signal import Excitation
+from tridentify.numerics.autoregression import autocovariance
+from tridentify.record import Record
+from tridentify.structure import Structure
+from tridentify.text import format_std, format_table, format_value, html_table
+from tridentify.trace import freeze_arrays
+from tridentify.transfer_function import TransferFunction
+from tridentify.uncertainty.sampled import sample
+
+Array = NDArray[np.float64]
+Plan = Excitation | Record
+
+SAME_STEP = 1e-3
+LARGEST = 1e9
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Precision:
+    """Standard errors that planned experiments will give.
+
+    Attributes
+    ----------
+    names : tuple of str
+    theta : (p,) array
+        The coefficients for which it holds.
+    cov : (p, p) array
+        The Cramer-Rao bound; zero for what is fixed.
+    amplitude : (n_inputs,) array
+        Largest magnitudes of the inputs over all experiments.
+    noise_std : (n_outputs,) array
+    nuisance : str
+        What is estimated along, in words.
+    notes : tuple of str
+        What to know about these numbers.
+    draws : (n_draws, p) array
+        Standard errors for draws of the model, where it is an `Estimate`; else empty.
+    draw_values : (n_draws, p) array
+        The coefficients of those draws.
+    own : Information
+        What the experiments tell, for further questions.
+    """
+
+    names: tuple[str, ...]
+    theta: Array
+    cov: Array
+    amplitude: Array
+    noise_std: Array
+    nuisance: str
+    notes: tuple[str, ...]
+    draws: Array
+    draw_values: Array
+    own: Information
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @property
+    def std(self) -> Array:
+        """(p,) standard errors."""
+        return np.asarray(np.sqrt(np.diag(self.cov)))
+
+    @property
+    def relative(self) -> Array:
+        """(p,) standard errors over the magnitudes of the coefficients."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(np.where(self.std > 0, self.std / np.abs(self.theta), 0.0))
+
+    @property
+    def correlations(self) -> Array:
+        """(p, p) correlations of the errors; zero for what is fixed."""
+        std = np.where(self.std > 0, self.std, np.inf)
+        found = self.cov / np.outer(std, std)
+        np.fill_diagonal(found, 1.0)
+        return np.asarray(found)
+
+    @property
+    def relative_quantiles(self) -> Array:
+        """(2, p) median and 95 % quantile of the relative errors over draws of the model.
+
+        Each draw's standard errors are taken over its own coefficients. Empty without draws.
+        """
+        if not len(self.draws):
+            return np.zeros((0, len(self.names)))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ratio = np.where(self.draws > 0, self.draws / np.abs(self.draw_values), 0.0)
+        return np.asarray(np.quantile(ratio, [0.5, 0.95], axis=0))
+
+    def factor_for(self, wanted: Mapping[str, float]) -> float:
+        """By what all amplitudes must be multiplied for wanted relative errors.
+
+        Parameters
+        ----------
+        wanted : mapping of str to float
+            Relative standard errors by coefficient, 0.05 for 5 %.
+
+        Returns
+        -------
+        float
+            Below one where the plan gives more than is wanted.
+
+        Raises
+        ------
+        ParameterNameError, OptionError
+            There is no such coefficient, or no positive wish.
+
+        Examples
+        --------
+        >>> from tridentify import Structure, TransferFunction
+        >>> from tridentify.excitation import precision, prbs
+        >>> model, plan = TransferFunction([2.0], [1.0, 1.0]), prbs(7, dt=0.2)
+        >>> rest = Structure(1, 0, offset=False, initial_state="rest")
+        >>> here = precision(model, plan, rest, noise_std=0.1)
+        >>> twice = precision(model, plan.scaled(2.0), rest, noise_std=0.1)
+        >>> round(here.factor_for({"a0": float(twice.relative[0])}), 6)
+        2.0
+        """
+        goals = self._goals(wanted)
+        if not self.own.held.size:
+            return max(float(self.relative[k]) / goal for k, goal in goals.items())
+        low, high = 1.0 / LARGEST, LARGEST
+        if not self._meets(goals, high):
+            raise UndeterminedError(
+                f"found no amplitude that gives {shown(dict(wanted))}; expected wishes that the "
+                "experiment can meet; excite at other frequencies"
+            )
+        while high / low > 1.0 + 1e-9:
+            middle = math.sqrt(low * high)
+            low, high = (low, middle) if self._meets(goals, middle) else (middle, high)
+        return high
+
+    def amplitude_for(self, wanted: Mapping[str, float]) -> Array:
+        """(n_inputs,) amplitudes at which the same course gives wanted relative errors.
+
+        Parameters and errors as in `factor_for`.
+        """
+        return np.asarray(self.factor_for(wanted) * self.amplitude)
+
+    def repetitions_for(self, wanted: Mapping[str, float]) -> int:
+        """How often the experiments must be made for wanted relative errors.
+
+        Each repetition is a record of its own, with nuisance terms of its own. Parameters and
+        errors as in `factor_for`.
+        """
+        return max(1, math.ceil(self.factor_for(wanted) ** 2 * (1.0 - 1e-9)))
+
+    def _goals(self, wanted: Mapping[str, float]) -> dict[int, float]:
+        found = {}
+        for name, goal in dict(wanted).items():
+            if name not in self.names:
+                raise ParameterNameError(
+                    f"found {shown(name)}; expected one of {', '.join(self.names)}; correct the "
+                    "name"
+                )
+            number = isinstance(goal, (int, float)) and math.isfinite(goal) and goal > 0
+            if not number or self.theta[self.names.index(name)] == 0:
+                raise OptionError(
+                    f"found {shown(goal)} wanted for {name} = "
+                    f"{self.theta[self.names.index(name)]:g}; expected a positive relative error "
+                    "of a coefficient that is not zero; write for example {'a0': 0.05}"
+                )
+            found[self.names.index(name)] = float(goal)
+        if not found:
+            raise OptionError(
+                "found no wish; expected relative errors by coefficient; write for example "
+                "{'a0': 0.05}"
+            )
+        return found
+
+    def _meets(self, goals: Mapping[int, float], factor: float) -> bool:
+        std = np.sqrt(np.diag(self.own.covariance(factor)))
+        return all(std[k] <= goal * abs(self.theta[k]) for k, goal in goals.items())
+
+    @property
+    def _titles(self) -> tuple[str, ...]:
+        over = ("median of draws", "95 % of draws") if len(self.draws) else ()
+        return ("coefficient", "value", "std error", "relative", *over, "")
+
+    def _rows(self) -> list[tuple[str, ...]]:
+        spread = self.relative_quantiles
+        rows = []
+        for k, name in enumerate(self.names):
+            value, std = float(self.theta[k]), float(self.std[k])
+            if not std:
+                rows.append((name, format_value(value), "-", "known", *("",) * len(spread), ""))
+                continue
+            over = [_percent(float(q[k])) for q in spread]
+            cells = (format_value(value, std), format_std(std), _percent(float(self.relative[k])))
+            rows.append((name, *cells, *over, ""))
+        return rows
+
+    def summary(self) -> str:
+        """Fixed-width text: standard errors, the strongest correlation, what was assumed."""
+        size = ", ".join(f"{a:.4g}" for a in self.amplitude)
+        noise = ", ".join(f"{s:.4g}" for s in self.noise_std)
+        lines = [
+            "Precision of a planned experiment (Cramer-Rao bound)",
+            f"amplitude {size}; noise std {noise}; {self.nuisance}",
+            "",
+            *format_table(self._titles, self._rows()),
+        ]
+        off = np.abs(self.correlations - np.eye(len(self.names)))
+        if off.size > 1 and off.max() > 0:
+            i, j = (int(k) for k in np.unravel_index(int(np.argmax(off)), off.shape))
+            lines += ["", f"strongest correlation: {self.correlations[i, j]:+.3f} between "
+                      f"{self.names[i]} and {self.names[j]}"]  # fmt: skip
+        return "\n".join([*lines, *(f"note: {note}" for note in self.notes)])
+
+    def _repr_html_(self) -> str:
+        titles, rows = self._titles[:-1], [row[:-1] for row in self._rows()]
+        return html_table(titles, rows, f"Precision of a planned experiment; {self.nuisance}")
+
+    def __repr__(self) -> str:
+        pairs = zip(self.names, self.relative, strict=True)
+        return f"Precision({', '.join(f'{name}: {_percent(float(r))}' for name, r in pairs)})"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain numbers, text and lists, ready for JSON."""
+        return {
+            "names": list(self.names),
+            "theta": self.theta.tolist(),
+            "std": self.std.tolist(),
+            "relative": [r if math.isfinite(r) else None for r in self.relative.tolist()],
+            "cov": self.cov.tolist(),
+            "amplitude": self.amplitude.tolist(),
+            "noise_std": self.noise_std.tolist(),
+            "nuisance": self.nuisance,
+            "notes": list(self.notes),
+        }
+
+
+def precision(
+    model: TransferFunction | Estimate,
+    plans: Plan | Sequence[Plan],
+    structure: Structure | None = None,
+    *,
+    noise_std: ArrayLike | None = None,
+    n_draws: int = 40,
+    seed: int = 0,
+) -> Precision:
+    """Standard errors of the coefficients that planned experiments will give.
+
+    Parameters
+    ----------
+    model : TransferFunction or Estimate
+        What is known of the plant so far. Of an `Estimate` the covariance is used too: the plan is
+        worked out for `n_draws` draws of its coefficients.
+    plans : Excitation or Record, or a sequence of them
+        The inputs; of a record also the instants, and which output samples are missing. Several are
+        several experiments, each with nuisance terms of its own.
+    structure : Structure, optional
+        What will be asked of the record: orders, delays, nuisance terms, knowledge. By default that
+        of the estimate, or the orders of the model.
+    noise_std : float or (n_outputs,) array_like, optional
+        Standard deviation of the noise [output units]. By default that of the estimate, with its
+        colour where the plan is sampled as the estimate's record was.
+    n_draws : int
+        Draws of an estimate's coefficients; 0 for none.
+    seed : int
+        Of the draws.
+
+    Returns
+    -------
+    Precision
+
+    Raises
+    ------
+    OptionError
+        The noise is not known, or not positive.
+    UndeterminedError
+        The experiments cannot tell the coefficients apart.
+    ConstantInputError, TooFewSamplesError, DelayError
+        As `identify` would refuse such a record.
+    ChannelCountError, OrderError, UnsupportedError
+        Model, plan and structure do not fit each other, or the model is not stable.
+
+    Notes
+    -----
+    The plant is taken to be at rest (in trim) before the first sample, or with
+    ``initial_state="equilibrium"`` in the equilibrium of the first input. What the structure leaves
+    to the data (``"auto"``) is taken to be estimated along: the larger errors. At a delay of a
+    whole number of samples, a held input and one more pole than zeros, the output has a kink in the
+    delay, and its standard error is that of one side.
+
+    Examples
+    --------
+    >>> from tridentify import Structure, TransferFunction
+    >>> from tridentify.excitation import doublet
+    >>> model = TransferFunction([2.0], [1.0, 2.0, 9.0])
+    >>> rest = Structure(2, 0, offset=False, initial_state="rest")
+    >>> plan = doublet(1.0, dt=0.02, for_frequency=3.0, tail=4.0)
+    >>> ahead = precision(model, plan, rest, noise_std=0.01)
+    >>> dict(zip(ahead.names, (100 * ahead.relative).round(2).tolist()))
+    {'a1': 1.09, 'a0': 0.39, 'b0': 0.92}
+    >>> ahead.amplitude_for({"a1": 0.02}).round(2).tolist()
+    [0.55]
+    """
+    like = model.model if isinstance(model, Estimate) else model
+    records = _shaped(_records(plans), like)
+    structure = asked(model, like, structure)
+    theta = coefficients_of(like, structure)
+    noise, colour, innovations = noise_of(model, noise_std, records, like.n_outputs)
+    nuisances, left_open = fullest(records, structure)
+    notes = _notes(nuisances.label, left_open)
+
+    def of(values: Array) -> Information:
+        return information(values, records, structure, nuisances, innovations, like, colour)
+
+    own = of(theta)
+    cov = own.covariance()
+    draws, values, unused = _drawn(model, structure, like, of, n_draws, seed)
+    if unused:
+        notes += (f"{unused} draws of the model were unstable and are not counted",)
+    return Precision(
+        structure.names(like.input_names, like.output_names),
+        theta,
+        cov,
+        np.max([np.abs(record.u).max(axis=0) for record in records], axis=0),
+        noise,
+        nuisances.label,
+        notes,
+        draws,
+        values,
+        own,
+    )
+
+
+def _percent(ratio: float) -> str:
+    return f"{100.0 * ratio:.3g} %" if math.isfinite(ratio) else "-"
+
+
+def _records(plans: Plan | Sequence[Plan]) -> list[Record]:
+    given = [plans] if isinstance(plans, (Excitation, Record)) else list(plans)
+    if not given or not all(isinstance(one, (Excitation, Record)) for one in given):
+        raise OptionError(
+            f"found {shown(plans)}; expected an Excitation or a Record, or a sequence of them; "
+            "make one with tridentify.excitation"
+        )
+    return [one.record() if isinstance(one, Excitation) else one for one in given]
+
+
+def _shaped(records: Sequence[Record], like: TransferFunction) -> list[Record]:
+    """The records with as many outputs as the model has."""
+    found = []
+    for record in records:
+        if record.n_inputs != like.n_inputs:
+            raise ChannelCountError(
+                f"found {record.n_inputs} inputs; expected {like.n_inputs} as in the model; give "
+                "one column per input"
+            )
+        if record.n_outputs != like.n_outputs:
+            y = np.zeros((record.n_samples, like.n_outputs))
+            t = record.t if record.dt is None else None
+            record = Record(record.u, y, dt=record.dt, t=t, intersample=record.intersample)
+        found.append(record)
+    return found
+
+
+def asked(
+    model: TransferFunction | Estimate, like: TransferFunction, structure: Structure | None
+) -> Structure:
+    """The structure asked for; a delay that only the model has is known."""
+    if structure is None:
+        return model.structure if isinstance(model, Estimate) else structure_of(like)
+    if structure.delay == "free" or not np.any(like.delay):
+        return structure
+    stated = np.array(structure.delay_matrix(like.n_outputs, like.n_inputs))
+    if not np.any(stated):
+        return replace(structure, delay=cast("Any", like.delay.tolist()))
+    if not np.allclose(stated, like.delay, rtol=1e-9, atol=0.0):
+        raise DelayError(
+            f"found delays {shown(stated.tolist())} in the structure and "
+            f"{shown(like.delay.tolist())} in the model; expected the same; correct one of the two"
+        )
+    return structure
+
+
+def noise_of(
+    model: TransferFunction | Estimate,
+    noise_std: ArrayLike | None,
+    records: Sequence[Record],
+    n_outputs: int,
+) -> tuple[Array, tuple[Array, ...], Array]:
+    """Standard deviation of the noise, its colour, and the deviation of its innovations."""
+    if noise_std is None:
+        if not isinstance(model, Estimate):
+            raise OptionError(
+                "found no noise_std; expected the standard deviation of the noise on each output; "
+                "give it, or plan from an Estimate"
+            )
+        std = np.sqrt(model.noise_variance)
+        steps = [record.dt for record in records]
+        alike = model.dt is not None and all(
+            step is not None and abs(step - model.dt) <= SAME_STEP * model.dt for step in steps
+        )
+        colour = tuple(model.noise_model) if alike else ()
+        if not any(a.size for a in colour):
+            return std, (), std
+        gain = np.array([autocovariance(a, 0)[0] if a.size else 1.0 for a in colour])
+        return std, colour, std / np.sqrt(gain)
+    try:
+        given = np.asarray(noise_std, dtype=np.float64)
+    except (TypeError, ValueError):
+        given = np.full(1, np.nan)
+    if given.shape not in ((), (1,), (n_outputs,)) or not np.all((given > 0) & (given < np.inf)):
+        raise OptionError(
+            f"found noise_std={shown(noise_std)}; expected a positive number, or one for each of "
+            f"{n_outputs} outputs; correct it"
+        )
+    std = np.broadcast_to(given, (n_outputs,)).astype(np.float64)
+    return std, (), std
+
+
+def _notes(label: str, left_open: bool) -> tuple[str, ...]:
+    if not left_open:
+        return ()
+    return (
+        f"the structure leaves to the data what is estimated along; planned with {label}, the "
+        "most that it allows; state offset, drift and initial_state for other numbers",
+    )
+
+
+def _drawn(
+    model: TransferFunction | Estimate,
+    structure: Structure,
+    like: TransferFunction,
+    of: Any,
+    n_draws: int,
+    seed: int,
+) -> tuple[Array, Array, int]:
+    """Standard errors for draws of an estimate's coefficients, the draws, and those left out."""
+    n_draws = count("n_draws", n_draws, least=0)
+    p = structure.n_parameters(like.n_outputs, like.n_inputs)
+    nothing = np.zeros((0, p)), np.zeros((0, p)), 0
+    if not isinstance(model, Estimate) or not n_draws or not np.all(np.isfinite(model.cov)):
+        return nothing
+    if model.names != structure.names(like.input_names, like.output_names):
+        return nothing
+    found, values = [], []
+    for theta in sample(model, n_draws, seed).theta:
+        try:
+            found.append(np.sqrt(np.diag(of(theta).covariance())))
+        except TridentifyError:
+            continue
+        values.append(theta)
+    if not found:
+        return nothing
+    return np.array(found), np.array(values), n_draws - len(found)

@@ -1,0 +1,69 @@
+"""Pulses of whole units of time with alternating signs: what doublet and 3-2-1-1 are made of.
+
+A pulse train of unit ``D`` spreads its energy over a band about a frequency of its own; it excites
+a mode best where the band lies on the mode. For a doublet, ``|U(w)| = 4 A sin^2(w D / 2) / w`` is
+largest where ``tan x = 2 x``, ``x = w D / 2 = 1.166``: ``w D = 2.33``. A 3-2-1-1 is within 3 dB of
+its largest from ``w D = 0.28`` to ``2.65``, and ``w D = 1.6`` puts the mode into the upper half of
+that band, where it is also told from what lies above (Jategaonkar 2006, chapter 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tridentify.errors import OptionError
+from tridentify.excitation.checks import not_negative, positive, samples_of
+from tridentify.excitation.signal import Excitation
+
+
+def pulse_train(
+    units: Sequence[int],
+    amplitude: float,
+    width: float | None,
+    for_frequency: float | None,
+    per_frequency: float,
+    dt: float,
+    lead: float,
+    tail: float,
+    what: str,
+) -> Excitation:
+    """Pulses of alternating sign, each a whole number of units long, at rest before and after.
+
+    Parameters
+    ----------
+    units : sequence of int
+        Length of each pulse, in units.
+    amplitude : float
+        Of the first pulse; its sign is the first pulse's.
+    width, for_frequency : float, optional
+        The unit [s], or the natural frequency of the mode that is to be excited [rad/s]; one of
+        the two.
+    per_frequency : float
+        Unit times natural frequency.
+    dt, lead, tail : float
+        Sampling interval, rest before and after [s].
+    what : str
+        Name of the signal.
+    """
+    dt = positive("dt", dt)
+    if (width is None) == (for_frequency is None):
+        raise OptionError(
+            f"found width={width} and for_frequency={for_frequency}; expected one of the two; give "
+            "the width of a pulse [s], or the natural frequency of the mode [rad/s]"
+        )
+    if width is None:
+        width = per_frequency / positive("for_frequency", for_frequency)
+    unit = samples_of("width", positive("width", width), dt)
+    if not np.isfinite(amplitude) or amplitude == 0:
+        raise OptionError(
+            f"found amplitude={amplitude}; expected a finite number that is not zero; correct it"
+        )
+    lead_samples = round(not_negative("lead", lead) / dt)
+    tail_samples = round(not_negative("tail", tail) / dt)
+    parts = [np.zeros(lead_samples)]
+    for k, length in enumerate(units):
+        parts.append(np.full(length * unit, amplitude * (-1.0) ** k))
+    parts.append(np.zeros(tail_samples))
+    return Excitation(np.concatenate(parts), dt, "zoh", f"{what} {unit * dt:.6g} s")

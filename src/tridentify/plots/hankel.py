@@ -1,0 +1,87 @@
+"""Picture of the Hankel singular values of the parallel model, above what noise alone gives."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tridentify.plots.style import BLUE, GREY, ORANGE, dress, make_axes
+from tridentify.selection import Hankel, Selection
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+DECADES = 4.0
+"""Values farther than this below the floor are drawn at the foot: they are rounding."""
+
+
+def plot_hankel(selection: Selection | Hankel, *, ax: Axes | None = None) -> Axes:
+    """Draw Hankel singular values on a logarithmic scale with the noise's floor.
+
+    Parameters
+    ----------
+    selection : Selection or Hankel
+    ax : matplotlib Axes, optional
+        A figure is made when left out.
+
+    Returns
+    -------
+    matplotlib Axes
+
+    Raises
+    ------
+    ValueError
+        The selection has no parallel model.
+
+    Notes
+    -----
+    What rises above the shaded floor is more than noise (`selection.hankel`), so the number of
+    filled marks is a lower bound of the number of poles. The line shows what noise alone gives
+    value by value.
+    """
+    hankel = selection.hankel if isinstance(selection, Selection) else selection
+    if hankel is None:
+        raise ValueError("found a selection without a parallel model; expected one to draw")
+    (ax,) = make_axes(None if ax is None else [ax], [2.6])
+    numbers = np.arange(1, hankel.values.size + 1)
+    largest = max(float(hankel.values.max()), hankel.floor)
+    foot = (hankel.floor if hankel.floor > 0 else largest * 1e-12) / 10.0**DECADES
+    values = np.maximum(hankel.values, foot)
+    above = hankel.values > hankel.floor
+    ax.set_yscale("log")
+    low = min(float(values.min()), 0.3 * hankel.floor if hankel.floor > 0 else largest)
+    ax.set_ylim(0.5 * low, 10.0 * largest)
+    if hankel.floor > 0:
+        ax.axhspan(0.5 * low, hankel.floor, color=ORANGE, alpha=0.16, linewidth=0)
+        ax.axhline(hankel.floor, color=ORANGE, linewidth=1.0, label="noise floor (95 %)")
+        alone = np.where(hankel.noise > 0.5 * low, hankel.noise, np.nan)
+        ax.plot(numbers, alone, color=GREY, linewidth=1.0, linestyle=":", label="noise alone")
+    for which, face, label in ((above, BLUE, "more than noise"), (~above, "white", "noise")):
+        if which.any():
+            ax.vlines(numbers[which], 0.5 * low, values[which], color=BLUE, linewidth=1.0)
+            ax.plot(
+                numbers[which],
+                values[which],
+                linestyle="none",
+                marker="o",
+                markersize=5.5,
+                markerfacecolor=face,
+                markeredgecolor=BLUE,
+                label=label,
+            )
+    every = max(1, numbers.size // 12)
+    ax.set_xticks(numbers[::every])
+    ax.set_xlim(0.4, numbers.size + 0.6)
+    ax.minorticks_off()
+    count = hankel.order
+    several = "value" if count == 1 else "values"
+    dress(
+        ax,
+        title=f"{count} {several} above the noise",
+        xlabel=f"number\nparallel model: {hankel.operators}",
+        ylabel="Hankel singular value,\ninput over noise [-]",
+    )
+    # the values fall from the left, so the upper right is free
+    ax.legend(fontsize=8, loc="upper right", framealpha=0.9, edgecolor="none")
+    return ax

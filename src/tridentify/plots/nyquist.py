@@ -1,0 +1,307 @@
+"""Picture of the frequency response in the complex plane, with confidence ellipses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tridentify.estimate import Estimate
+from tridentify.numerics.delta_method import confidence_ellipse
+from tridentify.plots.bode import default_frequencies
+from tridentify.plots.over_time import wrapped
+from tridentify.plots.style import BLACK, BLUE, ORANGE, WIDTH, dress, literal, make_axes
+from tridentify.text import unit_ratio
+from tridentify.uncertainty import response_covariance
+from tridentify.uncertainty.checks import checked_level
+from tridentify.uncertainty.draws import frequency_values
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Real = npt.NDArray[np.float64]
+Complex = npt.NDArray[np.complex128]
+
+ASPECT = 1.5
+"""Width over height of the frame."""
+MARKED = 7
+"""Ellipses that are outlined and named by their frequency."""
+BETWEEN = 3
+"""Ellipses filled from one frequency to the next."""
+CURVES = 60
+"""Curves drawn of a posterior mean."""
+FAR = 8.0
+"""How many times the typical gain an unbounded curve is followed."""
+PALE = "#cfe2f0"
+
+
+def plot_nyquist(
+    estimate: Estimate,
+    *,
+    omega: npt.ArrayLike | None = None,
+    level: float = 0.95,
+    axes: Sequence[Axes] | Axes | None = None,
+) -> list[Axes]:
+    """Draw the frequency response of every channel in the complex plane.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    omega : array_like, shape (n_omega,), optional
+        Increasing angular frequencies [rad/s]; by default around the poles and zeros, up to the
+        Nyquist frequency of the record.
+    level : float
+        Probability that an ellipse holds at its frequency, to first order. Of a posterior mean,
+        curves of its draws stand in place of ellipses.
+    axes : sequence of matplotlib Axes, or one, optional
+        One per channel, outputs in the outer loop. A figure is made when left out.
+
+    Returns
+    -------
+    list of matplotlib Axes
+
+    Raises
+    ------
+    OptionError
+        The level is no probability.
+    ValueError
+        Not as many axes as there are channels.
+
+    Notes
+    -----
+    The solid line is for positive frequencies, the dashed one its mirror image for negative ones;
+    arrows point towards higher frequencies. Where the response has no bound (an integrator), the
+    frame ends at a multiple of its typical size. The scale follows the line, so that wide ellipses
+    may leave the frame.
+    """
+    checked_level(level)
+    grid = _frequencies(estimate) if omega is None else np.asarray(omega, dtype=np.float64)
+    response = estimate.model.frequency_response(grid)
+    n_outputs, n_inputs = len(estimate.output_names), len(estimate.input_names)
+    drawn = make_axes(axes, [WIDTH / ASPECT] * (n_outputs * n_inputs))
+    cov = response_covariance(estimate, grid)
+    # powers of ten in the numbers of fast and slow systems would cover each other
+    exponent = 3 * math.floor(math.log10(float(np.median(grid))) / 3)
+    exponent = 0 if -3 <= exponent <= 3 else exponent
+    draws = estimate.draws[:: max(len(estimate.draws) // CURVES, 1)]
+    clouds = frequency_values(estimate, draws, grid) if len(draws) else None
+    for k, ax in enumerate(drawn):
+        i, j = divmod(k, n_inputs)
+        curve = response[:, i, j]
+        half = _frame(ax, curve)
+        if clouds is None:
+            _draw_ellipses(ax, grid, curve, cov[:, i, j], level, half)
+        else:
+            _draw_cloud(ax, clouds[:, :, i, j])
+        _draw_curve(ax, grid / 10.0**exponent, curve, half)
+        _draw_critical(ax, half)
+        _name(ax, estimate, i, j, exponent)
+        _legend(ax)
+    return drawn
+
+
+def _frequencies(estimate: Estimate) -> Real:
+    """Those of a Bode plot and slower ones, so that the curve begins at the static gain."""
+    grid = default_frequencies(estimate, 480)
+    return np.concatenate([np.geomspace(grid[0] / 100, grid[0], 40, endpoint=False), grid])
+
+
+def _frame(ax: Axes, curve: Complex) -> float:
+    """Scale both axes alike; half the height of the frame."""
+    sizes = np.abs(curve[np.isfinite(curve)])
+    limit = FAR * float(np.median(sizes)) if sizes.size else 1.0
+    bounded = sizes.size == curve.size and (
+        sizes[0] < 4.0 * np.median(sizes) or sizes[0] < 1.2 * sizes[min(20, sizes.size - 1)]
+    )
+    inside = curve[np.isfinite(curve) & (np.abs(curve) <= (np.inf if bounded else limit))]
+    parts = np.concatenate([inside.real, [0.0]]) if inside.size else np.array([0.0, 1.0])
+    left, right = float(parts.min()), float(parts.max())
+    height = float(np.max(np.abs(inside.imag), initial=0.0))
+    reach = max(right - left, 2 * height) or 1.0
+    if 0.0 < left + 1.0 < 1.2 * reach:
+        left = -1.0
+    width = max(1.3 * (right - left), ASPECT * 2.6 * height, 1e-9 * reach)
+    centre = 0.5 * (left + right)
+    half = width / ASPECT / 2
+    ax.set_xlim(centre - width / 2, centre + width / 2)
+    ax.set_ylim(-half, half)
+    ax.set_aspect("equal", adjustable="box")
+    return half
+
+
+def _draw_ellipses(
+    ax: Axes, omega: Real, curve: Complex, cov: Real, level: float, half: float
+) -> None:
+    """A band of many ellipses, and a few of them outlined."""
+    from matplotlib.collections import PolyCollection
+
+    sound = np.isfinite(curve) & np.all(np.isfinite(cov), axis=(1, 2))
+    with np.errstate(invalid="ignore"):
+        spread = np.sqrt(np.trace(cov, axis1=1, axis2=2))
+    sound &= spread < 50 * half
+    if np.count_nonzero(sound) < 2 or not np.any(cov[sound]):
+        return
+    centres, covs = curve[sound], cov[sound]
+    shares = np.linspace(0.0, 1.0, BETWEEN, endpoint=False)
+    polygons = []
+    for first, last, cov_1, cov_2 in zip(
+        centres[:-1], centres[1:], covs[:-1], covs[1:], strict=True
+    ):
+        for share in shares:
+            at = (1 - share) * first + share * last
+            around = confidence_ellipse((1 - share) * cov_1 + share * cov_2, level, 37)
+            polygons.append(around + np.array([at.real, at.imag]))
+    # opaque, so that they do not darken where they overlap
+    ax.add_collection(
+        PolyCollection(polygons, facecolor=PALE, edgecolor=PALE, linewidth=0.6, zorder=1),
+        autolim=False,
+    )
+    ax.fill([], [], facecolor=PALE, label=f"{100 * level:.3g} % ellipses")
+    for k in _spaced(ax, curve, MARKED, 0.0):
+        if sound[k]:
+            around = confidence_ellipse(cov[k], level) + np.array([curve[k].real, curve[k].imag])
+            ax.plot(around[:, 0], around[:, 1], color=BLUE, linewidth=0.9, zorder=2.5)
+
+
+def _draw_cloud(ax: Axes, curves: Complex) -> None:
+    """Curves of the draws of a posterior mean."""
+    for k, one in enumerate(curves):
+        one = np.where(np.isfinite(one), one, np.nan)
+        label = None if k else "as likely"
+        ax.plot(one.real, one.imag, color=BLUE, alpha=0.25, linewidth=0.6, zorder=1, label=label)
+
+
+def _draw_curve(ax: Axes, omega: Real, curve: Complex, half: float) -> None:
+    line = np.where(np.isfinite(curve), curve, np.nan)
+    ax.plot(line.real, -line.imag, color=BLUE, linewidth=0.9, linestyle="--", zorder=2)
+    ax.plot(line.real, line.imag, color=BLUE, linewidth=1.6, label="model", zorder=3)
+    marked = _spaced(ax, curve, MARKED, 0.0)
+    ax.plot(
+        curve[marked].real,
+        curve[marked].imag,
+        linestyle="none",
+        marker="o",
+        markersize=3.5,
+        color=BLUE,
+        zorder=4,
+    )
+    for k in _spaced(ax, curve, 3, 0.35):
+        ahead = curve[k + 1] - curve[k]
+        if ahead:
+            start = curve[k] - 1e-3 * half * ahead / abs(ahead)
+            ax.annotate(
+                "",
+                xy=(curve[k].real, curve[k].imag),
+                xytext=(start.real, start.imag),
+                arrowprops={"arrowstyle": "-|>", "color": BLUE, "mutation_scale": 13},
+                zorder=4,
+            )
+    _name_frequencies(ax, omega, curve, marked)
+
+
+def _name_frequencies(ax: Axes, omega: Real, curve: Complex, marked: Sequence[int]) -> None:
+    """Numbers beside the marked points, across the curve and away from its middle."""
+    inside = curve[_inside(ax, curve)]
+    middle = inside.mean() if inside.size else 0j
+    for k in marked:
+        along = curve[k + 1] - curve[k - 1] if k else curve[k + 1] - curve[k]
+        away = -1j * along / abs(along) if along else -1j
+        if (away * np.conj(curve[k] - middle)).real < 0:
+            away = -away
+        ax.annotate(
+            f"{omega[k]:.3g}",
+            xy=(curve[k].real, curve[k].imag),
+            xytext=(9 * away.real, 9 * away.imag),
+            textcoords="offset points",
+            fontsize=8,
+            ha="center" if abs(away.real) < 0.5 else ("left" if away.real > 0 else "right"),
+            va="center" if abs(away.imag) < 0.5 else ("bottom" if away.imag > 0 else "top"),
+            annotation_clip=True,
+            zorder=5,
+        )
+
+
+def _spaced(ax: Axes, curve: Complex, count: int, offset: float) -> list[int]:
+    """Positions spread evenly along the part of the curve that is in the frame."""
+    inside = _inside(ax, curve)
+    steps = np.abs(np.diff(curve, prepend=curve[:1]))
+    both = inside & np.roll(inside, 1)
+    length = np.cumsum(np.where(both & np.isfinite(steps), steps, 0.0))
+    if not length[-1] > 0:
+        return []
+    wanted = (np.arange(count) + 0.5 + offset) / count * length[-1]
+    found = np.unique(np.searchsorted(length, wanted[wanted < length[-1]]))
+    apart = 0.4 * length[-1] / count
+    kept: list[int] = []
+    for k in found.tolist():
+        if k < curve.size - 1 and all(abs(curve[k] - curve[one]) > apart for one in kept):
+            kept.append(k)
+    return kept
+
+
+def _inside(ax: Axes, curve: Complex) -> npt.NDArray[np.bool_]:
+    low, high = ax.get_xlim()
+    bottom, top = ax.get_ylim()
+    return np.asarray(
+        np.isfinite(curve)
+        & (curve.real > low)
+        & (curve.real < high)
+        & (curve.imag > bottom)
+        & (curve.imag < top)
+    )
+
+
+def _draw_critical(ax: Axes, half: float) -> None:
+    """The point -1, or where it lies."""
+    ax.axhline(0.0, color="black", linewidth=0.6, zorder=0.5)
+    ax.axvline(0.0, color="black", linewidth=0.6, zorder=0.5)
+    low, high = ax.get_xlim()
+    if low < -1.0 < high and half < 60.0:
+        ax.plot(
+            [-1.0],
+            [0.0],
+            marker="+",
+            markersize=10,
+            markeredgewidth=2.0,
+            color=ORANGE,
+            linestyle="none",
+            label="-1",
+            zorder=5,
+        )
+    else:
+        where = "outside the frame" if half < 60.0 else "close to the origin at this scale"
+        ax.text(0.01, 0.02, f"-1 lies {where}", transform=ax.transAxes, fontsize=8, color=BLACK)
+
+
+def _name(ax: Axes, estimate: Estimate, output: int, input_: int, exponent: int) -> None:
+    names = estimate.output_names[output], estimate.input_names[input_]
+    unit = ""
+    if all(name in estimate.units for name in names):
+        unit = unit_ratio(estimate.units[names[0]], estimate.units[names[1]])
+    unit = f" [{unit}]" if unit else ""
+    scale = f"1e{exponent} " if exponent else ""
+    dress(
+        ax,
+        title=literal(wrapped(f"{names[0]} / {names[1]}   (numbers: {scale}rad/s)")),
+        xlabel=literal(f"real part{unit}"),
+        ylabel=literal(f"imaginary part{unit}"),
+    )
+    ax.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.get_offset_text().set_fontsize(8)
+
+
+def _legend(ax: Axes) -> None:
+    handles, labels = ax.get_legend_handles_labels()
+    ax.legend(
+        handles,
+        labels,
+        loc="upper left",
+        fontsize=8,
+        framealpha=0.8,
+        edgecolor="none",
+        borderaxespad=0.2,
+    )

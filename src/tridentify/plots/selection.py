@@ -1,0 +1,180 @@
+"""Picture of an order selection: criteria, fit and certainty of every candidate, side by side."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from tridentify.plots.style import (
+    AMBER,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    dress,
+    legend,
+    literal,
+    make_axes,
+)
+from tridentify.selection import Selection, SelectionRow
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Real = npt.NDArray[np.float64]
+
+CRITERIA = (("aic", "AIC", AMBER, "^"), ("aicc", "AICc", BLUE, "o"), ("bic", "BIC", PURPLE, "s"))
+LINEAR = 10.0
+"""Differences of criteria are drawn to scale up to here, beyond it by their logarithm."""
+CROWDED = 8
+
+
+def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) -> list[Axes]:
+    """Draw what the candidates of a selection have to say for themselves.
+
+    Parameters
+    ----------
+    selection : Selection
+    axes : sequence of matplotlib Axes, optional
+        Three: AIC, AICc and BIC above the lowest of each; fit [percent] on the samples that were
+        fitted and on those that were not; largest standard error over its coefficient [percent].
+        A figure is made when left out.
+
+    Returns
+    -------
+    list of matplotlib Axes
+
+    Notes
+    -----
+    The recommended candidate has a shaded column. Filled marks are usable estimates, hollow ones
+    are not; a candidate that failed has a cross at the foot. Of several outputs the worst fit
+    counts.
+    """
+    drawn = make_axes(axes, [2.4, 1.5, 1.5], sharex=True)
+    rows = selection.rows
+    places = np.arange(len(rows), dtype=np.float64)
+    for ax in drawn:
+        _mark_recommended(ax, selection)
+    _draw_criteria(drawn[0], rows, places)
+    _draw_fits(drawn[1], rows, places)
+    _draw_errors(drawn[2], rows, places)
+    labels = [literal(row.label) for row in rows]
+    turned = len(rows) > CROWDED or max(map(len, labels), default=0) > CROWDED
+    for ax in drawn:
+        ax.set_xlim(-0.6, len(rows) - 0.4)
+        ax.set_xticks(places, labels, rotation=90 if turned else 0, fontsize=9)
+    for ax in drawn[:-1] if axes is None else ():
+        ax.tick_params(labelbottom=False)
+    told = "" if selection.recommended is None else " (shaded: the recommended one)"
+    drawn[-1].set_xlabel(f"poles, zeros{told}", fontsize=9)
+    return drawn
+
+
+def _mark_recommended(ax: Axes, selection: Selection) -> None:
+    for k, row in enumerate(selection.rows):
+        if row is selection.recommended:
+            ax.axvspan(k - 0.5, k + 0.5, color=GREEN, alpha=0.16, linewidth=0)
+
+
+def _draw_criteria(ax: Axes, rows: Sequence[SelectionRow], places: Real) -> None:
+    highest = 1.0
+    for number, (field, name, colour, marker) in enumerate(CRITERIA):
+        values = np.array([getattr(row, field) for row in rows], dtype=np.float64)
+        if not np.any(np.isfinite(values)):
+            continue
+        values = values - np.nanmin(values)
+        highest = max(highest, float(np.nanmax(values)))
+        # side by side, so that equal values do not hide one another
+        moved = places + 0.22 * (number - 1)
+        _marks(ax, rows, moved, values, colour, marker, name)
+    if highest > 5.0 * LINEAR:
+        ax.set_yscale("symlog", linthresh=LINEAR, linscale=1.5)
+        decades = [10.0**k for k in range(1, math.ceil(math.log10(highest)) + 1)]
+        ax.set_yticks([0.0, 5.0, *decades], ["0", "5", *(f"{d:,.0f}" for d in decades)])
+        ax.minorticks_off()
+        ax.axhline(LINEAR, color=GREY, linewidth=0.7, linestyle=":")
+    ax.set_ylim(bottom=-0.12 * (LINEAR if highest > 5.0 * LINEAR else highest))
+    failed = [k for k, row in enumerate(rows) if row.estimate is None]
+    if failed:
+        ax.plot(
+            places[failed],
+            np.full(len(failed), 0.04),
+            "x",
+            color=GREY,
+            markersize=6,
+            transform=ax.get_xaxis_transform(),
+            label="failed",
+        )
+    dress(ax, title="above the lowest", ylabel="criterion [-]")
+    legend(ax, columns=4)
+
+
+def _draw_fits(ax: Axes, rows: Sequence[SelectionRow], places: Real) -> None:
+    fitted = np.array([_least(row.fit) for row in rows])
+    unseen = np.array([_least(row.cross_fit) for row in rows])
+    _marks(ax, rows, places - 0.12, fitted, BLUE, "o", "fitted")
+    _marks(ax, rows, places + 0.12, unseen, ORANGE, "D", "held out")
+    every = np.concatenate([fitted, unseen])
+    every = every[np.isfinite(every)]
+    if every.size:
+        high = float(every.max())
+        # a hopeless candidate must not press all others into one line
+        low = max(float(every.min()), min(0.0, high))
+        margin = 0.08 * max(high - low, 0.5)
+        ax.set_ylim(low - margin, high + margin)
+    dress(ax, title="fit", ylabel="fit [%]")
+    legend(ax)
+
+
+def _draw_errors(ax: Axes, rows: Sequence[SelectionRow], places: Real) -> None:
+    values = np.array([100.0 * row.relative_std for row in rows])
+    seen = np.isfinite(values) & (values > 0)
+    shown = np.where(seen, np.minimum(values, 1e5), np.nan)
+    if seen.any():
+        ax.set_yscale("log")
+        low, high = float(np.nanmin(shown)), float(np.nanmax(shown))
+        ax.set_ylim(min(0.5 * low, 5.0), max(2.0 * high, 200.0))
+        ax.minorticks_off()
+    ax.axhline(100.0, color=ORANGE, linewidth=0.9, linestyle="--", label="as large as itself")
+    _marks(ax, rows, places, shown, BLUE, "o", "")
+    dress(ax, title="least certain coefficient", ylabel="std error\nover value [%]")
+    legend(ax)
+
+
+def _marks(
+    ax: Axes,
+    rows: Sequence[SelectionRow],
+    places: Real,
+    values: Real,
+    colour: str,
+    marker: str,
+    label: str,
+) -> None:
+    """Filled marks for usable estimates, hollow ones for the others."""
+    usable = np.array([row.ok for row in rows], dtype=bool)
+    for which, face in ((usable, colour), (~usable, "white")):
+        own = np.where(which, values, np.nan)
+        if not np.any(np.isfinite(own)):
+            continue
+        ax.plot(
+            places,
+            own,
+            linestyle="none",
+            marker=marker,
+            markersize=5,
+            markerfacecolor=face,
+            markeredgecolor=colour,
+            markeredgewidth=1.0,
+            label=label or None,
+        )
+        label = ""
+
+
+def _least(values: Real) -> float:
+    seen = values[np.isfinite(values)]
+    return float(seen.min()) if seen.size else math.nan

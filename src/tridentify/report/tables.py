@@ -1,0 +1,103 @@
+"""Tables of a report: coefficients, what follows from them, fit, and the course of the passes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tridentify.estimate import Estimate, Parameter, Start
+from tridentify.text import format_std, format_value
+from tridentify.uncertainty import DerivedQuantity, derived
+
+Row = Sequence[str]
+
+
+@dataclass(frozen=True)
+class Table:
+    """Heading, column titles and cells; the first ``n_left`` and last columns hold text."""
+
+    heading: str
+    titles: Row
+    rows: Sequence[Row]
+    n_left: int = 1
+    note: str = ""
+
+
+def _along_note(estimate: Estimate) -> str:
+    """What the nuisance terms mean."""
+    note = estimate.offset_note()
+    return "Offset and drift of the record, not part of the model" + (f"; {note}." if note else ".")
+
+
+def result_tables(estimate: Estimate) -> list[Table]:
+    """Coefficients, derived quantities, nuisance terms and fit."""
+    along = [DerivedQuantity(*row) for row in estimate.nuisance_rows()]
+    titles = ("", "value", "std error", "rel. error", "95 % from", "95 % to", "unit")
+    parameters = tuple(estimate.parameters.values())
+    groups = (
+        ("Coefficients", parameters, "Named by the power of s that they multiply."),
+        ("Natural frequency, damping, gain", derived(estimate), ""),
+        ("Estimated along", along, _along_note(estimate)),
+    )
+    tables = [
+        Table(heading, titles, [_quantity_row(estimate, item) for item in items], note=note)
+        for heading, items, note in groups
+        if items
+    ]
+    spread = np.sqrt(estimate.noise_variance)
+    outputs = zip(estimate.output_names, estimate.fit, spread, strict=True)
+    rows = [(n, f"{f:.2f}", f"{s:.4g}", estimate.units.get(n, "")) for n, f, s in outputs]
+    note = "Fit 100 % is a residual of zero, 0 % is no better than the mean of the output."
+    tables.append(Table("Fit", ("output", "fit [%]", "noise std", "unit"), rows, note=note))
+    return tables
+
+
+def _quantity_row(estimate: Estimate, item: Parameter) -> Row:
+    value, std = item.value, item.std
+    if not std > 0:
+        held = estimate.held_note(item.name) if item.name in estimate.names else ""
+        return (item.name, format_value(value), held, "", "", "", item.unit)
+    ends = [format_value(end, std) for end in item.interval()]
+    relative = f"{100 * item.relative_std:.2g} %"
+    return (item.name, format_value(value, std), format_std(std), relative, *ends, item.unit)
+
+
+def course_tables(estimate: Estimate) -> list[Table]:
+    """Passes with their steps, coefficients after each pass, and starts."""
+    steps, after = [], []
+    for item in estimate.trace.passes:
+        for step in item.steps:
+            numbers = (f"{step.cost:.6g}", measured(step.condition, 3), "", "")
+            steps.append((str(item.number), step.name, *numbers, step.note))
+        numbers = (f"{item.cost:.6g}", "", measured(item.beta_distance), measured(item.gradient))
+        steps.append((str(item.number), "pass ends", *numbers, item.note))
+        after.append((str(item.number), *_filled(item.theta.tolist(), len(estimate.names))))
+    measures = ("cost", "condition", "beta distance", "gradient")
+    names = estimate.names
+    starts = [
+        (s.name, f"{s.cost:.6g}", *_filled(s.theta.tolist(), len(names))) for s in _ranked(estimate)
+    ]
+    tables = (
+        Table("Passes", ("pass", "step", *measures, "note"), steps, n_left=2),
+        Table("Coefficients after each pass", ("pass", *names, ""), after),
+        Table("Starts tried", ("start", "cost", *names, ""), starts),
+    )
+    return [table for table in tables if table.rows]
+
+
+def _filled(theta: Sequence[float], count: int) -> tuple[str, ...]:
+    """Cells of coefficients and of the empty last column; blank for delays not yet estimated."""
+    cells = [f"{value:.6g}" for value in theta]
+    return (*cells, *[""] * (count - len(cells)), "")
+
+
+def _ranked(estimate: Estimate) -> list[Start]:
+    return sorted(estimate.trace.starts, key=lambda start: start.cost)
+
+
+def measured(value: float, digits: int = 2) -> str:
+    """A number for a cell; empty for what was not measured."""
+    return "" if math.isnan(value) else f"{value:.{digits}g}"

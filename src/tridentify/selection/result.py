@@ -1,0 +1,260 @@
+"""The answer: the table of candidates, the row that is recommended, and why."""
+
+from __future__ import annotations
+
+import math
+import os
+import textwrap
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.encoding import encode, save_document
+from tridentify.estimate import Estimate
+from tridentify.selection.hankel import Hankel
+from tridentify.selection.orders import order_label
+from tridentify.structure import Structure
+from tridentify.text import format_table, html_table
+from tridentify.trace import freeze_arrays
+
+Array = NDArray[np.float64]
+SCHEMA = 1
+_WIDTH = 78
+_TITLES = (
+    "", "poles, zeros", "unknowns", "AIC", "AICc", "BIC", "YIC", "fit [%]", "held-out [%]",
+    "condition", "std/value", "status",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class SelectionRow:
+    """One candidate.
+
+    Attributes
+    ----------
+    structure : Structure
+        As asked for.
+    estimate : Estimate or None
+        None where it failed.
+    reason : str
+        Why it failed, in one line; empty where it did not.
+    aic, aicc, bic, yic : float
+        `selection.criteria`; on the same samples and with the same model of the noise in every
+        row, hence not always `Estimate.aicc`. nan where the candidate failed.
+    fit, cross_fit : ndarray, shape (n_outputs,)
+        NRMSE [percent] on the samples that were fitted, and on samples that were not
+        (`selection.held_out`). As the criteria, that of the likelihood's maximum; a posterior mean
+        may fit less well.
+    condition : float
+        The worst of the steps in the estimate's trace and of its score columns.
+    relative_std : float
+        The largest standard error over its coefficient; ``widest`` is whose.
+    n_unknowns : int
+        Coefficients, nuisance terms, noise variances and coefficients of the noise model.
+    deviance : float
+        ``-2 log L`` without constants.
+    identified : bool
+        Whether ``estimate`` is what `identify` gives, to the last bit; else it is the likelihood's
+        maximum from the shared starts, of a candidate that the criteria rule out.
+    ok : bool
+        Whether the estimate is usable.
+    """
+
+    structure: Structure
+    estimate: Estimate | None
+    reason: str = ""
+    aic: float = math.nan
+    aicc: float = math.nan
+    bic: float = math.nan
+    yic: float = math.nan
+    fit: Array = field(default_factory=lambda: np.zeros(0))
+    cross_fit: Array = field(default_factory=lambda: np.zeros(0))
+    condition: float = math.nan
+    relative_std: float = math.nan
+    widest: str = ""
+    n_unknowns: int = 0
+    deviance: float = math.nan
+    identified: bool = False
+    ok: bool = False
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @property
+    def label(self) -> str:
+        """Poles and zeros, ``"2, 1"``."""
+        return order_label(self.structure)
+
+    @property
+    def status(self) -> str:
+        """How the estimation ended: one or two words, or the reason of the failure."""
+        return self.reason if self.estimate is None else self.estimate.status.value
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values, the estimate by its coefficients."""
+        found = {
+            name: encode(value)
+            for name, value in vars(self).items()
+            if name not in ("estimate", "structure")
+        }
+        coefficients = (
+            None
+            if self.estimate is None
+            else {
+                name: {"value": item.value, "std": item.std}
+                for name, item in self.estimate.parameters.items()
+            }
+        )
+        head = {"label": self.label, "structure": self.structure.to_dict(), "status": self.status}
+        return head | {"coefficients": coefficients} | found
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Selection:
+    """Candidates side by side.
+
+    Attributes
+    ----------
+    rows : tuple of SelectionRow
+        In the order in which they were given.
+    recommended : SelectionRow or None
+        One of them; None where no candidate could be estimated.
+    reason : str
+        Why, in words.
+    hankel : Hankel or None
+        Hankel singular values of the parallel model; None where it could not be made.
+    notes : tuple of str
+        About the noise, the samples, and what the fits on unseen samples are.
+    """
+
+    rows: tuple[SelectionRow, ...]
+    recommended: SelectionRow | None
+    reason: str
+    hankel: Hankel | None = None
+    notes: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        which = "none" if self.recommended is None else self.recommended.label
+        return f"Selection({len(self.rows)} candidates; recommended poles, zeros = {which})"
+
+    def table(self) -> list[tuple[str, ...]]:
+        """Cells of the table, row by row; AIC, AICc and BIC count from the lowest."""
+        low = [
+            min((getattr(r, name) for r in self.rows if math.isfinite(getattr(r, name))), default=0)
+            for name in ("aic", "aicc", "bic")
+        ]
+        return [self._cells(row, low) for row in self.rows]
+
+    @property
+    def titles(self) -> tuple[str, ...]:
+        """Titles of `table`."""
+        return _TITLES
+
+    def _cells(self, row: SelectionRow, low: Sequence[float]) -> tuple[str, ...]:
+        mark = "->" if row is self.recommended else ""
+        if row.estimate is None:
+            return (mark, row.label, *[""] * 9, _shortened(row.reason))
+        values = (row.aic, row.aicc, row.bic)
+        return (
+            mark,
+            row.label,
+            str(row.n_unknowns),
+            *(f"{v - base:.1f}" for v, base in zip(values, low, strict=True)),
+            f"{row.yic:.1f}",
+            _percent(row.fit),
+            _percent(row.cross_fit),
+            f"{row.condition:.1e}" if row.condition >= 1e4 else f"{row.condition:.0f}",
+            _share(row.relative_std),
+            row.status,
+        )
+
+    def summary(self) -> str:
+        """Text: the recommendation with its reason, the table, and notes."""
+        which = "none" if self.recommended is None else self.recommended.label
+        lines = ["=" * _WIDTH, f"recommended poles, zeros: {which}"]
+        lines += textwrap.wrap(self.reason, _WIDTH, initial_indent="  ", subsequent_indent="  ")
+        lines += ["=" * _WIDTH, *format_table(_TITLES, self.table(), width=_WIDTH), ""]
+        for note in self.all_notes():
+            lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
+        return "\n".join(line.rstrip() for line in (*lines, "=" * _WIDTH))
+
+    def all_notes(self) -> tuple[str, ...]:
+        """Notes, and what the Hankel singular values say."""
+        told = ["AIC, AICc and BIC count from the lowest; condition is the worst of the steps"]
+        told += self.notes
+        if self.hankel is not None:
+            h = self.hankel
+            several = "value rises" if h.order == 1 else "values rise"
+            told.append(
+                f"parallel model ({h.operators}): {h.order} Hankel singular {several} above the "
+                "noise, a lower bound of the number of poles"
+            )
+        return tuple(told)
+
+    def _repr_html_(self) -> str:
+        which = "none" if self.recommended is None else self.recommended.label
+        caption = f"recommended poles, zeros: {which}. {self.reason}"
+        return html_table(_TITLES, self.table(), caption)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values: all rows, the position of the recommended one, reason, Hankel values.
+
+        Returns
+        -------
+        dict
+        """
+        place = next((k for k, row in enumerate(self.rows) if row is self.recommended), None)
+        hankel = None
+        if self.hankel is not None:
+            hankel = encode(self.hankel) | {"order": self.hankel.order}
+        return {
+            "recommended": place,
+            "reason": self.reason,
+            "rows": [row.to_dict() for row in self.rows],
+            "hankel": hankel,
+            "notes": list(self.notes),
+        }
+
+    def save(self, path: str | os.PathLike[str]) -> Path:
+        """Write `to_dict` as JSON: to a temporary name first, then renamed.
+
+        Raises
+        ------
+        OutputPathError
+            The file cannot be written.
+        """
+        return save_document(path, "schema", SCHEMA, self.to_dict())
+
+
+def _percent(values: Array) -> str:
+    """One number; of several outputs the least."""
+    seen = values[np.isfinite(values)]
+    return f"{seen.min():.2f}" if seen.size else ""
+
+
+def _share(value: float) -> str:
+    """A share in percent.
+
+    Examples
+    --------
+    >>> _share(0.034), _share(25.0), _share(float("nan"))
+    ('3.4 %', '> 999 %', '')
+    """
+    if math.isnan(value):
+        return ""
+    return (
+        "> 999 %"
+        if value > 9.99
+        else f"{100 * value:.2g} %"
+        if value < 1
+        else f"{100 * value:.0f} %"
+    )
+
+
+def _shortened(reason: str) -> str:
+    """What was found, of a line "found ...; expected ...; do ..."."""
+    return "failed: " + reason.partition(";")[0].removeprefix("found ")

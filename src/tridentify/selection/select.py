@@ -1,0 +1,474 @@
+"""From records and candidates to a recommendation.
+
+The candidates share their work: the parallel model is fitted once (`shared`) and gives all of them
+their starts, local minima show by comparison with lesser candidates, and the noise is modelled once
+(`contest`). Only candidates that remain in question get the whole search of `identify`, with
+posterior mean and all. An estimate of those is that of `identify` to the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import DataError, TridentifyError
+from tridentify.estimate import Estimate
+from tridentify.identify import _listed, checked_method
+from tridentify.methods.base import Method, Progress
+from tridentify.methods.three_model import ThreeModel
+from tridentify.numerics.threads import one_blas_thread
+from tridentify.record import Record
+from tridentify.selection.contest import (
+    MOST_ROUNDS,
+    WORSE,
+    Entry,
+    Executor,
+    Task,
+    contained,
+    narrowed,
+    noise_of_orders,
+    noise_orders,
+    nuisance_choices,
+    raised,
+    run_task,
+    with_nuisances,
+)
+from tridentify.selection.criteria import (
+    Criteria,
+    criteria_of,
+    largest_relative_std,
+    unknowns_of,
+    young,
+)
+from tridentify.selection.hankel import Hankel, hankel_values
+from tridentify.selection.held_out import Held, cross_fit
+from tridentify.selection.orders import checked_candidates, default_candidates, order_label
+from tridentify.selection.result import Selection, SelectionRow
+from tridentify.selection.rule import Contender, choose
+from tridentify.selection.shared import Shared, shared_models
+from tridentify.selection.words import reason_of
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+REPEATED = 3
+IN_QUESTION = 10.0
+"""Rows whose AICc or BIC is within this of the lowest are identified in full."""
+
+
+def select_structure(
+    records: Record | Sequence[Record],
+    candidates: Sequence[Structure] | None = None,
+    *,
+    method: Method | None = None,
+    validation: Record | Sequence[Record] | None = None,
+    template: Structure | None = None,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Selection:
+    """Compare structures and recommend one.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+        One or several experiments on the same system.
+    candidates : sequence of Structure, optional
+        Default `default_candidates`: 1 to 4 poles with every relative degree from 1 on.
+    method : Method, optional
+        Default ``ThreeModel()``. With another method every candidate is identified by it and
+        nothing is shared.
+    validation : Record or sequence of Record, optional
+        Records to judge the fit on; default: blocks of ``records`` that are left out in turn.
+    template : Structure, optional
+        Where `candidates` are left out: what offset, drift, initial state and delay they have.
+    executor : executor of concurrent.futures, optional
+        Runs the candidates side by side. The result does not depend on it.
+    progress : callable, optional
+        Told in words what is going on.
+
+    Returns
+    -------
+    Selection
+        A candidate that cannot be estimated is a row with the reason.
+
+    Raises
+    ------
+    CandidateError
+        There is no candidate, or one of them is not a Structure.
+    OptionError
+        If ``method`` or ``template`` is something else.
+    DataError
+        If there is no record, or something in place of one.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, select_structure, simulate
+    >>> rng = np.random.default_rng(0)
+    >>> u = np.repeat(rng.choice([-1.0, 1.0], 60), 5)
+    >>> y = simulate(TransferFunction([9.0], [1.0, 3.0, 9.0]), Record(u, u, dt=0.05))
+    >>> record = Record(u, y + 0.05 * rng.standard_normal((300, 1)), dt=0.05)
+    >>> selection = select_structure(record, [Structure(1, 0), Structure(2, 0), Structure(2, 1)])
+    >>> selection.recommended.label
+    '2, 0'
+    """
+    listed = tuple(_listed(records))
+    unseen = () if validation is None else tuple(_listed(validation))
+    if not listed:
+        raise DataError("found no record; expected at least one; pass a Record or a list of them")
+    _check_channels(listed, unseen)
+    chosen = checked_method(method)
+    if candidates is None:
+        structures = default_candidates(listed, template)
+    else:
+        structures = checked_candidates(candidates)
+    say = progress or (lambda _: None)
+    work = _Work(listed, chosen, executor, say)
+    with one_blas_thread():
+        return work.selection(structures, unseen)
+
+
+def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None:
+    """Refuse a validation record with other channels."""
+    first = records[0]
+    for record in unseen:
+        if (record.n_inputs, record.n_outputs) != (first.n_inputs, first.n_outputs):
+            raise DataError(
+                f"found a validation record with {record.n_inputs} inputs and {record.n_outputs} "
+                f"outputs; expected {first.n_inputs} and {first.n_outputs} as in the records; "
+                "select its channels first"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """The entries with their criteria and models of the noise, of the same orders."""
+
+    entries: tuple[Entry, ...]
+    criteria: tuple[Criteria | None, ...]
+    noise: tuple[tuple[Array, ...], ...]
+
+    def contenders(self) -> list[Contender]:
+        """What the rule sees."""
+        return [_contender(e, c) for e, c in zip(self.entries, self.criteria, strict=True)]
+
+    def best(self, criterion: str) -> int | None:
+        """The usable entry where a criterion is lowest."""
+        rows = self.contenders()
+        kept = [k for k, one in enumerate(rows) if one.usable]
+        return min(kept, key=lambda k: float(getattr(rows[k].criteria, criterion)), default=None)
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """What all stages need."""
+
+    records: tuple[Record, ...]
+    method: Method
+    executor: Executor | None
+    say: Progress
+
+    def run(self, function: Any, tasks: Iterable[Any], said: str) -> list[Any]:
+        """All tasks, in their order."""
+        self.say(said)
+        mapped = map if self.executor is None else self.executor.map
+        return list(mapped(function, list(tasks)))
+
+    def selection(self, structures: Sequence[Structure], unseen: tuple[Record, ...]) -> Selection:
+        """All stages."""
+        self.say("the parallel model, for all candidates")
+        shared = self._shared(structures)
+        tasks = self._tasks(structures, shared)
+        table = self.contest(tasks, shared)
+        decades = _decades(self.records)
+        place = choose(table.contenders(), decades)
+        full = self._in_question(table, place)
+        again = self._identified(tasks, table, full)
+        held = [Held(e.estimate, self.records, unseen) for e in table.entries]
+        fits = self.run(cross_fit, held, "fits on samples that were left out")
+        rows = tuple(
+            self._row(structures[k], entry, criteria, fit, k in full, table.entries[k].estimate)
+            for k, (entry, criteria, fit) in enumerate(
+                zip(again, table.criteria, fits, strict=True)
+            )
+        )
+        hankel = self._hankel(table, place)
+        missed = place is not None and _follows_input(
+            table.entries[place], table.noise[place], self.records
+        )
+        reason = reason_of(rows, table.contenders(), place, decades, missed)
+        notes = _notes(table, unseen)
+        return Selection(rows, None if place is None else rows[place], reason, hankel, notes)
+
+    def _shared(self, structures: Sequence[Structure]) -> Shared | None:
+        able = [s for s in structures if self._can_share(s)]
+        try:
+            return shared_models(self.records, able)
+        except (TridentifyError, np.linalg.LinAlgError, ValueError):
+            return None
+
+    def _can_share(self, structure: Structure) -> bool:
+        plain = isinstance(self.method, ThreeModel) and self.method.loss == "squared"
+        known = structure.delay != "free" and not structure.constrained
+        return plain and known and structure.shared
+
+    def _tasks(self, structures: Sequence[Structure], shared: Shared | None) -> list[Task]:
+        found = []
+        reach = -math.inf if shared is None else shared.models[0].criterion
+        for structure in structures:
+            able = shared is not None and self._can_share(structure)
+            seeds = shared.seeds(structure.common_poles) if shared is not None and able else ()
+            found.append(Task(self.records, structure, self.method, seeds, (), able, reach=reach))
+        return found
+
+    def contest(self, tasks: Sequence[Task], shared: Shared | None) -> Table:
+        """Every candidate on the likelihood's maximum, on the same terms (`contest`)."""
+        orders = (0,) * self.records[0].n_outputs
+        entries = self.run(run_task, tasks, f"{len(tasks)} candidates from shared starts")
+        table = _table(self._improved(tasks, entries, shared, orders), self.records, orders)
+        for _ in range(MOST_ROUNDS):
+            best = table.best("aicc")
+            if best is None:
+                return table
+            if not (isinstance(self.method, ThreeModel) and self.method.noise == "white"):
+                orders = noise_orders(table.entries[best], self.records)
+            table = _table(table.entries, self.records, orders)
+            pinned = self._same_nuisances(tasks, table, orders)
+            own = [
+                narrowed(task, (*task.seeds, entry.poles), noise)
+                for task, entry, noise in zip(pinned, table.entries, table.noise, strict=True)
+                if entry.poles is not None and entry.shared
+            ]
+            done = iter(self.run(run_task, own, "all candidates on the same terms"))
+            entries = []
+            for entry in table.entries:
+                again = next(done) if entry.poles is not None and entry.shared else entry
+                entries.append(entry if again.estimate is None else again)
+            entries = self._improved(pinned, entries, shared, orders)
+            table = _table(entries, self.records, orders)
+            if not any(orders):
+                break
+        return table
+
+    def _same_nuisances(
+        self, tasks: Sequence[Task], table: Table, orders: tuple[int, ...]
+    ) -> list[Task]:
+        """The tasks with the nuisance terms of lowest BIC, of the candidate of lowest BIC."""
+        best = table.best("bic")
+        if best is None or not table.entries[best].shared:
+            return list(tasks)
+        task, entry = tasks[best], table.entries[best]
+        assert entry.poles is not None
+        open_ = nuisance_choices(self.records, task.structure)
+        if len(open_) < 2:
+            return list(tasks)
+        tried = [
+            narrowed(with_nuisances(task, terms), (entry.poles,), table.noise[best])
+            for terms in open_
+        ]
+        entries = self.run(run_task, tried, "which nuisance terms")
+        chosen = _table(entries, self.records, orders).best("bic")
+        if chosen is None:
+            return list(tasks)
+        return [with_nuisances(task, open_[chosen]) if task.shared else task for task in tasks]
+
+    def _improved(
+        self,
+        tasks: Sequence[Task],
+        entries: Sequence[Entry],
+        shared: Shared | None,
+        orders: tuple[int, ...],
+    ) -> list[Entry]:
+        """Candidates that explain less than one that they contain begin again from there."""
+        found = list(entries)
+        shape = self.records[0].n_outputs, self.records[0].n_inputs
+        table = _table(found, self.records, orders)
+        retries: list[tuple[int, Task]] = []
+        for k, (task, entry) in enumerate(zip(tasks, found, strict=True)):
+            if not entry.shared or entry.poles is None or shared is None:
+                continue
+            own = table.criteria[k]
+            for j, small in enumerate(found):
+                lesser = table.criteria[j]
+                if own is None or lesser is None or small.poles is None:
+                    continue
+                if not contained(small, entry, shape):
+                    continue
+                if own.deviance > lesser.deviance + WORSE:
+                    seeds = [small.poles]
+                    if entry.poles.size > small.poles.size:
+                        seeds = raised([*task.seeds, entry.poles], small.poles)
+                    noise = table.noise[j] if any(orders) else ()
+                    retries.append((k, replace(task, seeds=tuple(seeds), noise=noise)))
+        said = "candidates that fell behind lesser ones again"
+        outcomes = self.run(run_task, [task for _, task in retries], said) if retries else []
+        for (k, _), entry in zip(retries, outcomes, strict=True):
+            other = _table([entry], self.records, orders).criteria[0]
+            own = _table([found[k]], self.records, orders).criteria[0]
+            if other is not None and own is not None and other.deviance < own.deviance:
+                found[k] = entry
+        return found
+
+    def _in_question(self, table: Table, place: int | None) -> set[int]:
+        """Rows that are identified in full: the recommended one and those near the best."""
+        usable = [(k, c) for k, c in enumerate(table.contenders()) if c.usable]
+        found = set() if place is None else {place}
+        for name in ("aicc", "bic"):
+            lowest = min((getattr(c.criteria, name) for _, c in usable), default=math.inf)
+            found |= {k for k, c in usable if getattr(c.criteria, name) < lowest + IN_QUESTION}
+        return {k for k in found if table.entries[k].shared}
+
+    def _identified(self, tasks: Sequence[Task], table: Table, full: set[int]) -> list[Entry]:
+        wanted = sorted(full)
+        whole = [replace(tasks[k], shared=False) for k in wanted]
+        said = f"{len(wanted)} candidates in question, each with the whole search"
+        outcomes = dict(zip(wanted, self.run(run_task, whole, said), strict=True)) if whole else {}
+        found = []
+        for k, entry in enumerate(table.entries):
+            other = outcomes.get(k)
+            # one that the whole search refuses keeps what it has here
+            found.append(entry if other is None or other.estimate is None else other)
+        return found
+
+    def _row(
+        self,
+        structure: Structure,
+        entry: Entry,
+        criteria: Criteria | None,
+        fit: Array,
+        identified: bool,
+        maximum: Estimate | None,
+    ) -> SelectionRow:
+        """A row: criteria and fit of the likelihood's maximum, the rest of the estimate."""
+        estimate = entry.estimate
+        if estimate is None or criteria is None or maximum is None:
+            return SelectionRow(structure, None, entry.reason or "no estimate")
+        relative, widest = largest_relative_std(estimate)
+        steps = [step.condition for one in estimate.trace.passes for step in one.steps]
+        conditions = [c for c in (*steps, estimate.condition) if math.isfinite(c)]
+        return SelectionRow(
+            structure=structure,
+            estimate=estimate,
+            aic=criteria.aic,
+            aicc=criteria.aicc,
+            bic=criteria.bic,
+            yic=young(maximum, _spread(self.records)),
+            fit=maximum.fit,
+            cross_fit=fit,
+            condition=max(conditions, default=math.nan),
+            relative_std=relative,
+            widest=widest,
+            n_unknowns=criteria.n_unknowns,
+            deviance=criteria.deviance,
+            identified=identified or not entry.shared,
+            ok=estimate.status.ok,
+        )
+
+    def _hankel(self, table: Table, place: int | None) -> Hankel | None:
+        """On operators with the poles of the recommended candidate."""
+        if place is None:
+            return None
+        estimate, poles = table.entries[place].estimate, table.entries[place].poles
+        if estimate is None or poles is None:
+            return None
+        self.say("Hankel singular values of the parallel model")
+        known = estimate.structure
+        nuisances = Structure(
+            1,
+            0,
+            delay=known.delay,
+            offset=known.offset,
+            drift=known.drift,
+            initial_state=known.initial_state,
+        )
+        label = order_label(table.entries[place].structure)
+        operators = [(f"on the poles of {label}, each {REPEATED} times", np.tile(poles, REPEATED))]
+        try:
+            return hankel_values(self.records, operators, nuisances, table.noise[place])
+        except (TridentifyError, np.linalg.LinAlgError, ValueError):
+            return None
+
+
+def _table(entries: Sequence[Entry], records: Sequence[Record], orders: tuple[int, ...]) -> Table:
+    """Criteria on the samples that all candidates explain, with noise models of given orders."""
+    common = [np.isfinite(np.asarray(record.y)) for record in records]
+    for entry in entries:
+        for e, residual in enumerate(entry.residuals):
+            common[e] &= np.isfinite(residual)
+    size = np.mean([np.nanmean(np.asarray(r.y) ** 2, axis=0) for r in records], axis=0)
+    found: list[Criteria | None] = []
+    noises: list[tuple[Array, ...]] = []
+    for entry in entries:
+        if entry.estimate is None:
+            found.append(None)
+            noises.append(())
+            continue
+        seen = [np.where(c, r, np.nan) for c, r in zip(common, entry.residuals, strict=True)]
+        noises.append(noise_of_orders(seen, orders))
+        found.append(criteria_of(seen, noises[-1], size, unknowns_of(entry.estimate)))
+    return Table(tuple(entries), tuple(found), tuple(noises))
+
+
+def _contender(entry: Entry, criteria: Criteria | None) -> Contender:
+    estimate = entry.estimate
+    if estimate is None or criteria is None:
+        return Contender(Criteria(0, 1, math.inf), 0, False)
+    structure = entry.structure
+    shape = len(estimate.output_names), len(estimate.input_names)
+    poles = structure.poles_matrix(*shape)
+    count = structure.common_poles if structure.shared else sum(map(sum, poles))
+    room = criteria.n_samples > criteria.n_unknowns + 2
+    usable = estimate.status.ok and room and math.isfinite(criteria.deviance)
+    return Contender(criteria, count, bool(usable))
+
+
+def _spread(records: Sequence[Record]) -> Array:
+    return np.asarray(np.mean([np.nanvar(np.asarray(r.y), axis=0) for r in records], axis=0))
+
+
+def _decades(records: Sequence[Record]) -> float:
+    """Between the slowest and the fastest rate that the record can show."""
+    ratios = [0.7 / 3.0 * (record.n_samples - 1) for record in records]
+    return max(math.log10(max(*ratios, 1.0)), 0.25)
+
+
+def _follows_input(entry: Entry, noise: tuple[Array, ...], records: Sequence[Record]) -> bool:
+    """Whether the whitened residual knows the input (a chi-square test at 0.1 %)."""
+    from scipy.special import chdtri
+
+    from tridentify.numerics.whiteness import input_share
+
+    if any(record.dt is None for record in records):
+        return False
+    for i, a in enumerate(noise):
+        for one, record in zip(entry.residuals, records, strict=True):
+            _, statistic, dimension = input_share(one[:, i], np.asarray(record.u), a)
+            if statistic > chdtri(dimension, 1e-3):
+                return True
+    return False
+
+
+def _notes(table: Table, unseen: Sequence[Record]) -> tuple[str, ...]:
+    told = []
+    noise = next((noise for noise in table.noise if noise), ())
+    if any(a.size for a in noise):
+        sizes = ", ".join(str(a.size) for a in noise)
+        told.append(
+            "the noise is coloured: all criteria are those of samples whitened by "
+            f"autoregressions, for every candidate of the same order ({sizes})"
+        )
+    if unseen:
+        told.append("held-out: fit of the validation record, offset and initial state fitted to it")
+    else:
+        told.append("held-out: fit of blocks of the record that were left out in turn")
+    rest = sum(1 for e in table.entries if e.shared and e.estimate is not None)
+    if rest:
+        told.append(
+            "the rows far from the best end on the likelihood's maximum; the others are what "
+            "identify gives"
+        )
+    return tuple(told)

@@ -1,0 +1,151 @@
+"""The recommendation in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tridentify.selection.orders import order_label
+from tridentify.selection.result import SelectionRow
+from tridentify.selection.rule import Contender, needed
+from tridentify.structure import Structure
+
+POORLY = 0.5
+CLOSE = 10.0
+
+
+def reason_of(
+    rows: Sequence[SelectionRow],
+    contenders: Sequence[Contender],
+    place: int | None,
+    decades: float,
+    missed: bool,
+) -> str:
+    """Say why a row is recommended, in a few sentences.
+
+    Parameters
+    ----------
+    rows : sequence of SelectionRow
+    contenders : sequence of Contender
+        What the rule saw of them.
+    place : int or None
+        Which one is recommended.
+    decades : float
+        Of rates that the record can show.
+    missed : bool
+        Whether its residual follows the input.
+    """
+    if place is None:
+        if all(row.estimate is None for row in rows):
+            return f"no candidate could be estimated; the first one: {rows[0].reason}"
+        first = next(row for row in rows if row.estimate is not None)
+        return f"no candidate has a usable end; the first one: {first.status}"
+    told = [
+        _against_larger(rows, contenders, place, decades),
+        _against_smaller(rows, contenders, place, decades),
+        _unusable(rows, contenders, place),
+    ]
+    own = rows[place]
+    if own.relative_std > POORLY:
+        told.append(
+            f"Its {own.widest} is known to {_share(own.relative_std)} only: a simpler model may do."
+        )
+    if missed:
+        told.append(
+            "Its residual still follows the input, so no candidate explains the record: try more "
+            "poles, a delay, or an offset or drift."
+        )
+    return " ".join(filter(None, told))
+
+
+def named(structure: Structure) -> str:
+    """Orders in words.
+
+    Examples
+    --------
+    >>> named(Structure(2, 1)), named(Structure(1, 0)), named(Structure(2, [[1], [0]]))
+    ('2 poles and 1 zero', '1 pole and no zero', 'poles, zeros = 2, [[1], [0]]')
+    """
+    n, m = structure.poles, structure.zeros
+    if not isinstance(n, int) or not isinstance(m, int) or structure.constrained:
+        return f"poles, zeros = {order_label(structure)}"
+    zeros = "no zero" if m == 0 else "1 zero" if m == 1 else f"{m} zeros"
+    delay = " and a free delay" if structure.delay == "free" else ""
+    return f"{n} pole{'s' if n > 1 else ''} and {zeros}{delay}"
+
+
+def _against_larger(
+    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int, decades: float
+) -> str:
+    """Against the candidate of the lowest AICc, or the best of those with more unknowns."""
+    own, name = contenders[place].criteria, named(rows[place].structure)
+    usable = [k for k, c in enumerate(contenders) if c.usable]
+    best = min(usable, key=lambda k: contenders[k].criteria.aicc)
+    if best != place:
+        other = contenders[best].criteria
+        text = f"{_capital(named(rows[best].structure))} lower AICc by {own.aicc - other.aicc:.1f}"
+        if rows[best].relative_std > POORLY:
+            text += f", while {rows[best].widest} is known to {_share(rows[best].relative_std)}"
+        if other.n_unknowns > own.n_unknowns:
+            price = needed(contenders[place], contenders[best], decades)
+            fall = own.deviance - other.deviance
+            text += (
+                f"; -2 log L falls by {max(fall, 0.0):.1f}, where luck alone may bring {price:.1f}"
+            )
+        else:
+            text += ", with as many unknowns"
+        return f"{text}: {name} are recommended."
+    larger = [k for k in usable if contenders[k].criteria.n_unknowns > own.n_unknowns]
+    if not larger:
+        return f"{_capital(name)} have the lowest AICc, and no candidate is larger."
+    near = min(larger, key=lambda k: contenders[k].criteria.aicc)
+    above = contenders[near].criteria.aicc - own.aicc
+    return (
+        f"{_capital(name)} have the lowest AICc; the best of the larger candidates, "
+        f"{named(rows[near].structure)}, lies {above:.1f} above."
+    )
+
+
+def _against_smaller(
+    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int, decades: float
+) -> str:
+    own = contenders[place].criteria
+    smaller = [
+        k for k, c in enumerate(contenders) if c.usable and c.criteria.n_unknowns < own.n_unknowns
+    ]
+    if not smaller:
+        return ""
+    near = min(smaller, key=lambda k: contenders[k].criteria.aicc)
+    fall = contenders[near].criteria.deviance - own.deviance
+    price = needed(contenders[near], contenders[place], decades)
+    if fall <= price:
+        return ""
+    return (
+        f"{_capital(named(rows[near].structure))} are too few: -2 log L is {fall:.1f} higher, "
+        f"where luck alone may bring {price:.1f}."
+    )
+
+
+def _unusable(rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int) -> str:
+    """Candidates out of the race that explain more."""
+    own = contenders[place].criteria
+    better = [
+        k
+        for k, c in enumerate(contenders)
+        if rows[k].estimate is not None and not c.usable and c.criteria.aicc < own.aicc - CLOSE
+    ]
+    if not better:
+        return ""
+    best = min(better, key=lambda k: contenders[k].criteria.aicc)
+    gain = own.aicc - contenders[best].criteria.aicc
+    return (
+        f"{_capital(named(rows[best].structure))} would lower AICc by {gain:.1f}, but ended "
+        f"{rows[best].status}: something fast is missing, perhaps a delay or a direct feedthrough."
+    )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]
+
+
+def _share(value: float) -> str:
+    return f"{100 * value:.0f} %" if value < 10 else "more than 1000 %"

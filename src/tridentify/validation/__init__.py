@@ -1,0 +1,8 @@
+"""Whether an estimate can be trusted: tests of its residual, and a verdict in words."""
+
+from __future__ import annotations
+
+from tridentify.validation.result import Finding, Validation
+from tridentify.validation.validate import validate
+
+__all__ = ["Finding", "Validation", "validate"]

@@ -1,0 +1,134 @@
+"""What a residual is searched for: inputs past and coming, drifts, squares, later changes.
+
+All are columns beside the residual, experiment by experiment, not whitened. What the input was
+before the record is unknown and taken for its first value: a column need not be the truth to be
+uncorrelated with noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import oaconvolve
+
+from tridentify.estimate import Estimate
+from tridentify.simulate import simulate
+from tridentify.validation.view import Output, View
+
+Array = NDArray[np.float64]
+
+MOST_LAGS = 40
+SHORT = 4
+PER_COLUMN = 6
+WAVES = 4
+
+
+def past_lags(view: View, output: Output) -> list[int]:
+    """Knots [samples] of the responses that are looked for: first each lag, then wider."""
+    n_inputs = view.records[0].n_inputs
+    most = max(min(MOST_LAGS, output.count // (PER_COLUMN * n_inputs)), 3)
+    longest = max(min(record.n_samples for record in view.records) // 4, most)
+    grown = np.round(np.geomspace(1.0, longest + 1.0, most)).astype(int) - 1
+    return sorted({*range(min(SHORT, most)), *grown.tolist()})
+
+
+def moved_input(view: View, channel: int, lag: int) -> tuple[Array, ...]:
+    """One input so many samples earlier (later, where ``lag`` is negative), per experiment."""
+    found = []
+    for record in view.records:
+        u = np.asarray(record.u[:, channel] - record.u[0, channel])
+        n = u.size
+        k = min(abs(lag), n)
+        kept = u[: n - k] if lag >= 0 else u[k:]
+        pad = (k, 0) if lag >= 0 else (0, k)
+        found.append(np.pad(kept, pad, constant_values=0.0 if lag >= 0 else float(u[-1])))
+    return tuple(found)
+
+
+def responses(
+    view: View, channels: Sequence[int], lags: Sequence[int], *, coming: bool = False
+) -> tuple[Array, ...]:
+    """Responses to several inputs that together make any smooth one, (n_samples, k) per experiment.
+
+    Parameters
+    ----------
+    view : View
+    channels : sequence of int
+        Inputs.
+    lags : sequence of int
+        Knots: response ``k`` rises from knot ``k - 1``, has its peak at knot ``k``, is zero from
+        knot ``k + 1`` on.
+    coming : bool
+        Of the samples to come in place of those before.
+    """
+    found = []
+    for record in view.records:
+        columns = []
+        for j in channels:
+            u = np.asarray(record.u[:, j] - record.u[0, j])
+            if coming:
+                # the last value stays; the present one belongs to the past
+                moved = np.append(u[1:], u[-1])[::-1]
+                columns += [one[::-1] for one in _hats(moved - moved[0], lags)]
+            else:
+                columns += _hats(u, lags)
+        found.append(np.stack(columns, axis=1))
+    return tuple(found)
+
+
+def _hats(u: Array, lags: Sequence[int]) -> list[Array]:
+    found = []
+    for k, peak in enumerate(lags):
+        low = lags[k - 1] if k else peak - 1
+        high = lags[k + 1] if k + 1 < len(lags) else peak + 1
+        at = np.arange(low + 1, high)
+        up, down = (at - low) / (peak - low), (high - at) / (high - peak)
+        taps = np.zeros(high)
+        taps[at] = np.minimum(up, down)
+        found.append(np.asarray(oaconvolve(u, taps)[: u.size] if high > 2 else taps[0] * u))
+    return found
+
+
+def waves(view: View) -> tuple[Array, ...]:
+    """A constant and slow cosines, for each experiment its own."""
+    many = len(view.records)
+    count = WAVES if many == 1 else 2 if many < 4 else 1
+    found = []
+    for e, record in enumerate(view.records):
+        since = record.t - record.t[0]
+        phase = np.pi * since / since[-1]
+        own = np.zeros((record.n_samples, many * count))
+        own[:, e * count : (e + 1) * count] = np.cos(np.outer(phase, np.arange(count)))
+        found.append(own)
+    return tuple(found)
+
+
+def squares(view: View, output: int, estimate: Estimate) -> tuple[Array, ...]:
+    """The square of the fitted output, and the response to the square of each input.
+
+    The first is Ramsey's test of a wrong functional form (J. Royal Statistical Society B 31, 1969,
+    350-371), the others stand for an actuator that is not linear.
+    """
+    found = []
+    for e, record in enumerate(view.records):
+        y = np.nan_to_num(view.outputs[output].fitted[e])
+        columns = [(y - y.mean()) ** 2]
+        for j in range(record.n_inputs):
+            u = np.zeros_like(record.u)
+            u[:, j] = (record.u[:, j] - record.u[0, j]) ** 2
+            columns.append(simulate(estimate.model, record._on_its_times(u))[:, output])
+        found.append(np.stack(columns, axis=1))
+    return tuple(found)
+
+
+def later(view: View, output: Output) -> tuple[Array, ...]:
+    """The derivatives by the coefficients, in the second half of all samples only."""
+    total = sum(record.n_samples for record in view.records)
+    before, found = 0, []
+    for one in output.coefficients:
+        position = before + np.arange(one.shape[0])
+        found.append(one * (position >= total // 2)[:, None])
+        before += one.shape[0]
+    return tuple(found)

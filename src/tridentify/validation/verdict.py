@@ -1,0 +1,365 @@
+"""From test results to words: what was found, in seconds and names of channels, and what to do."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tridentify.validation.evidence import CALLED, Evidence
+from tridentify.validation.remedies import Remedy
+from tridentify.validation.result import CrossCorrelation, Finding, Test, Transfer
+from tridentify.validation.view import View
+
+RANK = (
+    "delay",
+    "order",
+    "dynamics",
+    "change",
+    "feedback",
+    "drift",
+    "nonlinear",
+    "inconstant",
+    "outliers",
+    "coloured",
+    "scale",
+    "size",
+    "distribution",
+)
+"""What most needs doing first."""
+
+
+def family(
+    evidence: Sequence[Evidence], names: Sequence[str], transfer: Transfer | None
+) -> list[Test]:
+    """Every test, not yet judged; ``nan`` where it could not be made."""
+    found = []
+    for one, name in zip(evidence, names, strict=True):
+        explained = one.past < CALLED or one.level < CALLED
+        white = one.coloured if explained else one.whiteness.p_value
+        rows = (
+            ("white", white),
+            ("past inputs", one.past),
+            ("feedback", one.feedback),
+            ("level", one.level),
+            ("scale", one.scale),
+            ("coefficients constant", one.later),
+            ("linear", one.squares),
+            ("Gaussian", one.normality.p_value),
+        )
+        found += [Test(what, name, p, False) for what, p in rows]
+    if transfer is not None:
+        found.append(Test("same coefficients", "all", transfer.coefficients_p_value, False))
+        pairs = zip(names, transfer.size_p_values.tolist(), strict=True)
+        found += [Test("size of the noise", name, p, False) for name, p in pairs]
+    return found
+
+
+def findings(
+    view: View,
+    evidence: Sequence[Evidence],
+    pictures: Sequence[CrossCorrelation],
+    tests: Sequence[Test],
+    transfer: Transfer | None,
+    remedy: Remedy,
+) -> tuple[Finding, ...]:
+    """All findings, the most important first.
+
+    Parameters
+    ----------
+    view : View
+    evidence : sequence of Evidence, one per output
+    pictures : sequence of CrossCorrelation
+        Output by output.
+    tests : sequence of Test
+        Judged.
+    transfer : Transfer or None
+    remedy : Remedy
+        What would explain a residual that follows an input.
+    """
+    rejected = {(test.name, test.output): test.p_value for test in tests if test.rejected}
+    found: list[Finding] = []
+    n_inputs = view.records[0].n_inputs
+    for i, (one, output) in enumerate(zip(evidence, view.outputs, strict=True)):
+        own = pictures[n_inputs * i : n_inputs * (i + 1)]
+        name = output.name
+        if ("past inputs", name) in rejected:
+            found += _dynamics(view, one, own, remedy)
+        found += _about_one(view, one, name, rejected, own)
+    if transfer is not None:
+        found += _carried(view, transfer, rejected)
+    return tuple(sorted(found, key=lambda f: (not f.serious, RANK.index(f.kind), f.p_value)))
+
+
+def seconds(low: float, high: float) -> str:
+    """A stretch of lags.
+
+    Examples
+    --------
+    >>> seconds(0.1, 0.4), seconds(0.2, 0.2)
+    ('lags 0.1-0.4 s', 'lag 0.2 s')
+    """
+    a, b = f"{low:.3g}", f"{high:.3g}"
+    return f"lag {a} s" if a == b else f"lags {a}-{b} s"
+
+
+def _around(picture: CrossCorrelation, past: bool) -> tuple[float, float]:
+    """The lags beside the farthest out that are outside the bounds too."""
+    side = picture.lags >= 0 if past else picture.lags < 0
+    lags = picture.lags[side]
+    bound = np.where(picture.bound[side] > 0, picture.bound[side], np.inf)
+    ratio = np.abs(picture.correlation[side]) / bound
+    top = int(np.argmax(ratio))
+    low = high = top
+    while low > 0 and ratio[low - 1] > 1:
+        low -= 1
+    while high + 1 < ratio.size and ratio[high + 1] > 1:
+        high += 1
+    first, last = float(lags[low]), float(lags[high])
+    return (first, last) if past else (-last, -first)
+
+
+def _dynamics(
+    view: View, one: Evidence, pictures: Sequence[CrossCorrelation], remedy: Remedy
+) -> list[Finding]:
+    name = pictures[0].output
+    worst = [j for j, p in enumerate(one.by_input) if p < CALLED] or [int(np.argmin(one.by_input))]
+    found = []
+    for j in worst:
+        picture = pictures[j]
+        low, high = _around(picture, True)
+        where = f"the residual of {name} is correlated with {picture.input} at {seconds(low, high)}"
+        kind = remedy.kind
+        if kind == "delay" and remedy.input != picture.input and len(worst) > 1:
+            continue
+        how = f"with {remedy.text} its sum of squares falls by {100 * remedy.share:.0f} %"
+        if kind == "delay":
+            text = f"{where}: a delay is missing ({how})"
+        elif kind == "order":
+            text = f"{where}: the order is too low ({how})"
+        else:
+            text = f"{where}: the order is too low or a delay is missing"
+        advice = remedy.advice or "try more poles or zeros, or delay='free' (--delay free)"
+        found.append(
+            Finding(kind or "dynamics", name, picture.input, (low, high), text, advice, one.past)
+        )
+    return found
+
+
+def _about_one(
+    view: View,
+    one: Evidence,
+    name: str,
+    rejected: dict[tuple[str, str], float],
+    pictures: Sequence[CrossCorrelation],
+) -> list[Finding]:
+    found = []
+
+    def add(
+        kind: str, test: str, text: str, advice: str, *, serious: bool = True, **more: object
+    ) -> None:
+        p_value = rejected.get((test, name))
+        if p_value is not None:
+            lags = more.get("lags", ())
+            assert isinstance(lags, tuple)
+            found.append(
+                Finding(
+                    kind, name, str(more.get("input", "")), lags, text, advice, p_value, serious
+                )
+            )
+
+    if ("feedback", name) in rejected:
+        ratio = [_outside(picture) for picture in pictures]
+        picture = pictures[int(np.argmax(ratio))]
+        low, high = _around(picture, False)
+        add(
+            "feedback",
+            "feedback",
+            f"the residual of {name} is correlated with {picture.input} {low:.3g}-{high:.3g} s "
+            "later: "
+            "the input reacts to the output (feedback), or its clock is late",
+            "open the loop, or add a test signal that is large against the feedback; check that "
+            "the "
+            "channels share one clock",
+            input=picture.input,
+            lags=(-high, -low),
+        )
+    add(
+        "drift",
+        "level",
+        f"the level of the residual of {name} moves slowly over the record: the sensor drifts, or "
+        "an offset or a slow disturbance is missing",
+        "estimate an offset and a drift (offset=True, drift='auto'; --drift auto), or cut the "
+        "record",
+    )
+    explained = ("past inputs", name) in rejected or ("level", name) in rejected
+    also = "also " if explained else ""
+    model_good = "" if explained else "; it follows no input, so the model itself is good"
+    noise = "the noise model does not fit" if _has_noise(view, name) else "the noise is not white"
+    reach = _reach(view, one)
+    add(
+        "coloured",
+        "white",
+        f"the residual of {name} is {also}correlated with itself at {reach}: {noise}"
+        f"{model_good}, but not its standard errors",
+        "use noise='ar' (--noise ar)",
+        lags=_reach_of(view, one),
+    )
+    add(
+        "nonlinear",
+        "linear",
+        f"the residual of {name} follows the square of the input or of the output: the system is "
+        "not linear over this range",
+        "use smaller amplitudes, or identify each operating point on its own",
+    )
+    add(
+        "inconstant",
+        "coefficients constant",
+        f"the coefficients behind {name} differ between the first and the second half of the "
+        "samples",
+        "identify the parts on their own, or use online.ThreeModel(forgetting=...)",
+    )
+    found += _about_noise(view, one, name, rejected)
+    return found
+
+
+def _about_noise(
+    view: View, one: Evidence, name: str, rejected: dict[tuple[str, str], float]
+) -> list[Finding]:
+    found = []
+    if len(one.normality.outliers) and not np.isnan(one.scale):
+        rows = one.normality.outliers
+        far = rows[np.argsort(-np.abs(rows[:, 2]))]
+        at = ", ".join(f"{t:.4g}" for t in np.sort(far[:3, 1]))
+        many = f"{len(rows)} samples lie" if len(rows) > 1 else "a sample lies"
+        which = "at" if len(rows) <= 3 else "the farthest at"
+        found.append(
+            Finding(
+                "outliers",
+                name,
+                "",
+                (),
+                f"{many} up to {np.abs(far[0, 2]):.0f} standard deviations from the model of "
+                f"{name} "
+                f"({which} {at} s)",
+                "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing",
+                rejected.get(("Gaussian", name), one.normality.p_value),
+            )
+        )
+    elif ("Gaussian", name) in rejected:
+        found.append(
+            Finding(
+                "distribution",
+                name,
+                "",
+                (),
+                f"the residual of {name} is not Gaussian (skewness {one.normality.skewness:.2f}, "
+                f"excess kurtosis {one.normality.kurtosis:.2f}); the estimate holds all the same",
+                "nothing, unless the tails are heavy: then loss='student' is more accurate",
+                rejected["Gaussian", name],
+                serious=False,
+            )
+        )
+    if ("scale", name) in rejected:
+        ratio = float(np.nanmax(one.scales) / max(float(np.nanmin(one.scales)), 1e-300))
+        found.append(
+            Finding(
+                "scale",
+                name,
+                "",
+                (),
+                f"the noise of {name} changes its size over the record, by a factor of "
+                f"{ratio:.1f}: "
+                "the standard errors are not right",
+                "cut the record, or take standard errors from parts of it",
+                rejected["scale", name],
+            )
+        )
+    return found
+
+
+def _carried(
+    view: View, transfer: Transfer, rejected: dict[tuple[str, str], float]
+) -> list[Finding]:
+    found = []
+    if ("same coefficients", "all") in rejected:
+        found.append(
+            Finding(
+                "change",
+                "all",
+                "",
+                (),
+                "the coefficients of this record differ from the estimate by more than its "
+                "standard "
+                "errors",
+                "identify both records together if they are one system, else each on its own",
+                rejected["same coefficients", "all"],
+            )
+        )
+    for i, output in enumerate(view.outputs):
+        if ("size of the noise", output.name) in rejected:
+            more = transfer.size_ratio[i] > 1
+            found.append(
+                Finding(
+                    "size",
+                    output.name,
+                    "",
+                    (),
+                    f"the residual of {output.name} is {transfer.size_ratio[i]:.2f} times as "
+                    "large as "
+                    "the estimate leads to expect: this record is "
+                    f"{'noisier' if more else 'quieter'}",
+                    "nothing for the model; weight the records by their noise if they are joined",
+                    rejected["size of the noise", output.name],
+                    serious=False,
+                )
+            )
+    return found
+
+
+def _has_noise(view: View, name: str) -> bool:
+    return any(output.name == name and output.noise.size > 0 for output in view.outputs)
+
+
+def _outside(picture: CrossCorrelation) -> float:
+    side = picture.lags < 0
+    bound = np.where(picture.bound[side] > 0, picture.bound[side], np.inf)
+    return float(np.max(np.abs(picture.correlation[side]) / bound, initial=0.0))
+
+
+def _reach_of(view: View, one: Evidence) -> tuple[float, float]:
+    found = one.autocorrelation
+    ratio = np.abs(found.value - found.mean) / np.where(found.std > 0, found.std, np.inf)
+    top = int(np.argmax(ratio))
+    low = high = top
+    while low > 0 and ratio[low - 1] > 2.58:
+        low -= 1
+    while high + 1 < ratio.size and ratio[high + 1] > 2.58:
+        high += 1
+    return (low + 1) * view.step, (high + 1) * view.step
+
+
+def _reach(view: View, one: Evidence) -> str:
+    return seconds(*_reach_of(view, one))
+
+
+def in_words(
+    found: Sequence[Finding], view: View, transfer: Transfer | None, fit: Sequence[float]
+) -> str:
+    """The verdict: one or two sentences."""
+    serious = [f for f in found if f.serious]
+    names = [output.name for output in view.outputs]
+    fits = ", ".join(f"{n} {f:.1f} %" for n, f in zip(names, fit, strict=True))
+    where = f"fit {fits}"
+    if transfer is not None:
+        best = ", ".join(f"{f:.1f} %" for f in transfer.expected_fit)
+        where += f" on a record that was not identified, where {best} was to be expected"
+    if serious:
+        text = f"{serious[0].text[0].upper()}{serious[0].text[1:]} ({where})."
+        others = list(dict.fromkeys(f.text.split(":")[0].split(" (")[0] for f in serious[1:]))
+        return text + (f" Besides, {'; '.join(others[:3])}." if others else "")
+    what = "noise alone" if transfer is None else "noise and the standard errors alone"
+    text = f"Nothing speaks against the model: the residual is explained by {what} ({where})."
+    if found:
+        text += f" To be known: {found[0].text}."
+    return text

@@ -1,0 +1,141 @@
+"""``tridentify export`` and ``tridentify excite``."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tridentify import (
+    OutputError,
+    Structure,
+    TransferFunction,
+    identify,
+    read_record,
+)
+from tridentify.export import write_json
+
+
+@pytest.fixture
+def model(tmp_path):
+    path = tmp_path / "plant.json"
+    plant = TransferFunction([2.0, 3.0], [1.0, 3.0, 9.0], input_names=["elevator"])
+    return write_json(plant, path)
+
+
+@pytest.mark.parametrize(
+    ("name", "begins"),
+    [("plant.m", b"%"), ("plant.mat", b"MATLAB 5.0"), ("copy.json", b"{"), ("plant.h", b"/*")],
+)
+def test_every_kind_of_file_is_written(run, model, tmp_path, name, begins):
+    options = ["--dt", 0.01] if name.endswith(".h") else []
+    outcome = run("export", model, tmp_path / "out" / name, *options)
+    assert outcome.code == 0, outcome.err
+    assert (tmp_path / "out" / name).read_bytes().startswith(begins)
+    assert name in outcome.out
+
+
+def test_an_estimate_becomes_c(run, noisy, tmp_path):
+    record = read_record(noisy, time="t", inputs=["elevator"], outputs=["q"])
+    estimate = identify(record, Structure(2, 1, initial_state="rest"), OutputError())
+    saved = estimate.save(tmp_path / "model.json")
+    header = tmp_path / "f.h"
+    options = ["--method", "tustin", "--prewarp", 3, "--number", "float", "--name", "short_period"]
+    outcome = run("export", saved, header, "--dt", 0.02, *options, "--json")
+    assert outcome.code == 0, outcome.err
+    assert json.loads(outcome.out) == {"files": [str(header)]}
+    text = header.read_text()
+    assert "short_period_step" in text
+    assert f"{estimate.theta[0]:.17g}" in text
+    assert "Tustin" in text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["plant.json", "plant.txt"], ".mat, .m, .h or .json"),
+        (["plant.json", "plant.c"], ".mat, .m, .h or .json"),
+        (["plant.json", "plant.h"], "--dt"),
+        (["plant.json", "plant.mat", "--dt", "0.1"], "--dt with"),
+        (["nothing.json", "plant.m"], "nothing.json"),
+        (["plant.json", "plant.h", "--dt", "0.1", "--prewarp", "3"], "prewarp"),
+        (["plant.json", "plant.h", "--dt", "0.1", "--method", "euler"], "--method"),
+    ],
+)
+def test_what_cannot_be_exported_is_one_line(run, model, monkeypatch, tmp_path, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    outcome = run("export", *arguments)
+    assert outcome.code == 2
+    assert len(outcome.error_lines) == 1
+    assert words in outcome.err
+    assert [path.name for path in tmp_path.iterdir()] == ["plant.json"]
+
+
+def test_models_of_another_schema_or_damaged_are_refused(run, model, tmp_path):
+    content = json.loads(model.read_text())
+    for changed in ({**content, "model_schema": 99}, {"model_schema": 1}, [1, 2]):
+        model.write_text(json.dumps(changed))
+        outcome = run("export", model, tmp_path / "plant.m")
+        assert outcome.code == 2
+        assert len(outcome.error_lines) == 1
+
+
+SIGNALS = {
+    "prbs": ["--order", 6, "--clock", 0.1],
+    "multisine": ["--duration", 10, "--band", "0.7,12"],
+    "3-2-1-1": ["--for-frequency", 3, "--tail", 5],
+    "doublet": ["--width", 0.5, "--lead", 1],
+    "chirp": ["--duration", 20, "--band", "0.5,20"],
+}
+
+
+@pytest.mark.parametrize("signal", SIGNALS)
+def test_every_signal_is_made_and_read_back(run, tmp_path, signal):
+    path = tmp_path / "plan.csv"
+    options = [*SIGNALS[signal], "--amplitude", 0.05, "--input", "elevator", "--out", path]
+    outcome = run("excite", signal, "--dt", 0.02, *options)
+    assert outcome.code == 0, outcome.err
+    assert "crest factor" in outcome.out
+    again = np.genfromtxt(path, delimiter=",", skip_header=1)
+    assert np.abs(again[:, 1]).max() == pytest.approx(0.05, rel=1e-3)
+    assert path.read_text().startswith("t [s],elevator\n")
+
+
+def test_the_precision_of_a_plan_is_told(run, model):
+    options = ["--for-frequency", 3, "--tail", 5, "--model", model, "--noise", 0.01]
+    outcome = run("excite", "3-2-1-1", "--dt", 0.02, *options)
+    assert outcome.code == 0, outcome.err
+    assert "Cramer-Rao" in outcome.out
+    assert "a1" in outcome.out
+    document = json.loads(run("excite", "3-2-1-1", "--dt", 0.02, *options, "--json").out)
+    assert document["precision"]["names"] == ["a1", "a0", "b1", "b0"]
+
+
+def test_the_optimal_input_for_a_saved_model(run, model):
+    options = ["--model", model, "--noise", 0.01, "--coefficient", "a0", "--json"]
+    several = json.loads(run("excite", "optimal", "--dt", 0.05, *options).out)
+    two = json.loads(run("excite", "optimal", "--dt", 0.05, *options, "--binary").out)
+    assert several["amplitude"] == pytest.approx([1.0])
+    place = several["precision"]["names"].index("a0")
+    assert two["precision"]["std"][place] < several["precision"]["std"][place]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["prbs", "--dt", "0.1", "--width", "1"], "--width with prbs"),
+        (["chirp", "--dt", "0.1", "--duration", "5"], "--band"),
+        (["multisine", "--dt", "0.1", "--duration", "5", "--band", "1"], "--band"),
+        (["doublet", "--dt", "0.1", "--width", "1", "--noise", "1"], "--model"),
+        (["optimal", "--dt", "0.1"], "--model"),
+        (["doublet", "--dt", "0.1", "--width", "1", "--input", "a", "--input", "b"], "2 inputs"),
+        (["sine", "--dt", "0.1"], "sine"),
+        (["prbs"], "--dt"),
+    ],
+)
+def test_what_makes_no_plan_is_one_line(run, arguments, words):
+    outcome = run("excite", *arguments)
+    assert outcome.code == 2
+    assert len(outcome.error_lines) == 1
+    assert words in outcome.err

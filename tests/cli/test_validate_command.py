@@ -1,0 +1,105 @@
+"""``tridentify validate``: the verdict as text and JSON, channels by other names, exit codes."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from tridentify import Structure, ThreeModel, identify, read_record
+
+
+@pytest.fixture
+def flight(write_table, held):
+    """A noisy response to a random square wave."""
+    rng = np.random.default_rng(4)
+    u = 0.05 * np.repeat(rng.choice([-1.0, 1.0], 40), 15)
+    q = held([2.0, 3.0], u) + 1e-3 * rng.standard_normal(u.size)
+    return write_table("flight.csv", {"t": 0.02 * np.arange(u.size), "elevator": u, "q": q})
+
+
+@pytest.fixture
+def models(flight, tmp_path):
+    """Models of the right and of too low an order."""
+    record = read_record(flight, time="t", inputs=["elevator"], outputs=["q"])
+    white = ThreeModel(noise="white")
+    for name, structure in (("right", Structure(2, 1)), ("low", Structure(1, 0))):
+        identify(record, structure, white).save(tmp_path / f"{name}.json")
+    return tmp_path
+
+
+def test_a_right_model_is_called_so(run, flight, models):
+    outcome = run("validate", models / "right.json", flight, "--check")
+    assert outcome.code == 0
+    assert "Nothing speaks against the model" in outcome.out
+    assert "the record that was identified" in outcome.out
+    assert "past inputs (q)" in outcome.out
+
+
+def test_what_is_wrong_is_said_with_a_remedy_and_tells_scripts(run, flight, models):
+    outcome = run("validate", models / "low.json", flight)
+    assert outcome.code == 0
+    text = " ".join(outcome.out.split())
+    assert "correlated with elevator at lag" in text
+    assert "what to do: " in text
+    checked = run("validate", models / "low.json", flight, "--check", "--json")
+    assert checked.code == 1
+    document = json.loads(checked.out)
+    assert document["ok"] is False
+    assert document["findings"][0]["text"].split(":")[0] in text
+    assert not checked.error_lines
+
+
+def test_columns_may_be_called_otherwise_in_another_file(run, write_table, held, models):
+    rng = np.random.default_rng(5)
+    u = 0.05 * np.repeat(rng.choice([-1.0, 1.0], 30), 15)
+    y = held([2.0, 3.0], u) + 1e-3 * rng.standard_normal(u.size) + 0.3
+    columns = {"t": 5.0 + 0.02 * np.arange(u.size), "de": u, "rate [rad/s]": y}
+    path = write_table("other.csv", columns)
+    outcome = run(
+        "validate", models / "right.json", path, "--input", "de", "--output", "rate", "--json"
+    )
+    document = json.loads(outcome.out)
+    assert document["ok"] is True
+    assert document["own"] is False
+    assert document["transfer"]["expected_fit"] == pytest.approx(document["fit"], abs=1.0)
+    assert document["output_names"] == ["q"]
+
+
+def test_the_folder_gets_the_figure_and_the_numbers(run, flight, models, tmp_path):
+    outcome = run("validate", models / "right.json", flight, "--out", tmp_path / "v", "--json")
+    files = sorted(path.name for path in (tmp_path / "v").iterdir())
+    assert files == ["residual-tests.png", "validation.json"]
+    kept = json.loads((tmp_path / "v" / "validation.json").read_text())
+    shown = json.loads(outcome.out)
+    assert [test["p_value"] for test in kept["tests"]] == [t["p_value"] for t in shown["tests"]]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--input", "de"], "found no column 'de'"),
+        (["--input", "elevator", "--input", "q"], "found 2 --input for a model with 1 (elevator)"),
+        (["--level", "1"], "found level=1.0"),
+        (["--experiment", "2"], "found experiment=1"),
+        (["--to", "0.2"], "samples of output 'q'"),
+    ],
+)
+def test_bad_input_is_one_line(run, flight, models, options, says):
+    outcome = run("validate", models / "right.json", flight, *options)
+    assert outcome.code == 2
+    assert len(outcome.error_lines) == 1
+    assert says in outcome.error_lines[0]
+    assert not outcome.out
+
+
+def test_a_model_that_is_not_there_is_one_line(run, flight, tmp_path):
+    outcome = run("validate", tmp_path / "none.json", flight)
+    assert outcome.code == 2
+    assert len(outcome.error_lines) == 1
+
+
+def test_an_experiment_counts_from_one(run, flight, models):
+    outcome = run("validate", models / "right.json", flight, "--experiment", "1", "--json")
+    assert json.loads(outcome.out)["own"] is True
