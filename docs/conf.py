@@ -30,8 +30,8 @@ extensions = [
 ]
 exclude_patterns = ["extensions", "static"]
 nitpicky = True
-# The build looks nothing up elsewhere, so names of other packages have no page to go to. What stands
-# between single backticks in a docstring is a link where the reference has that name, else code.
+# The build looks nothing up elsewhere, so names of other packages have no page to go to. What
+# stands in single backticks in a docstring is a link where the reference has that name, else code.
 nitpick_ignore_regex = [
     ("py:(class|exc)", r"(numpy|np|npt|scipy|matplotlib|pathlib|collections|os|enum|types)\..+"),
     ("py:class", r"(concurrent|typing|io|functools|datetime|fractions)\..+"),
@@ -53,12 +53,12 @@ c.HistoryManager.enabled = False
 c.IPKernelApp.log_level = 40
 """
 kernels = Path(tempfile.mkdtemp(prefix="docs-kernels-"))
-owner = os.getpid()
+OWNER = os.getpid()
 
 
 def clean() -> None:
     """Only the process that made the folder removes it, not those that it forks."""
-    if os.getpid() == owner:
+    if os.getpid() == OWNER:
         shutil.rmtree(kernels, ignore_errors=True)
 
 
