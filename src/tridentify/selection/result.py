@@ -130,6 +130,16 @@ class Selection:
         Hankel singular values of the parallel model; None where it could not be made.
     notes : tuple of str
         About the noise, the samples, and what the fits on unseen samples are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, select_structure, simulate
+    >>> u = np.repeat(np.random.default_rng(1).choice([-1.0, 1.0], 30), 10)
+    >>> y = simulate(TransferFunction([2.0], [1.0, 2.0]), Record(u, u, dt=0.05))[:, 0]
+    >>> record = Record(u, y + 0.05 * np.random.default_rng(2).standard_normal(300), dt=0.05)
+    >>> select_structure(record, [Structure(1, 0), Structure(2, 0)]).recommended.label
+    '1, 0'
     """
 
     rows: tuple[SelectionRow, ...]
