@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from tridentify.validation.result import Finding, Validation
-from tridentify.validation.validate import validate
+from tridentify.validation.assess import validate
 
 __all__ = ["Finding", "Validation", "validate"]
