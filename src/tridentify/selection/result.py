@@ -50,7 +50,7 @@ class SelectionRow:
         (`selection.held_out`). As the criteria, that of the likelihood's maximum; a posterior mean
         may fit less well.
     condition : float
-        The worst of the steps in the estimate's trace and of its score columns.
+        The worst of the steps of the last pass and of the score columns.
     relative_std : float
         The largest standard error over its coefficient; ``widest`` is whose.
     n_unknowns : int
@@ -195,7 +195,7 @@ class Selection:
 
     def all_notes(self) -> tuple[str, ...]:
         """Notes, and what the Hankel singular values say."""
-        told = ["AIC, AICc and BIC count from the lowest; condition is the worst of the steps"]
+        told = ["AIC, AICc and BIC count from the lowest; condition is that of the last pass"]
         told += self.notes
         if self.hankel is not None:
             h = self.hankel
