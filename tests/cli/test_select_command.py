@@ -20,7 +20,7 @@ def test_the_table_names_the_recommended_row_and_why_and_progress_is_elsewhere(r
     assert "2 poles and no zero" in " ".join(answer.out.split())
     assert "AICc" in answer.out
     assert "parallel model, for all candidates" in answer.err
-    assert "in question" in answer.err
+    assert "the whole search for 2, 1" in answer.err
 
 
 def test_json_and_a_folder_hold_the_same(run, noisy, tmp_path):

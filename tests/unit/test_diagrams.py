@@ -201,12 +201,12 @@ def test_any_standard_error_leaves_every_text_in_its_place(draw, spread):
 @pytest.mark.parametrize("draw", ALL)
 @pytest.mark.parametrize("kind", ["allpass", "laguerre", ""])
 def test_kinds_and_numbers_of_operators(draw, kind):
-    for operators in (1, 3, 30):
+    for operators in (1, 30):
         assert faults(draw(made(2, 1, kind=kind, operators=operators))) == []
 
 
 @pytest.mark.parametrize("draw", ALL)
-@pytest.mark.parametrize("passes", [1, 2, 20, 120])
+@pytest.mark.parametrize("passes", [1, 20, 120])
 def test_many_passes_are_elided(draw, passes):
     assert faults(draw(made(passes=passes))) == []
     chart = words(diagrams.draw_flow_chart(made(passes=passes)))
@@ -218,7 +218,7 @@ NAMES = st.text(
 ).filter(lambda name: name.strip() == name and name.isprintable())
 
 
-@settings(max_examples=25)
+@settings(max_examples=20)
 @given(
     names=st.lists(NAMES, min_size=4, max_size=4, unique=True),
     order=st.integers(1, 4),

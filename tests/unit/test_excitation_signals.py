@@ -162,6 +162,7 @@ def test_an_excitation_is_a_value():
     assert plan.repeated(2).n_samples == 2 * plan.n_samples
     assert "crest factor" in plan.summary()
     assert "<table>" in plan._repr_html_()
+    assert plan._repr_html_().count("<svg") == 1
 
 
 def test_a_plan_becomes_a_record():

@@ -169,6 +169,21 @@ def test_of_an_estimate_the_spectrum_is_for_all_that_the_plant_may_be():
     assert best.efficiency >= 0.999
 
 
+def test_an_integrator_that_was_identified_keeps_its_draws():
+    rng = np.random.default_rng(3)
+    model = TransferFunction([2.0], [1.0, 3.0, 0.0])
+    u = np.repeat(rng.choice([-1.0, 1.0], 40), 5)
+    y = simulate(model, Record(u, u, dt=0.1))[:, 0] + 0.02 * rng.standard_normal(200)
+    structure = Structure(2, 0, fixed={"a0": 0.0}, **REST)
+    found = identify(Record(u, y, dt=0.1), structure, OutputError())
+    best = optimal_spectrum(found, n_models=6)
+    assert best.n_models == 6
+    assert best.coefficients == ("a1", "b0")
+    ahead = precision(found, best.excitation(60.0, 0.1))
+    assert len(ahead.draws) > 30
+    assert ahead.std[1] == 0.0
+
+
 @pytest.mark.parametrize(
     ("call", "error", "words"),
     [

@@ -456,8 +456,13 @@ def _models(
     if model.names != structure.names(like.input_names, like.output_names):
         return [theta]
     draws = sample(model, n_models, seed).theta
-    stable = [one for one in draws if model_from(one, structure, like).is_stable]
-    return stable or [theta]
+    return [one for one in draws if _is_stable(model_from(one, structure, like))] or [theta]
+
+
+def _is_stable(model: TransferFunction) -> bool:
+    """Whether all poles but those at the origin are in the open left half plane."""
+    dens = (np.trim_zeros(den, "b") for row in model.den for den in row)
+    return all(bool(np.all(np.roots(den).real < 0)) for den in dens)
 
 
 def _points(

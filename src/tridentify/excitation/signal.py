@@ -22,6 +22,7 @@ from tridentify.checks.samples import Intersample, channel_names
 from tridentify.errors import OptionError, ShapeError, shown
 from tridentify.excitation.checks import count, positive
 from tridentify.files import write_atomically
+from tridentify.markup import sparkline
 from tridentify.record import Record
 from tridentify.text import format_table, html_table
 
@@ -265,7 +266,10 @@ class Excitation:
 
     def _repr_html_(self) -> str:
         caption = f"{self.what}, {self.duration:.6g} s, dt={self.dt:.6g} s, {self.intersample}"
-        return html_table(_TITLES, self._rows(), caption)
+        drawn = zip(self.input_names, self.u.T, strict=True)
+        return html_table(_TITLES, self._rows(), caption) + "".join(
+            f"<div>{sparkline(signal, name)}</div>" for name, signal in drawn
+        )
 
     def __repr__(self) -> str:
         pairs = zip(self.input_names, self.amplitude, strict=True)

@@ -68,8 +68,9 @@ def span(columns: Array, basis: Array | None = None, cutoff: float = CUTOFF) -> 
 
     Examples
     --------
-    >>> span(np.array([[1.0, 1.0], [0.0, 2.0], [0.0, 0.0]]), np.eye(3)[:, :1]).round(12).tolist()
-    [[0.0], [-1.0], [0.0]]
+    >>> columns = np.array([[1.0, 1.0], [0.0, 2.0], [0.0, 0.0]])
+    >>> np.abs(span(columns, np.eye(3)[:, :1])).round(12).tolist()
+    [[0.0], [1.0], [0.0]]
     """
     norms = np.sqrt(np.einsum("ij,ij->j", columns, columns))
     used = columns[:, norms > 0] / norms[norms > 0]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.estimate import Estimate
+from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import BLUE, dress, legend, literal, make_axes
 from tridentify.text import unit_ratio
 from tridentify.uncertainty import response_band, sample, sampled_response_band
@@ -51,6 +52,7 @@ def plot_bode(
         if len(estimate.draws)
         else response_band(estimate, grid, level=level)
     )
+    known = bool(len(estimate.draws)) or bool(np.all(np.isfinite(estimate.cov)))
     n_outputs, n_inputs = len(estimate.output_names), len(estimate.input_names)
     drawn = make_axes(axes, [1.7, 1.4] * (n_outputs * n_inputs), sharex=True)
     for k in range(n_outputs * n_inputs):
@@ -65,15 +67,15 @@ def plot_bode(
             np.degrees(part[:, i, j]) for part in (band.phase, band.phase_low, band.phase_high)
         ]
         magnitude, phase = drawn[2 * k : 2 * k + 2]
-        _draw(magnitude, grid, decibels, level, least_reach=10.0)
-        _draw(phase, grid, degrees, level, least_reach=45.0)
+        _draw(magnitude, grid, decibels, level, least_reach=10.0, known=known)
+        _draw(phase, grid, degrees, level, least_reach=45.0, known=known)
         unit = ""
         if output in estimate.units and input_ in estimate.units:
             unit = unit_ratio(estimate.units[output], estimate.units[input_])
         reference = f" re {unit}" if unit not in ("", "-") else ""
         dress(
             magnitude,
-            title=literal(f"{output} / {input_}"),
+            title=literal(wrapped(f"{output} / {input_}")),
             ylabel=literal(f"magnitude\n[dB{reference}]"),
         )
         _degree_ticks(phase)
@@ -116,11 +118,22 @@ def default_frequencies(estimate: Estimate, n_points: int = 240) -> Real:
     return inside
 
 
-def _draw(ax: Axes, omega: Real, parts: list[Real], level: float, *, least_reach: float) -> None:
+def _draw(
+    ax: Axes,
+    omega: Real,
+    parts: list[Real],
+    level: float,
+    *,
+    least_reach: float,
+    known: bool = True,
+) -> None:
     """Line and band; the scale follows the line, so that a wide band does not flatten it."""
     line, low, high = (np.where(np.isfinite(part), part, np.nan) for part in parts)
-    label = f"{100 * level:.3g} % band"
-    ax.fill_between(omega, low, high, color=BLUE, alpha=0.25, linewidth=0, label=label)
+    if known:
+        label = f"{100 * level:.3g} % band"
+        ax.fill_between(omega, low, high, color=BLUE, alpha=0.25, linewidth=0, label=label)
+    else:
+        low, high = line, line
     ax.plot(omega, line, color=BLUE, linewidth=1.5, label="model")
     ax.set_xscale("log")
     ax.set_xlim(omega[0], omega[-1])

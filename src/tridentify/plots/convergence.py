@@ -8,12 +8,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tridentify.estimate import Estimate
-from tridentify.plots.style import BLUE, CYCLE, GREEN, ORANGE, dress, literal, make_axes
+from tridentify.plots.style import BLUE, CYCLE, GREEN, ORANGE, dress, literal, make_axes, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 MARKERS = "osD^vP*"
+COLUMNS = 3
+"""Of the legend."""
+LONGEST = 18
+"""Name of a coefficient in it, in characters."""
 
 
 def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) -> list[Axes]:
@@ -32,7 +36,8 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
     """
     from matplotlib.ticker import NullFormatter
 
-    drawn = make_axes(axes, [2.2, 1.3, 1.6], sharex=True)
+    rows = -(-len(estimate.names) // COLUMNS)
+    drawn = make_axes(axes, [2.0 + 0.18 * rows, 1.3, 1.6], sharex=True)
     passes = estimate.trace.passes
     numbers = np.array([item.number for item in passes])
     thetas = [item.theta for item in passes]
@@ -73,9 +78,9 @@ def _draw_distances(
         scale = std if known else (abs(estimate.theta[k]) or 1.0)
         distance = np.abs(path[:, k] - estimate.theta[k]) / scale
         colour, marker = CYCLE[k % len(CYCLE)], MARKERS[(k + k // len(CYCLE)) % len(MARKERS)]
-        _log_line(
-            ax, numbers, distance, colour, marker, literal(name if known else f"{name} (relative)")
-        )
+        label = short(name, LONGEST if known else LONGEST - 11)
+        label = literal(label if known else f"{label} (relative)")
+        _log_line(ax, numbers, distance, colour, marker, label)
     if ax.get_yscale() == "log":
         ax.axhline(1.0, color="black", linewidth=0.8, linestyle="--")
     dress(ax, ylabel="distance from final\n[standard errors]")
@@ -108,7 +113,7 @@ def _finish(axes: Sequence[Axes], numbers: np.ndarray[tuple[int], np.dtype[np.in
                 frameon=False,
                 loc="lower left",
                 bbox_to_anchor=(0.0, 1.0),
-                ncols=3,
+                ncols=COLUMNS,
                 columnspacing=1.0,
                 borderaxespad=0.1,
             )

@@ -186,8 +186,11 @@ def _spans(
         margin = MARGINS * std if np.isfinite(std) else 0.0
         margin = min(margin, 2.5 * size) if value else margin or 1.0
         down, up = (BELOW, ABOVE) if value >= 0 else (ABOVE, BELOW)
-        low = value - max(margin, down * size if value else 0.0)
-        high = value + max(margin, up * size if value else 0.0)
+        # little of the frame beyond zero, where models are mostly unstable
+        inward = min(margin, 1.1 * size) if value else margin
+        below, above = (inward, margin) if value >= 0 else (margin, inward)
+        low = value - max(below, down * size if value else 0.0)
+        high = value + max(above, up * size if value else 0.0)
         also = np.concatenate([path[:, k], bowl.centre[k : k + 1]])
         if truth is not None:
             also = np.append(also, truth[k])
@@ -243,8 +246,9 @@ def _draw_surface(ax: Axes, surface: CostSurface, estimate: Estimate) -> None:
         spline = RectBivariateSpline(x, y, np.log(cost))
         x, y, cost = fine_x, fine_y, np.exp(spline(fine_x, fine_y))
     _filled(ax, x, y, cost)
-    edge = estimate.cost * float(np.exp(REGION / max(estimate.degrees_of_freedom, 1)))
     known = cost[np.isfinite(cost)]
+    least = float(np.min(known, initial=estimate.cost))
+    edge = least * float(np.exp(REGION / max(estimate.degrees_of_freedom, 1)))
     if known.size and known.min() < edge < known.max():
         ax.contour(x, y, cost.T, levels=[edge], colors=BLACK, linewidths=1.2, linestyles="dashed")
         ax.plot([], [], color=BLACK, linewidth=1.2, linestyle="--", label="95 % region")

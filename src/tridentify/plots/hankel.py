@@ -57,7 +57,10 @@ def plot_hankel(selection: Selection | Hankel, *, ax: Axes | None = None) -> Axe
         ax.axhline(hankel.floor, color=ORANGE, linewidth=1.0, label="noise floor (95 %)")
         alone = np.where(hankel.noise > 0.5 * low, hankel.noise, np.nan)
         ax.plot(numbers, alone, color=GREY, linewidth=1.0, linestyle=":", label="noise alone")
-    for which, face, label in ((above, BLUE, "more than noise"), (~above, "white", "noise")):
+    for which, face, label in (
+        (above, BLUE, "more than noise"),
+        (~above, "white", "not told from noise"),
+    ):
         if which.any():
             ax.vlines(numbers[which], 0.5 * low, values[which], color=BLUE, linewidth=1.0)
             ax.plot(

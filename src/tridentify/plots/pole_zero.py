@@ -8,7 +8,7 @@ import numpy as np
 
 from tridentify.estimate import Estimate
 from tridentify.numerics.root_draws import stacked_roots
-from tridentify.plots.style import BLACK, CYCLE, WIDTH, dress, literal, make_axes
+from tridentify.plots.style import BLACK, CYCLE, WIDTH, dress, literal, make_axes, short
 from tridentify.text import format_std
 from tridentify.uncertainty import RootUncertainty, poles, zeros
 
@@ -21,6 +21,8 @@ REACH = 2.45
 """Of a 95 % ellipse, in standard errors."""
 DOTS = 500
 """Models whose poles are drawn of a posterior mean."""
+LONGEST = 30
+"""Name of a channel, in characters."""
 ASPECT = 1.5
 """Width over height of the frame."""
 
@@ -50,7 +52,8 @@ def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None =
     size = max(float(np.max(np.abs(region.roots), initial=0.0)) for region in all_poles) or 1.0
     regions: list[tuple[str, RootUncertainty]] = []
     for k, (i, j) in enumerate(channels):
-        name = literal(f"{estimate.output_names[i]} / {estimate.input_names[j]}")
+        pair = estimate.output_names[i], estimate.input_names[j]
+        name = literal(" / ".join(short(one, LONGEST) for one in pair))
         colour = CYCLE[k % len(CYCLE)]
         if not shared or k == 0:
             style = (BLACK, "poles") if shared else (colour, f"poles of {name}")
@@ -66,25 +69,43 @@ def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None =
     drawn.axhline(0.0, color="black", linewidth=0.6)
     drawn.axvline(0.0, color="black", linewidth=0.6)
     drawn.axvspan(0.0, drawn.get_xlim()[1], color="#f3f3f3", zorder=0)
-    drawn.text(
-        0.99,
-        0.02,
-        "\n".join(outside),
-        transform=drawn.transAxes,
-        fontsize=8,
-        ha="right",
-        va="bottom",
-    )
-    dress(drawn, xlabel="real part [1/s]", ylabel="imaginary part [rad/s]")
-    drawn.legend(
-        title="dots: as likely" if len(estimate.draws) else f"with {100 * level:.3g} % regions",
+    label = "\n".join(["real part [1/s]", *outside])
+    dress(drawn, xlabel=label, ylabel="imaginary part [rad/s]")
+    title = "dots: as likely" if len(estimate.draws) else f"with {100 * level:.3g} % regions"
+    above = _legend(drawn, title)
+    if ax is None and (above or outside):
+        _heighten(drawn, WIDTH / 1.6 + 0.55 + 0.23 * above + 0.17 * len(outside))
+    return drawn
+
+
+def _heighten(ax: Axes, height: float) -> None:
+    """Make the figure high enough for what stands above and below the axes [inch]."""
+    from matplotlib.figure import Figure
+
+    if isinstance(ax.figure, Figure):
+        ax.figure.set_size_inches(WIDTH, height)
+
+
+def _legend(ax: Axes, title: str) -> int:
+    """In the corner while it is small, else above the axes; lines that it takes there."""
+    labels = ax.get_legend_handles_labels()[1]
+    longest = max(map(len, labels), default=0)
+    small = len(labels) <= 2 and longest <= 24
+    columns = 1 if small or longest > 34 else 2
+    ax.legend(
+        title=title,
         title_fontsize=9,
         fontsize=9,
         framealpha=0.8,
         edgecolor="none",
-        loc="upper right",
+        alignment="center" if small else "left",
+        loc="upper right" if small else "lower right",
+        bbox_to_anchor=(1.0, 1.0 if small else 1.04),
+        borderaxespad=0.2,
+        ncols=columns,
+        columnspacing=1.4,
     )
-    return drawn
+    return 0 if small else 1 + -(-len(labels) // columns)
 
 
 def _draw(

@@ -22,6 +22,7 @@ from tridentify.plots.style import (
     literal,
     make_axes,
     outliers_of,
+    short,
 )
 from tridentify.record import Record
 
@@ -80,7 +81,9 @@ def plot_residual(
         if far.size:
             _mark(series, record.t[far], residual[far, i], float(np.nanmax(np.abs(rest))))
         label = labelled(name, record.units)
-        dress(series, title=literal(f"residual of {name}"), xlabel="time [s]", ylabel=label)
+        dress(
+            series, title=literal(f"residual of {short(name, 60)}"), xlabel="time [s]", ylabel=label
+        )
         correlation, count = autocorrelation(rest, int(lags[-1]))
         bound = NormalDist().inv_cdf((1 + LEVEL) / 2) / math.sqrt(max(count, 1))
         correlogram.axhspan(-bound, bound, color=ORANGE, alpha=0.2, linewidth=0)
@@ -95,6 +98,7 @@ def plot_residual(
             xlabel=f"lag [{unit}]",
             ylabel="correlation [-]",
         )
+        correlogram.ticklabel_format(axis="x", style="sci", scilimits=(-3, 4), useOffset=False)
     return drawn
 
 

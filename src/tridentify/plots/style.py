@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import textwrap
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,8 @@ WIDTH = 5.6
 """Of a figure [inch]: narrow enough for its text to stay readable on a telephone."""
 PER_INCH = 11.0
 """Characters of a title or a legend beside each other."""
+ALONGSIDE = 16.0
+"""Characters of a label at the side in each inch of it."""
 HANDLE = 7
 """Characters that a legend's line and the space around it take."""
 MAX_POINTS = 4000
@@ -78,12 +81,35 @@ def dress(ax: Axes, *, title: str = "", xlabel: str = "", ylabel: str = "") -> N
     if xlabel:
         ax.set_xlabel(xlabel, fontsize=9)
     if ylabel:
-        ax.set_ylabel(ylabel, fontsize=9)
+        ax.set_ylabel(_stacked(ax, ylabel), fontsize=9)
     ax.tick_params(labelsize=9)
     ax.grid(True, color="#e4e4e4", linewidth=0.6)
     ax.set_axisbelow(True)
     for side in ("top", "right"):
         ax.spines[side].set_visible(False)
+
+
+def _stacked(ax: Axes, label: str) -> str:
+    """A label at the side, in at most three lines of no more than the axes' height."""
+    room = max(int(ALONGSIDE * ax.get_window_extent().height / ax.figure.dpi), 14)
+    if "\n" in label or len(label) <= room:
+        return label
+    return "\n".join(textwrap.wrap(short(label, 3 * room - 6), room)[:3])
+
+
+def short(text: str, most: int) -> str:
+    """Text of at most so many characters, its middle left out where it is longer.
+
+    Examples
+    --------
+    >>> short("elevator", 10), short("elevator deflection", 10)
+    ('elevator', 'elev...ion')
+    """
+    if len(text) <= most:
+        return text
+    tail = max((most - 3) // 2, 1)
+    head = max(most - 3 - tail, 1)
+    return f"{text[:head].rstrip()}...{text[-tail:].lstrip()}"
 
 
 def legend(ax: Axes, *, columns: int = 3) -> None:
@@ -94,7 +120,8 @@ def legend(ax: Axes, *, columns: int = 3) -> None:
         shown = sum(len(label) for label in labels[:columns]) + HANDLE * min(len(labels), columns)
         width = ax.get_window_extent().width / ax.figure.dpi
         lines = -(-len(labels) // columns)
-        if title and len(title.split("\n")[-1]) + shown > PER_INCH * width:
+        longest = max(len(line) for line in title.split("\n"))
+        if longest and longest + shown > PER_INCH * width:
             ax.set_title(title, loc="left", fontsize=10, pad=6.0 + 13.0 * lines)
         ax.legend(
             handles,

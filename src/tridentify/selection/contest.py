@@ -92,7 +92,10 @@ class Task:
 
 @dataclass(frozen=True, eq=False)
 class Entry:
-    """What became of a candidate: an estimate with its residuals, or the reason why not."""
+    """What became of a candidate: an estimate with its residuals, or the reason why not.
+
+    ``longest`` is the duration of the longest experiment [s].
+    """
 
     structure: Structure
     estimate: Estimate | None
@@ -100,6 +103,7 @@ class Entry:
     residuals: tuple[Array, ...] = ()
     poles: Complex | None = None
     shared: bool = True
+    longest: float = 1.0
 
 
 def run_task(task: Task) -> Entry:
@@ -115,7 +119,8 @@ def run_task(task: Task) -> Entry:
     except (TridentifyError, np.linalg.LinAlgError, ValueError) as error:
         reason = str(error).partition("\n")[0] or type(error).__name__
         return Entry(task.structure, None, reason, shared=task.shared)
-    return Entry(task.structure, estimate, "", residuals, poles, task.shared)
+    longest = max(record.duration for record in task.records)
+    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest)
 
 
 def _identified(task: Task) -> Estimate:

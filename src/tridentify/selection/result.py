@@ -58,8 +58,9 @@ class SelectionRow:
     deviance : float
         ``-2 log L`` without constants.
     identified : bool
-        Whether ``estimate`` is what `identify` gives, to the last bit; else it is the likelihood's
-        maximum from the shared starts, of a candidate that the criteria rule out.
+        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit; else it is
+        the likelihood's maximum with the nuisance terms of all candidates, that of `identify` for
+        ``estimate.structure`` with ``ThreeModel(finish="likelihood")``.
     ok : bool
         Whether the estimate is usable.
     """

@@ -2,8 +2,10 @@
 
 The candidates share their work: the parallel model is fitted once (`shared`) and gives all of them
 their starts, local minima show by comparison with lesser candidates, and the noise is modelled once
-(`contest`). Only candidates that remain in question get the whole search of `identify`, with
-posterior mean and all. An estimate of those is that of `identify` to the last bit.
+(`contest`). Only the recommended candidate gets the whole search of `identify`, with posterior mean
+and all: its estimate is that of `identify` to the last bit. The other rows keep the likelihood's
+maximum with the nuisance terms that all have in common, which `identify` gives for
+``row.estimate.structure`` with ``ThreeModel(finish="likelihood")``.
 """
 
 from __future__ import annotations
@@ -17,11 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import DataError, TridentifyError
-from tridentify.estimate import Estimate
+from tridentify.estimate import Estimate, Status
 from tridentify.identify import _listed, checked_method
 from tridentify.methods.base import Method, Progress
 from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.posterior.mean import vagueness
 from tridentify.record import Record
 from tridentify.selection.contest import (
     MOST_ROUNDS,
@@ -56,8 +59,7 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 REPEATED = 3
-IN_QUESTION = 10.0
-"""Rows whose AICc or BIC is within this of the lowest are identified in full."""
+HALF = 0.5
 
 
 def select_structure(
@@ -184,9 +186,8 @@ class _Work:
         shared = self._shared(structures)
         tasks = self._tasks(structures, shared)
         table = self.contest(tasks, shared)
-        decades = _decades(self.records)
-        place = choose(table.contenders(), decades)
-        full = self._in_question(table, place)
+        place = choose(table.contenders())
+        full = {k for k in (place,) if k is not None and table.entries[k].shared}
         again = self._identified(tasks, table, full)
         held = [Held(e.estimate, self.records, unseen) for e in table.entries]
         fits = self.run(cross_fit, held, "fits on samples that were left out")
@@ -200,7 +201,7 @@ class _Work:
         missed = place is not None and _follows_input(
             table.entries[place], table.noise[place], self.records
         )
-        reason = reason_of(rows, table.contenders(), place, decades, missed)
+        reason = reason_of(rows, table.contenders(), place, missed)
         notes = _notes(table, unseen)
         return Selection(rows, None if place is None else rows[place], reason, hankel, notes)
 
@@ -313,19 +314,12 @@ class _Work:
                 found[k] = entry
         return found
 
-    def _in_question(self, table: Table, place: int | None) -> set[int]:
-        """Rows that are identified in full: the recommended one and those near the best."""
-        usable = [(k, c) for k, c in enumerate(table.contenders()) if c.usable]
-        found = set() if place is None else {place}
-        for name in ("aicc", "bic"):
-            lowest = min((getattr(c.criteria, name) for _, c in usable), default=math.inf)
-            found |= {k for k, c in usable if getattr(c.criteria, name) < lowest + IN_QUESTION}
-        return {k for k in found if table.entries[k].shared}
-
     def _identified(self, tasks: Sequence[Task], table: Table, full: set[int]) -> list[Entry]:
         wanted = sorted(full)
         whole = [replace(tasks[k], shared=False) for k in wanted]
-        said = f"{len(wanted)} candidates in question, each with the whole search"
+        said = (
+            f"the whole search for {' and '.join(order_label(tasks[k].structure) for k in wanted)}"
+        )
         outcomes = dict(zip(wanted, self.run(run_task, whole, said), strict=True)) if whole else {}
         found = []
         for k, entry in enumerate(table.entries):
@@ -423,17 +417,22 @@ def _contender(entry: Entry, criteria: Criteria | None) -> Contender:
     count = structure.common_poles if structure.shared else sum(map(sum, poles))
     room = criteria.n_samples > criteria.n_unknowns + 2
     usable = estimate.status.ok and room and math.isfinite(criteria.deviance)
-    return Contender(criteria, count, bool(usable))
+    return Contender(criteria, count, bool(usable), _is_known(entry))
+
+
+def _is_known(entry: Entry) -> bool:
+    """Whether the poles are identified: no coefficient of a section is half unknown."""
+    estimate, poles = entry.estimate, entry.poles
+    if estimate is None or estimate.status is Status.WEAKLY_IDENTIFIABLE:
+        return False
+    if poles is None:
+        return True
+    n = poles.size
+    return vagueness(poles, np.asarray(estimate.cov)[:n, :n], entry.longest) < HALF
 
 
 def _spread(records: Sequence[Record]) -> Array:
     return np.asarray(np.mean([np.nanvar(np.asarray(r.y), axis=0) for r in records], axis=0))
-
-
-def _decades(records: Sequence[Record]) -> float:
-    """Between the slowest and the fastest rate that the record can show."""
-    ratios = [0.7 / 3.0 * (record.n_samples - 1) for record in records]
-    return max(math.log10(max(*ratios, 1.0)), 0.25)
 
 
 def _follows_input(entry: Entry, noise: tuple[Array, ...], records: Sequence[Record]) -> bool:
@@ -468,7 +467,7 @@ def _notes(table: Table, unseen: Sequence[Record]) -> tuple[str, ...]:
     rest = sum(1 for e in table.entries if e.shared and e.estimate is not None)
     if rest:
         told.append(
-            "the rows far from the best end on the likelihood's maximum; the others are what "
-            "identify gives"
+            "the recommended row is what identify gives; the others end on the likelihood's "
+            "maximum, all with the same offset, drift and initial state"
         )
     return tuple(told)

@@ -17,7 +17,6 @@ def reason_of(
     rows: Sequence[SelectionRow],
     contenders: Sequence[Contender],
     place: int | None,
-    decades: float,
     missed: bool,
 ) -> str:
     """Say why a row is recommended, in a few sentences.
@@ -29,8 +28,6 @@ def reason_of(
         What the rule saw of them.
     place : int or None
         Which one is recommended.
-    decades : float
-        Of rates that the record can show.
     missed : bool
         Whether its residual follows the input.
     """
@@ -40,8 +37,8 @@ def reason_of(
         first = next(row for row in rows if row.estimate is not None)
         return f"no candidate has a usable end; the first one: {first.status}"
     told = [
-        _against_larger(rows, contenders, place, decades),
-        _against_smaller(rows, contenders, place, decades),
+        _against_larger(rows, contenders, place),
+        _against_smaller(rows, contenders, place),
         _unusable(rows, contenders, place),
     ]
     own = rows[place]
@@ -74,7 +71,7 @@ def named(structure: Structure) -> str:
 
 
 def _against_larger(
-    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int, decades: float
+    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int
 ) -> str:
     """Against the candidate of the lowest AICc, or the best of those with more unknowns."""
     own, name = contenders[place].criteria, named(rows[place].structure)
@@ -82,17 +79,20 @@ def _against_larger(
     best = min(usable, key=lambda k: contenders[k].criteria.aicc)
     if best != place:
         other = contenders[best].criteria
-        text = f"{_capital(named(rows[best].structure))} lower AICc by {own.aicc - other.aicc:.1f}"
+        gain = own.aicc - other.aicc
+        only = " only" if gain < CLOSE else ""
+        text = f"{_capital(named(rows[best].structure))} lower AICc by {gain:.1f}{only}"
         if rows[best].relative_std > POORLY:
             text += f", while {rows[best].widest} is known to {_share(rows[best].relative_std)}"
         if other.n_unknowns > own.n_unknowns:
-            price = needed(contenders[place], contenders[best], decades)
+            price = needed(contenders[place], contenders[best])
             fall = own.deviance - other.deviance
             text += (
-                f"; -2 log L falls by {max(fall, 0.0):.1f}, where luck alone may bring {price:.1f}"
+                f"; -2 log L falls by {max(fall, 0.0):.1f}, less than the {price:.1f} that "
+                "the further unknowns must bring"
             )
         else:
-            text += ", with as many unknowns"
+            text += ", but the record hardly determines its poles"
         return f"{text}: {name} are recommended."
     larger = [k for k in usable if contenders[k].criteria.n_unknowns > own.n_unknowns]
     if not larger:
@@ -106,7 +106,7 @@ def _against_larger(
 
 
 def _against_smaller(
-    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int, decades: float
+    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int
 ) -> str:
     own = contenders[place].criteria
     smaller = [
@@ -116,12 +116,12 @@ def _against_smaller(
         return ""
     near = min(smaller, key=lambda k: contenders[k].criteria.aicc)
     fall = contenders[near].criteria.deviance - own.deviance
-    price = needed(contenders[near], contenders[place], decades)
+    price = needed(contenders[near], contenders[place])
     if fall <= price:
         return ""
     return (
         f"{_capital(named(rows[near].structure))} are too few: -2 log L is {fall:.1f} higher, "
-        f"where luck alone may bring {price:.1f}."
+        f"more than the {price:.1f} that needless unknowns may bring."
     )
 
 

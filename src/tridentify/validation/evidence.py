@@ -38,6 +38,7 @@ from tridentify.numerics.portmanteau import (
     portmanteau,
     spread_of_statistics,
 )
+from tridentify.numerics.robust import median_scale
 from tridentify.validation import columns
 from tridentify.validation.distribution import distribution
 from tridentify.validation.result import Normality
@@ -126,11 +127,19 @@ def examine(view: View, index: int, estimate: Estimate, n_lags: int, rate: float
     p = _tested(output, fitted, found, freer)
     plain = _studentised(output, *_beside(output, fitted, found, freer, p))
     times = tuple(record.t for record in view.records)
-    normality = distribution(output.name, plain, times, rate)
     scale, edges, scales = _scale(output, plain, own[0])
+    whiteness = _portmanteau(output, own, correlation, output.noise)
+    if scale < CALLED:
+        # noise that changes its size has far samples and uncertain correlations
+        plain = _levelled(output, plain, edges)
+        even = np.nan_to_num(np.concatenate(_levelled(output, _studentised(output, *own), edges)))
+        again = _autocorrelation(output, (even, own[1]), n_lags)
+        whiteness = _portmanteau(output, (even, own[1]), again, output.noise)
+        coloured = max(coloured, whiteness.p_value)
+    normality = distribution(output.name, plain, times, rate)
     return Evidence(
         correlation,
-        _portmanteau(output, own, correlation, output.noise),
+        whiteness,
         coloured,
         freer,
         p.past,
@@ -275,6 +284,18 @@ def _beside(
     if p.level < CALLED:
         basis = np.hstack([basis, span(output.white(found.wave, noise), basis)])
     return e, basis
+
+
+def without_outliers(view: View, index: int, found: Evidence) -> View:
+    """The same view with the outliers of one output missing, for tests that squares would spoil."""
+    output = view.outputs[index]
+    residual = [np.array(one) for one in output.residual]
+    for e, t, _ in found.normality.outliers:
+        times = view.records[int(e)].t
+        residual[int(e)][int(np.argmin(np.abs(times - t)))] = np.nan
+    outputs = list(view.outputs)
+    outputs[index] = replace(output, residual=tuple(residual))
+    return replace(view, outputs=tuple(outputs))
 
 
 def beside_remedy(first: Evidence, second: Evidence) -> Evidence:
@@ -425,6 +446,16 @@ def _studentised(output: Output, e: Array, basis: Array) -> tuple[Array, ...]:
     scale = spread * np.sqrt(np.where(there, kept, 1.0))
     found = np.where(there, left / np.where(scale > 0, scale, 1.0), np.nan)
     return tuple(_split(output, found))
+
+
+def _levelled(output: Output, plain: tuple[Array, ...], edges: Array) -> tuple[Array, ...]:
+    """Each stretch over its own size."""
+    joined = np.concatenate(plain)
+    for a, b in pairwise(edges.astype(int).tolist()):
+        seen = joined[a:b][np.isfinite(joined[a:b])]
+        size = median_scale(seen) if seen.size else 0.0
+        joined[a:b] /= size if size > 0 else 1.0
+    return tuple(_split(output, joined))
 
 
 def _scale(output: Output, plain: tuple[Array, ...], own: Array) -> tuple[float, Array, Array]:

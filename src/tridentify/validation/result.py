@@ -168,7 +168,7 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class Test:
+class Check:
     """One test of the family that the verdict rests on.
 
     Attributes
@@ -205,7 +205,7 @@ class Validation:
     stationarity : tuple of Stationarity
     transfer : Transfer or None
         None on the record that was identified.
-    tests : tuple of Test
+    tests : tuple of Check
         All that the verdict rests on.
     findings : tuple of Finding
         What speaks against the estimate first.
@@ -231,6 +231,17 @@ class Validation:
     ----------
     L. Ljung, *System Identification*, 2nd ed., chapter 16 (1999). P. Young, *Recursive Estimation
     and Time-Series Analysis*, 2nd ed. (2011), for R2_T.
+
+    Examples
+    --------
+    >>> from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
+    >>> rng = np.random.default_rng(1)
+    >>> u = np.repeat(rng.choice([-1.0, 1.0], 50), 4)
+    >>> y = simulate(TransferFunction([2.0], [1.0, 2.0]), Record(u, u, dt=0.1))[:, 0]
+    >>> record = Record(u, y + 0.1 * rng.standard_normal(200), dt=0.1)
+    >>> found = validate(identify(record, Structure(1, 0)), record)
+    >>> found.ok, [test.name for test in found.tests[:3]]
+    (True, ['white', 'past inputs', 'feedback'])
     """
 
     fit: Array
@@ -240,7 +251,7 @@ class Validation:
     normality: tuple[Normality, ...]
     stationarity: tuple[Stationarity, ...]
     transfer: Transfer | None
-    tests: tuple[Test, ...]
+    tests: tuple[Check, ...]
     findings: tuple[Finding, ...]
     verdict: str
     notes: tuple[str, ...]

