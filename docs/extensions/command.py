@@ -2,8 +2,8 @@
 
 All commands of a page run one after the other in a temporary folder of the page. `tridentify` is
 the package that the page is built with. A command that ends otherwise than expected (option
-`exit`, by default 0) fails the build. `stderr` shows what went to standard error as well; `last`
-shows only so many of the last lines.
+`exit`, by default 0) fails the build. What went to standard error is shown where a failure is
+expected. `first` shows only so many of the first lines.
 """
 
 from __future__ import annotations
@@ -64,9 +64,7 @@ class Command(SphinxDirective):
     has_content = True
     option_spec: ClassVar[dict[str, Any]] = {
         "exit": directives.nonnegative_int,
-        "stderr": directives.flag,
-        "last": directives.positive_int,
-        "hide": directives.flag,
+        "first": directives.positive_int,
     }
 
     def run(self) -> list[nodes.Node]:
@@ -77,13 +75,11 @@ class Command(SphinxDirective):
             raise self.error(
                 f"{command!r} ended with {done.returncode}, not {expected}:\n{done.stderr[-2000:]}"
             )
-        if "hide" in self.options:
-            return []
-        printed = done.stdout + (done.stderr if "stderr" in self.options or expected else "")
+        printed = done.stdout + (done.stderr if expected else "")
         lines = [line.rstrip() for line in printed.rstrip().splitlines()]
-        last = self.options.get("last", len(lines))
-        if last < len(lines):
-            lines = ["...", *lines[-last:]]
+        first = self.options.get("first", len(lines))
+        if first < len(lines):
+            lines = [*lines[:first], "..."]
         asked = nodes.literal_block(command, command, language="bash", classes=["command"])
         shown = "\n".join(lines).strip("\n")
         answer = nodes.literal_block(shown, shown, language="text", classes=["output"])
