@@ -30,7 +30,7 @@ def folder_of(page: str) -> Path:
         _FOLDERS[page] = tempfile.TemporaryDirectory(prefix="docs-")
         shim = Path(_FOLDERS[page].name) / ".bin" / "tridentify"
         shim.parent.mkdir()
-        shim.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m tridentify "$@"\n')
+        shim.write_text(f"#!{sys.executable}\nimport sys\n\nfrom tridentify.cli import main\n\nsys.exit(main())\n")
         shim.chmod(0o755)
     return Path(_FOLDERS[page].name)
 

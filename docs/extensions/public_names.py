@@ -39,6 +39,9 @@ class PublicNames(SphinxDirective):
         module = import_module(name)
         listed = " ".join(self.content).split()
         names = listed or [found for found in module.__all__ if not found.startswith("_")]
+        missing = [found for found in names if not hasattr(module, found)]
+        if missing:
+            raise self.error(f"found no {', '.join(missing)} in {name}")
         lines = ["```{eval-rst}", f".. currentmodule:: {name}", "", ".. autosummary::"]
         lines += ["   :nosignatures:", "", *(f"   {found}" for found in names)]
         for found in names:
