@@ -19,7 +19,7 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all check docs lint format bench clean clean-all FORCE
+.PHONY: help demo test test-all check docs browser lint format bench clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -51,6 +51,13 @@ docs: $(INSTALLED_DEV) ## build the documentation into build/docs, running every
 	@MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m sphinx -q -E -n -W --keep-going -b html \
 		docs build/docs
 	@echo "build/docs/index.html"
+
+browser: ## install Chromium for the tests of the report, where apt-get is allowed to
+	@command -v chromium chromium-browser google-chrome >/dev/null || { \
+		$(SUDO) apt-get update -qq >/dev/null 2>&1; \
+		$(SUDO) env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends \
+			chromium >/dev/null 2>&1 \
+		|| echo "make: found no way to install Chromium; the tests of the report in a browser are skipped"; }
 
 bench: $(INSTALLED_DEV) ## run every script of benchmarks/ (an hour and more; by hand only)
 	@set -e; for script in $(sort $(wildcard benchmarks/[a-z]*.py)); do \

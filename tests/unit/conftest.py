@@ -60,13 +60,19 @@ class Case:
     clean: np.ndarray
 
 
-def _trace(theta, names):
+def _trace(theta, names, n_channels):
     rng = np.random.default_rng(5)
     passes = []
     for k in range(1, 5):
         now = theta * (1 + 0.3 * 10.0**-k * rng.standard_normal(theta.size))
         steps = (
-            Step("parallel", np.array([0.4, 0.2, -0.1]), 2e-5, 12.0, "8 Laguerre functions"),
+            Step(
+                "parallel",
+                np.tile([0.4, 0.2, -0.1], n_channels),
+                2e-5,
+                12.0,
+                "8 Laguerre functions",
+            ),
             Step("series-parallel", now, 2.2e-5, 85.0),
             Step("series", np.array([1.0 + 10.0**-k, 10.0**-k]), 1.9e-5, 31.0),
         )
@@ -92,7 +98,7 @@ def _estimate(model, structure, theta, names, cov, noise, nuisance, **channels):
         noise_variance=noise**2,
         fit=np.full(len(channels["output_names"]), 93.21),
         status=Status.CONVERGED,
-        trace=_trace(theta, names),
+        trace=_trace(theta, names, len(channels["output_names"]) * len(channels["input_names"])),
         method="ThreeModel",
         n_samples=N,
         nuisance=(nuisance,),

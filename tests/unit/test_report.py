@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import dataclasses
 import hashlib
+import html
 import re
 from html.parser import HTMLParser
 from xml.etree import ElementTree
@@ -12,14 +13,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from tridentify import Structure, TransferFunction, identify, simulate
+from tridentify import Structure, TransferFunction, identify, simulate, validate
 from tridentify.errors import OptionError, OutputPathError
 from tridentify.estimate import Status, Trace
 from tridentify.record import Record
 from tridentify.report import save_figures, write_report
 from tridentify.report.html import settings_table, warnings_about
 
-FIGURES = ("record", "fit", "residual", "bode", "pole-zero", "convergence")
+FIGURES = ("record", "fit", "residual", "bode", "step", "pole-zero", "convergence")
 
 
 class _Page(HTMLParser):
@@ -81,7 +82,12 @@ def test_page_has_every_section(page):
         "Estimated along",
         "Fit",
         "Record and model response",
-        "Residual",
+        "Tests of the residual",
+        "Residual and its tests",
+        "Step response",
+        "Step 1: the parallel model",
+        "Step 3: the series model",
+        "The way to the estimate",
         "Frequency response",
         "Poles and zeros",
         "Convergence of the passes",
@@ -108,7 +114,7 @@ def test_page_states_the_numbers(page, double):
 
 def test_every_inline_figure_is_valid_svg_that_scales(page):
     drawings = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
-    assert len(drawings) == 5
+    assert len(drawings) == 6 + 4
     clips = []
     for drawing in drawings:
         root = ElementTree.fromstring(drawing)
@@ -182,11 +188,27 @@ def test_a_residual_at_rounding_level_is_not_called_coloured(single):
         assert len(warnings_about(single.estimate, [record])) == doubts
 
 
+def test_what_validation_finds_stands_first(single, tmp_path):
+    late = np.roll(single.record.u[:, 0], 6)
+    shifted = Record(late, single.record.y, dt=0.02, input_names=["elevator"], output_names=["q"])
+    text = write_report(single.estimate, shifted, tmp_path / "r.html").read_text()
+    assert '<section class="verdict caution"' in text
+    found = validate(single.estimate, shifted)
+    assert html.escape(found.findings[0].text) in text[: text.index('<section id="model">')]
+
+
+def test_a_record_too_short_to_test_says_so(single, tmp_path):
+    text = write_report(
+        single.estimate, single.record.slice(0.0, 0.05), tmp_path / "r.html"
+    ).read_text()
+    assert "Not tested: found" in text
+
+
 def test_several_experiments_each_get_their_figures(single, tmp_path):
     estimate = dataclasses.replace(single.estimate, nuisance=single.estimate.nuisance * 2)
     records = [single.record, single.record]
     text = write_report(estimate, records, tmp_path / "r.html").read_text()
-    assert "Residual, experiment 2" in _Page(text).headings
+    assert "Record and model response, experiment 2" in _Page(text).headings
     names = {path.name for path in save_figures(estimate, records, tmp_path / "figures")}
     assert {"fit-1.png", "fit-2.png", "bode.png"} < names
 

@@ -7,12 +7,12 @@ import os
 import re
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tridentify.errors import OptionError
+from tridentify.errors import OptionError, StepNotTakenError
 from tridentify.estimate import Estimate
 from tridentify.files import write_atomically
 from tridentify.plots import (
@@ -22,8 +22,17 @@ from tridentify.plots import (
     plot_pole_zero,
     plot_record,
     plot_residual,
+    plot_residual_tests,
+    plot_step,
+)
+from tridentify.plots.diagrams import (
+    draw_flow_chart,
+    draw_parallel,
+    draw_series,
+    draw_series_parallel,
 )
 from tridentify.record import Record
+from tridentify.validation import Validation
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,7 +53,11 @@ class Drawing:
 
 
 def draw_figures(
-    estimate: Estimate, records: Sequence[Record], *, with_record: bool = False
+    estimate: Estimate,
+    records: Sequence[Record],
+    *,
+    with_record: bool = False,
+    validation: Validation | None = None,
 ) -> Iterator[Drawing]:
     """Draw the figures of a report, one at a time.
 
@@ -55,6 +68,8 @@ def draw_figures(
         The experiments, in the order in which they were identified.
     with_record : bool
         Also draw the records by themselves.
+    validation : Validation, optional
+        Draw its tests in place of the residuals alone.
 
     Yields
     ------
@@ -72,6 +87,8 @@ def draw_figures(
             "and initial state that were estimated along, and the input.",
             plot_fit(estimate, record, experiment=number)[0],
         )
+        if validation is not None:
+            continue
         yield _drawing(
             f"residual{tail}",
             f"Residual{where}",
@@ -79,6 +96,15 @@ def draw_figures(
             "than a few lags, the noise is coloured or the model misses some of the response, and "
             "the standard errors are not to be trusted.",
             plot_residual(estimate, record, experiment=number)[0],
+        )
+    if validation is not None:
+        yield _drawing(
+            "residual-tests",
+            "Residual and its tests",
+            "What the model leaves unexplained: its course, its autocorrelation, its correlation "
+            "with the inputs, and its distribution. Where the noise has a model, correlations and "
+            "distribution are those of the whitened residual.",
+            plot_residual_tests(validation)[0],
         )
     drawn = bool(len(estimate.draws))
     origin = (
@@ -92,6 +118,12 @@ def draw_figures(
         f"Pointwise 95 % confidence band, {origin}. Beyond the frequencies that the input excites "
         "it holds only if the structure is right.",
         plot_bode(estimate)[0],
+    )
+    yield _drawing(
+        "step",
+        "Step response",
+        "To a step of one unit of the input, from rest, with its 95 % band.",
+        plot_step(estimate)[0],
     )
     yield _drawing(
         "pole-zero",
@@ -109,6 +141,49 @@ def draw_figures(
         "A coefficient below the dashed line is closer to its final value than its standard error.",
         plot_convergence(estimate)[0],
     )
+
+
+@dataclass(frozen=True)
+class Chart:
+    """A diagram with the stem of its file name, its heading and what it shows."""
+
+    stem: str
+    heading: str
+    caption: str
+    svg: str
+
+
+CHARTS = (
+    ("parallel-model", "Step 1: the parallel model", draw_parallel,
+     "Orthogonal operators whose weights are fitted to the output: noise does not bias them."),
+    ("series-parallel-model", "Step 2: the series-parallel model", draw_series_parallel,
+     "The coefficients, fitted to the noise-free output of Step 1."),
+    ("series-model", "Step 3: the series model", draw_series,
+     "What is still missing; at a stationary point it corrects nothing, beta is (1, 0, ..., 0)."),
+    ("flow-chart", "The way to the estimate", draw_flow_chart,
+     "Step 4 repeats the three; beside it what every pass came to."),
+)  # fmt: skip
+
+
+def draw_diagrams(estimate: Estimate) -> list[Chart]:
+    """Draw the steps that ran, with their numbers, and the flow chart.
+
+    Parameters
+    ----------
+    estimate : Estimate
+
+    Returns
+    -------
+    list of Chart
+        Without the diagrams of steps that did not run.
+    """
+    found = []
+    for stem, heading, draw, caption in CHARTS:
+        with suppress(StepNotTakenError):
+            # as wide as its place
+            svg = re.sub(r' width="[^"]*" height="[^"]*"', "", str(draw(estimate)), count=1)
+            found.append(Chart(stem, heading, caption, svg))
+    return found
 
 
 def _drawing(stem: str, heading: str, caption: str, ax: Any) -> Drawing:
@@ -169,7 +244,7 @@ def save_figures(
     Returns
     -------
     tuple of Path
-        ``record``, ``fit``, ``residual``, ``bode``, ``pole-zero``, ``convergence``.
+        ``record``, ``fit``, ``residual``, ``bode``, ``step``, ``pole-zero``, ``convergence``.
 
     Raises
     ------

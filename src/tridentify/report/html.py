@@ -11,12 +11,14 @@ from pathlib import Path
 
 from tridentify.cautions import cautions
 from tridentify.encoding import document_text
+from tridentify.errors import TridentifyError
 from tridentify.estimate import SCHEMA, Estimate, Status
 from tridentify.files import write_atomically
 from tridentify.record import Record
-from tridentify.report.figures import draw_figures, inline_svg
+from tridentify.report.figures import draw_diagrams, draw_figures, inline_svg
 from tridentify.report.settings import code_again, settings_table
-from tridentify.report.tables import course_tables, result_tables
+from tridentify.report.tables import course_tables, result_tables, validation_tables
+from tridentify.validation import Validation, validate
 
 
 def write_report(
@@ -52,6 +54,7 @@ def write_report(
     records = (record,) if isinstance(record, Record) else tuple(record)
     named = dict.fromkeys(item.name for item in records if item.name)
     name = title or ", ".join(named) or "Identified model"
+    checked, untested = checked_on(estimate, records)
     template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
         _part("template.html.j2")
     )
@@ -59,12 +62,18 @@ def write_report(
     page = template.render(
         title=name,
         subtitle=subtitle(estimate),
-        verdict=verdict(estimate),
+        verdict=verdict(estimate, checked),
         status=estimate.status,
         warnings=warnings_about(estimate, records),
+        validation=checked,
+        tests=validation_tables(checked) if checked else [],
+        untested=untested,
         model=estimate.model_text(),
         results=result_tables(estimate),
-        figures=[(item, inline_svg(item)) for item in draw_figures(estimate, records)],
+        figures=[
+            (item, inline_svg(item)) for item in draw_figures(estimate, records, validation=checked)
+        ],
+        diagrams=draw_diagrams(estimate),
         course=course_tables(estimate),
         decisions=[note for note in (*estimate.trace.decisions, estimate.trace.stopped) if note],
         settings=settings_table(estimate, records),
@@ -91,11 +100,20 @@ def subtitle(estimate: Estimate) -> str:
     return f"{outputs} from {inputs}: {estimate.n_samples:,} samples{where}, {estimate.method}"
 
 
-def verdict(estimate: Estimate) -> str:
-    """Class of the status: "good", "caution" or "bad"."""
-    if estimate.status is Status.CONVERGED:
-        return "good"
-    return "caution" if estimate.status.ok else "bad"
+def verdict(estimate: Estimate, checked: Validation | None = None) -> str:
+    """Class of status and validation: "good", "caution" or "bad"."""
+    if not estimate.status.ok:
+        return "bad"
+    sound = checked is None or checked.ok
+    return "good" if sound and estimate.status is Status.CONVERGED else "caution"
+
+
+def checked_on(estimate: Estimate, records: Sequence[Record]) -> tuple[Validation | None, str]:
+    """Validation on the records of the report, or the reason why there is none."""
+    try:
+        return validate(estimate, records), ""
+    except TridentifyError as error:
+        return None, str(error)
 
 
 def warnings_about(estimate: Estimate, records: Sequence[Record]) -> list[str]:

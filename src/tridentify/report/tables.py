@@ -11,6 +11,7 @@ import numpy as np
 from tridentify.estimate import Estimate, Parameter, Start
 from tridentify.text import format_std, format_value
 from tridentify.uncertainty import DerivedQuantity, derived
+from tridentify.validation import Validation
 
 Row = Sequence[str]
 
@@ -96,6 +97,25 @@ def _filled(theta: Sequence[float], count: int) -> tuple[str, ...]:
 
 def _ranked(estimate: Estimate) -> list[Start]:
     return sorted(estimate.trace.starts, key=lambda start: start.cost)
+
+
+def validation_tables(checked: Validation) -> list[Table]:
+    """The tests of the residual; fit and R2_T, beside what is to be expected of another record."""
+    found = [
+        (test.name, test.output, measured(test.p_value), "rejected" if test.rejected else "")
+        for test in checked.tests
+    ]
+    note = (
+        "A p-value is the probability of so large a deviation if model and noise are right; "
+        f"together they reject {1 - checked.level:.0%} of right models (Holm)."
+    )
+    tables = [Table("Tests of the residual", ("test", "output", "p-value", ""), found, 2, note)]
+    if checked.transfer is not None:
+        fits = zip(checked.output_names, checked.fit, checked.transfer.expected_fit, strict=True)
+        rows = [(name, f"{fit:.2f}", f"{best:.2f}", "") for name, fit, best in fits]
+        titles = ("output", "fit [%]", "as good as can be [%]", "")
+        tables.append(Table("Carried over to this record", titles, rows))
+    return tables
 
 
 def measured(value: float, digits: int = 2) -> str:

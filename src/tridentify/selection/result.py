@@ -50,7 +50,7 @@ class SelectionRow:
         (`selection.held_out`). As the criteria, that of the likelihood's maximum; a posterior mean
         may fit less well.
     condition : float
-        The worst of the steps in the estimate's trace and of its score columns.
+        The worst of the steps of the last pass and of the score columns.
     relative_std : float
         The largest standard error over its coefficient; ``widest`` is whose.
     n_unknowns : int
@@ -130,6 +130,16 @@ class Selection:
         Hankel singular values of the parallel model; None where it could not be made.
     notes : tuple of str
         About the noise, the samples, and what the fits on unseen samples are.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, select_structure, simulate
+    >>> u = np.repeat(np.random.default_rng(1).choice([-1.0, 1.0], 30), 10)
+    >>> y = simulate(TransferFunction([2.0], [1.0, 2.0]), Record(u, u, dt=0.05))[:, 0]
+    >>> record = Record(u, y + 0.05 * np.random.default_rng(2).standard_normal(300), dt=0.05)
+    >>> select_structure(record, [Structure(1, 0), Structure(2, 0)]).recommended.label
+    '1, 0'
     """
 
     rows: tuple[SelectionRow, ...]
@@ -185,7 +195,7 @@ class Selection:
 
     def all_notes(self) -> tuple[str, ...]:
         """Notes, and what the Hankel singular values say."""
-        told = ["AIC, AICc and BIC count from the lowest; condition is the worst of the steps"]
+        told = ["AIC, AICc and BIC count from the lowest; condition is that of the last pass"]
         told += self.notes
         if self.hankel is not None:
             h = self.hankel

@@ -342,7 +342,9 @@ class _Work:
         if estimate is None or criteria is None or maximum is None:
             return SelectionRow(structure, None, entry.reason or "no estimate")
         relative, widest = largest_relative_std(estimate)
-        steps = [step.condition for one in estimate.trace.passes for step in one.steps]
+        # earlier passes may carry nuisance terms that depend on each other and were left out
+        last = estimate.trace.passes[-1].steps if estimate.trace.passes else ()
+        steps = [step.condition for step in last]
         conditions = [c for c in (*steps, estimate.condition) if math.isfinite(c)]
         return SelectionRow(
             structure=structure,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
+from tridentify.validation.assess import validate
 from tridentify.validation.result import Finding, Validation
-from tridentify.validation.validate import validate
 
 __all__ = ["Finding", "Validation", "validate"]
