@@ -48,7 +48,9 @@ def run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     sources = Path(__file__).resolve().parents[2] / "src"
     environment = {
         **os.environ,
-        "PATH": f"{folder / '.bin'}{os.pathsep}{os.environ['PATH']}",
+        "PATH": os.pathsep.join(
+            [str(folder / ".bin"), str(Path(sys.executable).parent), os.environ["PATH"]]
+        ),
         "PYTHONPATH": str(sources),
         "COLUMNS": str(WIDTH),
         "MPLBACKEND": "Agg",
