@@ -45,10 +45,11 @@ format: $(INSTALLED_DEV) ## format the sources and apply the safe lint fixes
 	@$(PY) -m ruff check --fix .
 	@$(PY) -m ruff format .
 
-# -E: a page shows what the package does now, so none is kept from an earlier build.
+# -E: a page shows what the package does now, so none is kept from an earlier build. One process:
+# with several a page that fails may leave the others waiting for good.
 docs: $(INSTALLED_DEV) ## build the documentation into build/docs, running every example in it
-	@MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m sphinx -q -E -n -W --keep-going \
-		-j $(JOBS) -b html docs build/docs
+	@MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m sphinx -q -E -n -W --keep-going -b html \
+		docs build/docs
 	@echo "build/docs/index.html"
 
 browser: ## install Chromium for the tests of the report, where apt-get is allowed to

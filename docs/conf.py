@@ -78,6 +78,7 @@ nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 nb_execution_in_temp = True
 nb_merge_streams = True
+nb_render_markdown_format = "myst"
 nb_execution_show_tb = True
 nb_render_text_lexer = "text"
 

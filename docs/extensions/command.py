@@ -21,6 +21,14 @@ from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
 WIDTH, LIMIT = 92, 120
+SHIM = """#!{python}
+import sys
+
+from tridentify.cli import main
+
+if __name__ == "__main__":
+    sys.exit(main())
+"""
 _FOLDERS: dict[str, tempfile.TemporaryDirectory[str]] = {}
 
 
@@ -30,7 +38,7 @@ def folder_of(page: str) -> Path:
         _FOLDERS[page] = tempfile.TemporaryDirectory(prefix="docs-")
         shim = Path(_FOLDERS[page].name) / ".bin" / "tridentify"
         shim.parent.mkdir()
-        shim.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m tridentify "$@"\n')
+        shim.write_text(SHIM.format(python=sys.executable))
         shim.chmod(0o755)
     return Path(_FOLDERS[page].name)
 
@@ -40,7 +48,9 @@ def run(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
     sources = Path(__file__).resolve().parents[2] / "src"
     environment = {
         **os.environ,
-        "PATH": f"{folder / '.bin'}{os.pathsep}{os.environ['PATH']}",
+        "PATH": os.pathsep.join(
+            [str(folder / ".bin"), str(Path(sys.executable).parent), os.environ["PATH"]]
+        ),
         "PYTHONPATH": str(sources),
         "COLUMNS": str(WIDTH),
         "MPLBACKEND": "Agg",

@@ -16,8 +16,14 @@ from docutils import nodes
 from sphinx.application import Sphinx
 from sphinx.util.docutils import SphinxDirective
 
+OPTIONS = {
+    "autoclass": "   :members:",
+    "autoexception": "   :members:",
+    "autodata": "   :no-value:",
+}
 _REFERENCE = re.compile(r"\s*\.\. \[(\d+)\] (.+)")
-_RAISED = re.compile(r"(:Raises: |[\s*]*)\*\*((?:[A-Z]\w+(?:Error|Warning)(?:, )?)+)\*\*")
+_RAISED = re.compile(r"(:Raises: (?:\* )?|\s*\* )\*\*((?:[A-Z]\w+(?:Error|Warning)(?:, )?)+)\*\*")
+_ALIAS = re.compile(r"TypeAliasForwardRef\('(\w+)'\)")
 _FIRST_LINES: dict[str, str] = {}
 
 
@@ -39,12 +45,15 @@ class PublicNames(SphinxDirective):
         module = import_module(name)
         listed = " ".join(self.content).split()
         names = listed or [found for found in module.__all__ if not found.startswith("_")]
+        missing = [found for found in names if not hasattr(module, found)]
+        if missing:
+            raise self.error(f"found no {', '.join(missing)} in {name}")
         lines = ["```{eval-rst}", f".. currentmodule:: {name}", "", ".. autosummary::"]
         lines += ["   :nosignatures:", "", *(f"   {found}" for found in names)]
         for found in names:
             kind = directive_of(getattr(module, found))
             lines += ["", f".. {kind}:: {found}"]
-            lines += ["   :members:"] if kind in ("autoclass", "autoexception") else []
+            lines += [OPTIONS[kind]] if kind in OPTIONS else []
         return self.parse_text_to_nodes("\n".join([*lines, "```"]))
 
 
@@ -73,6 +82,22 @@ def link_errors(
             lines[k] = f"{found[1]}{names}{line[found.end() :]}"
 
 
+def plain_signature(
+    app: Sphinx,
+    what: str,
+    name: str,
+    thing: object,
+    options: object,
+    given: str | None,
+    returned: str | None,
+) -> tuple[str, str] | None:
+    """Show an alias of a type by its name, and a default that is made anew as three dots."""
+    if _ALIAS.search(f"{given}{returned}") is None and "<factory>" not in f"{given}":
+        return None
+    plain = [_ALIAS.sub(r"\1", text or "") for text in (given, returned)]
+    return plain[0].replace("<factory>", "..."), plain[1]
+
+
 def hide_first_line(
     app: Sphinx, what: str, name: str, thing: object, options: object, lines: list[str]
 ) -> None:
@@ -92,6 +117,7 @@ def show_first_line(
 def setup(app: Sphinx) -> dict[str, Any]:
     app.add_directive("public-names", PublicNames)
     # napoleon (priority 500) turns sections into fields
+    app.connect("autodoc-process-signature", plain_signature)
     app.connect("autodoc-process-docstring", number_references, priority=100)
     app.connect("autodoc-process-docstring", hide_first_line, priority=100)
     app.connect("autodoc-process-docstring", link_errors, priority=900)
