@@ -229,6 +229,21 @@ def test_white_noise_is_left_white(seed):
     assert any("portmanteau" in line for line in auto.trace.decisions)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_white_noise_is_left_white_where_the_record_starts_in_equilibrium(seed):
+    # the residual that is tested belongs to the input as it is counted, from its first value
+    rng = np.random.default_rng(seed)
+    plant = TransferFunction([3e-7], [1.0, 6e-4, 4e-8])
+    u = np.repeat(rng.uniform(1.0, 3.0, 24), 12)
+    clean = simulate(plant, Record(u - u[0], u, dt=300.0))[:, 0] + 21.0
+    record = Record(u, clean + 0.1 * rng.standard_normal(u.size), dt=300.0)
+    found = identify(record, Structure(2, 0))
+    assert found.nuisance[0].initial_state == "equilibrium"
+    assert found.noise_model[0].size == 0
+    assert abs(found.nuisance[0].offset[0] - 21.0) < 0.1
+    assert 0.08 < found.noise_variance[0] ** 0.5 < 0.12
+
+
 def test_model_of_white_noise_costs_little():
     record = coloured([], seed=1)
     white, ar = (identify(record, STRUCTURE, ThreeModel(noise=n)) for n in ("white", "ar"))

@@ -348,6 +348,23 @@ def test_several_channels_and_records():
     assert np.all(np.abs(estimate.theta - middle) < 1.5 * estimate.std)
 
 
+def test_a_mean_that_explains_the_record_far_worse_than_the_maximum_is_not_given():
+    """Little noise, a delay not stated, needless zeros: the likely models form a curve."""
+    rng = np.random.default_rng(0)
+    motor = TransferFunction([900.0], [1.0, 27.5, 62.5], delay=0.045)
+    u = np.repeat(rng.choice([-6.0, 6.0], 80), rng.integers(5, 60, 80))[:1500]
+    clean = simulate(motor, Record(u, u, dt=0.01))[:, 0]
+    record = Record(u, clean + 0.02 * clean.std() * rng.standard_normal(1500), dt=0.01)
+    asked = identify(record, Structure(4, 3), ThreeModel(finish="posterior"))
+    found = identify(record, Structure(4, 3))
+    assert asked.fit[0] < 97.5
+    assert found.fit[0] > 97.8
+    assert any("does not explain it" in line for line in found.trace.decisions)
+    for parameter in found.parameters.values():
+        low, high = parameter.interval()
+        assert low < parameter.value < high
+
+
 # ------------------------------------------------------------------------------ the finish option
 @pytest.mark.parametrize("ratio", [0.05, 1.0, 3.0])
 @pytest.mark.parametrize("seed", range(2))

@@ -11,7 +11,7 @@ a lower one.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
 
@@ -116,7 +116,8 @@ def decide(
             problem = problem.delayed(base.delays).freed(base.limits)
         at = partial(evaluate, problem)
         same = _same_input(problem, base, variants[k])
-        start = promised[k].point if same else at(promised[k].point.poles)
+        # the variant holds the inputs of the base: what is simulated later needs its own
+        start = replace(promised[k].point, problem=problem) if same else at(promised[k].point.poles)
         recorder = Recorder()
         point, status, why = finish(at, start, recorder, most)
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)

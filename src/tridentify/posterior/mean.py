@@ -18,7 +18,8 @@ ones at this denominator.
 a section ``p^2 + c p + d`` (neighbouring poles, `posterior.sections`) has a standard error above
 a tenth of its natural size, ``max(c, sqrt d, 1/T)`` and its square. Both estimates then agree
 within a fraction of a standard error. Elsewhere, and where the search ended at a limit, the
-posterior decides.
+posterior decides. Where a usable maximum explains the record far better than the mean, the likely
+models lie on a curve and their mean beside it (little noise, needless poles): the maximum is kept.
 
 *Uncertainty.* Intervals are quantiles of posterior draws. A volume prior of Jeffreys' kind makes
 them cover as stated to first order (Welch & Peers 1963). The standard error shown is half the

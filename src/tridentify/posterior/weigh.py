@@ -29,6 +29,10 @@ APART = float(np.log(2.0))
 SEPARATE = (
     "the likelihood's maximum: the posterior is weighed for a shared denominator and known delays"
 )
+# with little noise and needless poles the models lie on a curve, and their mean beside it
+BETWEEN = (
+    "the likelihood's maximum: the mean of the models that explain the record does not explain it"
+)
 SOUND = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.WEAKLY_IDENTIFIABLE)
 
 
@@ -98,6 +102,8 @@ def weigh(
             _given(maximum), "the posterior could not be sampled; the likelihood's maximum is kept"
         )
     point = evaluate(best.point.problem, found.poles)
+    if finish == "auto" and sound and point.objective > best.point.objective + RIVAL:
+        return _told(_given(maximum), BETWEEN)
     told = _in_words(finish, vague, sound, best)
     trace = _continued(trace, point, found, told)
     estimate = estimate_from(
