@@ -24,7 +24,7 @@ from tridentify.numerics import propagate
 DT = 0.02
 DEN = (1.0, 3.0, 9.0)
 TRUTH = {"a1": 3.0, "a0": 9.0, "b1": 2.0, "b0": 3.0}
-FIGURES = {"record", "fit", "residual", "bode", "pole-zero", "convergence"}
+FIGURES = {"record", "fit", "residual", "bode", "step", "pole-zero", "convergence"}
 
 
 def answers(text: str) -> dict[str, Any]:
