@@ -57,7 +57,7 @@ def test_an_estimate_becomes_c(run, noisy, tmp_path):
         (["plant.json", "plant.txt"], ".mat, .m, .h or .json"),
         (["plant.json", "plant.c"], ".mat, .m, .h or .json"),
         (["plant.json", "plant.h"], "--dt"),
-        (["plant.json", "plant.mat", "--dt", "0.1"], "--dt with"),
+        (["plant.json", "plant.mat", "--dt", "0.1"], "leave it out"),
         (["nothing.json", "plant.m"], "nothing.json"),
         (["plant.json", "plant.h", "--dt", "0.1", "--prewarp", "3"], "prewarp"),
         (["plant.json", "plant.h", "--dt", "0.1", "--method", "euler"], "--method"),
@@ -112,6 +112,17 @@ def test_the_precision_of_a_plan_is_told(run, model):
     assert document["precision"]["names"] == ["a1", "a0", "b1", "b0"]
 
 
+def test_a_plan_for_a_model_has_the_names_and_units_of_its_inputs(run, noisy, tmp_path):
+    names = {"inputs": ["elevator"], "outputs": ["q"], "units": {"elevator": "deg", "q": "deg/s"}}
+    estimate = identify(read_record(noisy, **names), Structure(2, 1), OutputError())
+    saved, path = estimate.save(tmp_path / "model.json"), tmp_path / "plan.csv"
+    options = ["--dt", 0.05, "--width", 0.5, "--model", saved, "--out", path]
+    assert run("excite", "doublet", *options).code == 0
+    assert path.read_text().startswith("t [s],elevator [deg]\n")
+    assert run("excite", "doublet", *options, "--input", "de").code == 0
+    assert path.read_text().startswith("t [s],de [deg]\n")
+
+
 def test_the_optimal_input_for_a_saved_model(run, model):
     options = ["--model", model, "--noise", 0.01, "--coefficient", "a0", "--json"]
     several = json.loads(run("excite", "optimal", "--dt", 0.05, *options).out)
@@ -129,6 +140,7 @@ def test_the_optimal_input_for_a_saved_model(run, model):
         (["multisine", "--dt", "0.1", "--duration", "5", "--band", "1"], "--band"),
         (["doublet", "--dt", "0.1", "--width", "1", "--noise", "1"], "--model"),
         (["optimal", "--dt", "0.1"], "--model"),
+        (["doublet", "--dt", "0.1"], "found no --width and no --for-frequency"),
         (["doublet", "--dt", "0.1", "--width", "1", "--input", "a", "--input", "b"], "2 inputs"),
         (["sine", "--dt", "0.1"], "sine"),
         (["prbs"], "--dt"),

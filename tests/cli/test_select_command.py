@@ -49,7 +49,7 @@ def test_a_validation_file_judges(run, noisy, write_table, clean):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--poles", "a:b"], "found --poles 'a:b'"),
+        (["--poles", "a:b"], "found --poles 'a:b'; expected a range such as 1:4 or one number;"),
         (["--zeros", "some"], "found --zeros 'some'"),
         (["--poles", "2", "--zeros", "3:4"], "found no candidates"),
         (["--poles", "1:99"], "candidates for --poles 1:99"),
@@ -68,7 +68,7 @@ def test_a_record_that_allows_no_answer_ends_with_code_1(run, write_table):
     still = {"t": np.arange(40) * 0.1, "elevator": np.ones(40), "q": np.ones(40)}
     outcome = run("select", write_table("still.csv", still), *QUESTION, "--poles", "1")
     assert outcome.code == 1
-    assert "no usable candidate" in outcome.error_lines[-1]
+    assert "no usable candidate among 1 (1, 0);" in outcome.error_lines[-1]
 
 
 @pytest.mark.slow

@@ -82,7 +82,8 @@ def test_the_folder_gets_the_figure_and_the_numbers(run, flight, models, tmp_pat
         (["--input", "de"], "found no column 'de'"),
         (["--input", "elevator", "--input", "q"], "found 2 --input for a model with 1 (elevator)"),
         (["--level", "1"], "found level=1.0"),
-        (["--experiment", "2"], "found experiment=1"),
+        (["--experiment", "2"], "found --experiment 2 with 1 file; expected 1,"),
+        (["--experiment", "0"], "found --experiment 0"),
         (["--to", "0.2"], "samples of output 'q'"),
     ],
 )

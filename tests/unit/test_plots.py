@@ -150,6 +150,23 @@ def test_pole_zero_map_marks_every_near_root(double):
     assert ax.get_xlim()[0] > -10
 
 
+@pytest.mark.parametrize("factor", [1e-6, 1e-4, 1.0, 1e5])
+def test_tick_labels_of_the_map_do_not_overlap(single, factor):
+    scale = factor ** np.array([1.0, 2.0, 2.0])
+    estimate = dataclasses.replace(
+        single.estimate,
+        model=TransferFunction([3.0 * factor**2], [1.0, 6.5 * factor, 4.1 * factor**2]),
+        theta=np.array([6.5, 4.1, 3.0]) * scale,
+        cov=1e-4 * np.diag(scale**2),
+    )
+    ax = plots.plot_pole_zero(estimate)
+    ax.figure.draw_without_rendering()
+    low, high = ax.get_xlim()
+    shown = [k for k, at in enumerate(ax.get_xticks()) if low <= at <= high]
+    labels = [ax.get_xticklabels()[k].get_window_extent() for k in shown]
+    assert all(two.x0 - one.x1 > 5 for one, two in itertools.pairwise(labels))
+
+
 def test_ellipse_on_the_map_has_the_size_of_its_uncertainty(single):
     estimate = dataclasses.replace(single.estimate, cov=np.diag([0.04, 0.0, 0.0]))
     ax = plots.plot_pole_zero(estimate)

@@ -289,6 +289,14 @@ def test_another_plant_is_told_from_another_noise(estimate):
     assert not other.ok
 
 
+def test_a_residual_that_a_wrong_plant_makes_large_is_not_called_noise(estimate):
+    u = prbs(400, 24)
+    found = validate(estimate, recorded(u, response(u, TransferFunction([3.0], [1.0, 2.0]))))
+    (size,) = (f for f in found.findings if f.kind == "size")
+    assert "noisier" not in size.text
+    assert "mend what is missing" in size.remedy
+
+
 def test_the_change_test_is_that_of_two_covariances(estimate):
     u = prbs(400, 28)
     other = recorded(u, response(u) + noise(400, 29))

@@ -150,7 +150,7 @@ def excite(
     if noise is not None and plant is None:
         raise OptionError("found --noise without --model; expected both, or none; add --model")
     plan = MAKERS[signal](wish)
-    plan = plan.named(inputs) if inputs else plan
+    plan = _named(plan, inputs or (), plant)
     ahead = None if plant is None else precision(plant, plan, noise_std=noise)
     written = [] if out is None else [str(plan.save(out))]
     if as_json:
@@ -167,6 +167,19 @@ def excite(
         return
     blocks = [plan.summary(), *([] if ahead is None else [ahead.summary()])]
     show(*blocks, *(f"wrote {path}" for path in written))
+
+
+def _named(
+    plan: Excitation, names: Sequence[str], plant: Estimate | TransferFunction | None
+) -> Excitation:
+    """The plan under the names that were given, else those of the plant, with its units."""
+    own = () if plant is None else plant.input_names
+    if len(own) != plan.n_inputs:
+        return plan.named(names) if names else plan
+    known = getattr(plant, "units", None) or {}
+    called = tuple(names) or own
+    units = {new: known[old] for new, old in zip(called, own, strict=False) if old in known}
+    return plan.named(called, units)
 
 
 def _band(text: str | None) -> tuple[float, float] | None:
@@ -238,6 +251,11 @@ def _multisine(wish: Wish) -> Excitation:
 def _pulses(wish: Wish, *, three: bool) -> Excitation:
     from tridentify.excitation import doublet, three_two_one_one
 
+    if wish.width is None and wish.for_frequency is None:
+        raise OptionError(
+            "found no --width and no --for-frequency; expected one of the two; give the width of "
+            "a pulse in s, or the natural frequency of the mode to be excited in rad/s"
+        )
     make = three_two_one_one if three else doublet
     return make(
         wish.amplitude,

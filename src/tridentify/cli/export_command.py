@@ -74,9 +74,10 @@ def export(
     if suffix != ".h":
         idle = [f"--{key}" for key, value in given.items() if value is not None]
         if idle:
+            them = "it" if len(idle) == 1 else "them"
             raise OptionError(
-                f"found {', '.join(idle)} with {shown(file.name)}; expected them with a C header "
-                "only; leave them out, or write a file that ends in .h"
+                f"found {', '.join(idle)} with {shown(file.name)}; expected {them} with a C header "
+                f"only; leave {them} out, or write a file that ends in .h"
             )
         found = read_json(model)
         write_json(found, file) if suffix == ".json" else write_matlab(found, file)

@@ -16,7 +16,7 @@ from tridentify.cli.load import Source, load, rules_from, units_from
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records, make_table
-from tridentify.cli.terminal import Activity, listed, paragraph, show, show_json
+from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import IdentifiabilityError, OrderError, shown
 from tridentify.record import Record
 from tridentify.structure import Structure
@@ -178,10 +178,9 @@ def candidates_from(poles: str, zeros: str, template: Structure) -> list[Structu
 def _range(option: str, text: str) -> tuple[int, int]:
     match = re.fullmatch(r"\s*(\d{1,3})\s*(?::\s*(\d{1,3})\s*)?", text)
     if match is None:
-        also = " or all" if option == "--zeros" else ""
+        also = ", one number or all" if option == "--zeros" else " or one number"
         raise OrderError(
-            f"found {option} {shown(text)}; expected a range such as 1:4, one number{also}; "
-            "correct it"
+            f"found {option} {shown(text)}; expected a range such as 1:4{also}; correct it"
         )
     low = int(match[1])
     return low, low if match[2] is None else int(match[2])
@@ -241,8 +240,9 @@ def _show(
             *describe_files(written),
         )
     if selection.recommended is None:
-        tried = listed([row.label for row in selection.rows][:4])
+        labels = [row.label for row in selection.rows]
+        tried = "; ".join(labels[:4]) + ("; and so on" if len(labels) > 4 else "")
         raise IdentifiabilityError(
-            f"found no usable candidate among {len(selection.rows)} ({tried} and so on); expected "
-            "one that the record determines; try fewer poles, or record longer"
+            f"found no usable candidate among {len(labels)} ({tried}); expected one that the "
+            "record determines; do what the reason above says, try fewer poles, or record longer"
         )

@@ -16,7 +16,7 @@ from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
-from tridentify.errors import ChannelNameError
+from tridentify.errors import ChannelNameError, DataError
 from tridentify.estimate import Estimate
 from tridentify.files import write_atomically
 from tridentify.record import Record
@@ -182,6 +182,14 @@ def _validation(
 ) -> Validation:
     from tridentify.validation import validate as judge
 
+    most = len(estimate.nuisance)
+    if experiment is not None and (len(records) > 1 or not 1 <= experiment <= most):
+        many = "1 file" if len(records) == 1 else f"{len(records)} files"
+        wanted = "1" if most == 1 else f"one from 1 to {most}"
+        raise DataError(
+            f"found --experiment {experiment} with {many}; expected {wanted}, the experiments of "
+            "the model, and a single file; correct it, or leave it out to fit a start of its own"
+        )
     which = None if experiment is None else experiment - 1
     return judge(estimate, records, experiment=which, level=level)
 

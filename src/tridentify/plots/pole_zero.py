@@ -71,6 +71,7 @@ def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None =
     drawn.axvspan(0.0, drawn.get_xlim()[1], color="#f3f3f3", zorder=0)
     label = "\n".join(["real part [1/s]", *outside])
     dress(drawn, xlabel=label, ylabel="imaginary part [rad/s]")
+    drawn.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
     title = "dots: as likely" if len(estimate.draws) else f"with {100 * level:.3g} % regions"
     above = _legend(drawn, title)
     if ax is None and (above or outside):

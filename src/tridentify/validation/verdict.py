@@ -297,6 +297,16 @@ def _carried(
     for i, output in enumerate(view.outputs):
         if ("size of the noise", output.name) in rejected:
             more = transfer.size_ratio[i] > 1
+            why, advice = (
+                f"this record is {'noisier' if more else 'quieter'}",
+                "nothing for the model; weight the records by their noise if they are joined",
+            )
+            spoilt = [("past inputs", output.name), ("level", output.name)]
+            if any(key in rejected for key in [*spoilt, ("same coefficients", "all")]):
+                why, advice = (
+                    "what the model misses is in it, and it does not tell the noise of this record",
+                    "mend what is missing first, and validate again",
+                )
             found.append(
                 Finding(
                     "size",
@@ -304,10 +314,8 @@ def _carried(
                     "",
                     (),
                     f"the residual of {output.name} is {transfer.size_ratio[i]:.2f} times as "
-                    "large as "
-                    "the estimate leads to expect: this record is "
-                    f"{'noisier' if more else 'quieter'}",
-                    "nothing for the model; weight the records by their noise if they are joined",
+                    f"large as the estimate leads to expect: {why}",
+                    advice,
                     rejected["size of the noise", output.name],
                     serious=False,
                 )
