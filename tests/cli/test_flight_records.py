@@ -78,6 +78,7 @@ def test_jsbsim_angle_of_attack(run, shared_data, name):
         assert error < JSBSIM[name], key
 
 
+@pytest.mark.slow
 def test_attas_report_of_both_outputs(run, shared_data, tmp_path):
     options = ["--input", "u_elevator", "--output", "y_q", "--output", "y_alpha"]
     path = shared_data / ATTAS / "data.csv"

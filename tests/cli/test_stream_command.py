@@ -130,6 +130,7 @@ def test_too_little_is_answered_with_exit_code_one(run, tmp_path, file):
     assert len(outcome.error_lines) == 1
 
 
+@pytest.mark.slow
 def test_results_do_not_depend_on_how_the_bytes_come(run, file, monkeypatch):
     lines = lines_of(file)
     lines[700:700] = ["stall", "1,2", '9.9,"1"', lines[0]]

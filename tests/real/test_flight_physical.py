@@ -65,6 +65,7 @@ def test_the_map_gives_the_published_coefficients(folder, name):
     assert np.allclose(theta, [expected[key] for key in keys], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_wrong_lift_due_to_pitch_rate_shows(folder):
     """0.96 taken for one: the restriction is contradicted much more, Z_delta is off by a third."""
     record, truth = simulated(folder, "jsbsim-c172p-doublet")
@@ -136,6 +137,7 @@ def test_attas_manoeuvres_together(attas):
     assert len(estimate.estimate.nuisance) == 2
 
 
+@pytest.mark.slow
 def test_attas_contradicts_two_states_mostly_by_a_late_angle_of_attack(attas):
     given, moved = (
         estimate_physical(short_period(), attas(late), PLAIN, channels=MEASURED) for late in (0, 2)

@@ -34,6 +34,7 @@ def record(folder):
     return read
 
 
+@pytest.mark.slow
 def test_one_sample_late_is_seen(record):
     late, right = (identify(record("data.csv", late=k), TWO, PLAIN) for k in (0, 1))
     assert late.fit[0] == pytest.approx(95.5, abs=0.2)

@@ -205,7 +205,9 @@ def test_frozen_logger_is_named(step):
 SLOW_DEN = np.array([1.0, 1.0, 9.0])
 
 
-@pytest.mark.parametrize("share", [0.02, 0.2, 0.4, 0.55, 0.7])
+@pytest.mark.parametrize(
+    "share", [0.02, 0.2, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.4, 0.55)), 0.7]
+)
 @pytest.mark.parametrize("sides", [1, 2])
 @pytest.mark.parametrize(("level", "steps"), [(0.0, 0.0), (0.05, 0.0), (0.05, 0.5)])
 @pytest.mark.parametrize("noise", ["white", "auto"])
@@ -298,7 +300,7 @@ def test_sound_records_raise_no_alarm(kind, level):
     assert said(record)[0] == set()
 
 
-@pytest.mark.parametrize("n_samples", [15, 30, 60])
+@pytest.mark.parametrize("n_samples", [pytest.param(15, marks=pytest.mark.slow), 30, 60])
 def test_short_sound_records_raise_no_alarm(n_samples):
     for seed in range(6):
         u = np.where(np.arange(n_samples) < n_samples // 2, 1.0, -1.0)

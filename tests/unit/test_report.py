@@ -59,6 +59,12 @@ def page(double, tmp_path_factory):
     return path.read_text(encoding="utf-8")
 
 
+@pytest.fixture
+def no_figures(monkeypatch):
+    """Pages whose figures do not matter are quicker without."""
+    monkeypatch.setattr("tridentify.report.html.draw_figures", lambda *_, **__: iter(()))
+
+
 def test_page_is_well_formed_and_needs_nothing_from_outside(page):
     parsed = _Page(page)
     assert not parsed.open
@@ -142,6 +148,7 @@ def test_foreign_text_is_escaped(single, tmp_path):
         ElementTree.fromstring(drawing)
 
 
+@pytest.mark.usefixtures("no_figures")
 @pytest.mark.parametrize(
     ("status", "words"),
     [
@@ -188,6 +195,7 @@ def test_a_residual_at_rounding_level_is_not_called_coloured(single):
         assert len(warnings_about(single.estimate, [record])) == doubts
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_what_validation_finds_stands_first(single, tmp_path):
     late = np.roll(single.record.u[:, 0], 6)
     shifted = Record(late, single.record.y, dt=0.02, input_names=["elevator"], output_names=["q"])
@@ -197,6 +205,7 @@ def test_what_validation_finds_stands_first(single, tmp_path):
     assert html.escape(found.findings[0].text) in text[: text.index('<section id="model">')]
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_a_record_too_short_to_test_says_so(single, tmp_path):
     text = write_report(
         single.estimate, single.record.slice(0.0, 0.05), tmp_path / "r.html"
@@ -245,6 +254,7 @@ def test_figures_are_written_in_the_asked_formats(single, tmp_path):
     assert not (tmp_path / "g").exists()
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_unwritable_place_leaves_nothing_behind(single, tmp_path):
     (tmp_path / "taken").write_text("")
     with pytest.raises(OutputPathError, match="choose another output path"):
@@ -254,6 +264,7 @@ def test_unwritable_place_leaves_nothing_behind(single, tmp_path):
     assert [item.name for item in tmp_path.iterdir()] == ["taken"]
 
 
+@pytest.mark.usefixtures("no_figures")
 def test_report_replaces_an_older_one(single, tmp_path):
     path = tmp_path / "report.html"
     path.write_text("old")
