@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tridentify import (
     Estimate,
@@ -233,6 +234,27 @@ def test_feedback_is_named():
     (finding,) = (f for f in found.findings if f.kind == "feedback")
     assert finding.lags[0] <= -DT <= finding.lags[1] + 1e-9
     assert "feedback" in found.verdict
+
+
+def test_feedback_within_the_sample_is_not_called_a_missing_delay():
+    n, rng = 1500, np.random.default_rng(2)
+    b, a = _held()
+    v = lfilter([1.0], [1.0, -0.9], 0.25 * rng.standard_normal(n))
+    reference = prbs(n, 8)
+    u, y = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        for i in (1, 2):
+            y[k] += b[i] * u[k - i] - a[i] * y[k - i] if k >= i else 0.0
+        u[k] = reference[k] - 0.6 * (y[k] + v[k])
+    other = recorded(u, y + v)
+    found = validate(identify(other, Structure(2, 0), throw=False), other)
+    first, second = found.findings
+    assert first.lags == (0.0, 0.0)
+    assert "feedback" in first.text
+    assert "delay" not in first.text + first.remedy
+    assert second.kind == "feedback"
+    assert "0.4 s later" in second.text
+    assert "-" not in second.text
 
 
 def _held():
