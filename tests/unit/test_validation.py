@@ -440,6 +440,13 @@ def test_options_out_of_range_are_refused(estimate, record, options, error, says
         validate(estimate, record, **options)
 
 
+def test_what_is_no_estimate_is_refused(estimate, record):
+    with pytest.raises(SampleTypeError, match=r"found Record in place of an estimate.*write valid"):
+        validate(record, estimate)
+    with pytest.raises(SampleTypeError, match="found TransferFunction in place of an estimate"):
+        validate(estimate.model, record)
+
+
 def test_what_is_no_record_is_refused(estimate):
     with pytest.raises(SampleTypeError, match="found str in place of a record"):
         validate(estimate, ["flight.csv"])
