@@ -96,9 +96,10 @@ def from_control(system: Any) -> Coefficients:
     control = import_control()
     kinds = (control.TransferFunction, control.StateSpace)
     if not isinstance(system, kinds) or system.isdtime(strict=True):
+        step = f" with time step {system.dt}" if isinstance(system, kinds) else ""
         raise UnsupportedError(
-            f"found {shown(type(system).__name__)} with time step "
-            f"{getattr(system, 'dt', None)}; expected a continuous-time control.TransferFunction "
+            f"found {shown(type(system).__name__)}{step}; expected a continuous-time "
+            "control.TransferFunction "
             "or control.StateSpace; convert it first, a discrete one by identification"
         )
     if isinstance(system, control.StateSpace):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.errors import OptionError
+from tridentify.errors import ChannelCountError, OptionError
 from tridentify.plots import plot_cost_surface
 from tridentify.uncertainty.cost_surface import cost_surface, step_2_bowl
 
@@ -220,3 +220,10 @@ def test_picture_of_first_order_integrator_printed_method_and_no_noise(structure
 def test_picture_refuses(second, options, message):
     with pytest.raises(OptionError, match=message):
         plot_cost_surface(*second, **options)
+
+
+def test_a_record_of_other_channels_is_refused(second):
+    estimate, record = second
+    wide = Record(np.hstack([record.u, record.u]), record.y, dt=record.dt)
+    with pytest.raises(ChannelCountError, match="found a record with 2 inputs and 1 outputs"):
+        plot_cost_surface(estimate, wide)

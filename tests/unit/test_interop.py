@@ -137,3 +137,9 @@ def test_to_control_and_back_is_the_same_model(rates, num):
     np.testing.assert_allclose(
         again.frequency_response(OMEGA), model.frequency_response(OMEGA), rtol=1e-12
     )
+
+
+def test_what_is_no_model_of_python_control_is_refused_by_its_type():
+    pytest.importorskip("control")
+    with pytest.raises(errors.UnsupportedError, match=r"^found 'int'; expected a continuous-time"):
+        TransferFunction.from_control(3)

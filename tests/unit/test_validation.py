@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tridentify import (
     Estimate,
@@ -235,6 +236,27 @@ def test_feedback_is_named():
     assert "feedback" in found.verdict
 
 
+def test_feedback_within_the_sample_is_not_called_a_missing_delay():
+    n, rng = 1500, np.random.default_rng(2)
+    b, a = _held()
+    v = lfilter([1.0], [1.0, -0.9], 0.25 * rng.standard_normal(n))
+    reference = prbs(n, 8)
+    u, y = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        for i in (1, 2):
+            y[k] += b[i] * u[k - i] - a[i] * y[k - i] if k >= i else 0.0
+        u[k] = reference[k] - 0.6 * (y[k] + v[k])
+    other = recorded(u, y + v)
+    found = validate(identify(other, Structure(2, 0), throw=False), other)
+    first, second = found.findings
+    assert first.lags == (0.0, 0.0)
+    assert "feedback" in first.text
+    assert "delay" not in first.text + first.remedy
+    assert second.kind == "feedback"
+    assert "0.4 s later" in second.text
+    assert "-" not in second.text
+
+
 def _held():
     from scipy.signal import cont2discrete
 
@@ -416,6 +438,13 @@ def test_too_few_samples_are_refused(estimate, record):
 def test_options_out_of_range_are_refused(estimate, record, options, error, says):
     with pytest.raises(error, match=says):
         validate(estimate, record, **options)
+
+
+def test_what_is_no_estimate_is_refused(estimate, record):
+    with pytest.raises(SampleTypeError, match=r"found Record in place of an estimate.*write valid"):
+        validate(record, estimate)
+    with pytest.raises(SampleTypeError, match="found TransferFunction in place of an estimate"):
+        validate(estimate.model, record)
 
 
 def test_what_is_no_record_is_refused(estimate):

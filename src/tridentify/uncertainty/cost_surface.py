@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import ChannelCountError, OptionError, shown
 from tridentify.estimate import Estimate
 from tridentify.models.series_parallel import Filtering, equation_error, polynomial
 from tridentify.numerics.least_squares import solve
@@ -111,6 +111,8 @@ def cost_surface(
 
     Raises
     ------
+    ChannelCountError
+        The record has other channels.
     OptionError
         The coefficients are not two of the estimate's.
 
@@ -173,6 +175,8 @@ def step_2_bowl(
 
     Raises
     ------
+    ChannelCountError
+        The record has other channels.
     OptionError
         The coefficients are not two of the estimate's, or the pass has an unstable denominator.
     """
@@ -217,6 +221,13 @@ def step_2_bowl(
 def problem_of(estimate: Estimate, records: Record | Sequence[Record]) -> Problem:
     """The records with the structure, nuisance terms, delays and noise of an estimate."""
     several = (records,) if isinstance(records, Record) else tuple(records)
+    wanted = len(estimate.input_names), len(estimate.output_names)
+    for one in several:
+        if (one.n_inputs, one.n_outputs) != wanted:
+            raise ChannelCountError(
+                f"found a record with {one.n_inputs} inputs and {one.n_outputs} outputs; expected "
+                f"{wanted[0]} and {wanted[1]} as identified; give the record that was identified"
+            )
     structure = replace(
         estimate.structure,
         delay=tuple(map(tuple, np.asarray(estimate.model.delay).tolist())),

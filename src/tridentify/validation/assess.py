@@ -88,7 +88,7 @@ def validate(
     OptionError
         ``level`` or ``n_lags`` is out of range.
     SampleTypeError
-        It is no record.
+        It is no record, or ``estimate`` is no estimate.
 
     References
     ----------
@@ -108,6 +108,11 @@ def validate(
     >>> validate(identify(record, Structure(1, 0)), record).findings[0].kind
     'order'
     """
+    if not isinstance(estimate, Estimate):
+        raise SampleTypeError(
+            f"found {type(estimate).__name__} in place of an estimate; expected what identify or "
+            "Estimate.load gives, before the record; write validate(estimate, record)"
+        )
     records = _listed(record)
     if not (isinstance(level, float) and 0.5 <= level < 1.0):
         raise OptionError(

@@ -99,8 +99,20 @@ def seconds(low: float, high: float) -> str:
     >>> seconds(0.1, 0.4), seconds(0.2, 0.2)
     ('lags 0.1-0.4 s', 'lag 0.2 s')
     """
+    alike = span(low, high) == span(low, low)
+    return f"{'lag' if alike else 'lags'} {span(low, high)} s"
+
+
+def span(low: float, high: float) -> str:
+    """Two numbers that are not negative, or one where they look alike.
+
+    Examples
+    --------
+    >>> span(0.1, 0.4), span(0.25, 0.25)
+    ('0.1-0.4', '0.25')
+    """
     a, b = f"{low:.3g}", f"{high:.3g}"
-    return f"lag {a} s" if a == b else f"lags {a}-{b} s"
+    return a if a == b else f"{a}-{b}"
 
 
 def _around(picture: CrossCorrelation, past: bool) -> tuple[float, float]:
@@ -129,7 +141,7 @@ def _dynamics(
         picture = pictures[j]
         low, high = _around(picture, True)
         where = f"the residual of {name} is correlated with {picture.input} at {seconds(low, high)}"
-        kind = remedy.kind
+        kind, other = remedy.kind, "try more poles or zeros, or delay='free' (--delay free)"
         if kind == "delay" and remedy.input != picture.input and len(worst) > 1:
             continue
         how = f"with {remedy.text} its sum of squares falls by {100 * remedy.share:.0f} %"
@@ -137,9 +149,19 @@ def _dynamics(
             text = f"{where}: a delay is missing ({how})"
         elif kind == "order":
             text = f"{where}: the order is too low ({how})"
+        elif low == high == 0.0:
+            # a strictly proper response begins later: neither poles nor a delay make this
+            text = (
+                f"{where}: the input reacts to the output within the sample (feedback), or "
+                "the output has a share of the input itself"
+            )
+            other = (
+                "open the loop, or add a test signal that is large against the feedback; without "
+                "one, try as many zeros as poles"
+            )
         else:
             text = f"{where}: the order is too low or a delay is missing"
-        advice = remedy.advice or "try more poles or zeros, or delay='free' (--delay free)"
+        advice = remedy.advice or other
         found.append(
             Finding(kind or "dynamics", name, picture.input, (low, high), text, advice, one.past)
         )
@@ -175,8 +197,7 @@ def _about_one(
         add(
             "feedback",
             "feedback",
-            f"the residual of {name} is correlated with {picture.input} {low:.3g}-{high:.3g} s "
-            "later: "
+            f"the residual of {name} is correlated with {picture.input} {span(low, high)} s later: "
             "the input reacts to the output (feedback), or its clock is late",
             "open the loop, or add a test signal that is large against the feedback; check that "
             "the "
