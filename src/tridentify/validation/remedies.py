@@ -89,7 +89,10 @@ def best_remedy(view: View, estimate: Estimate, noises: Sequence[Array]) -> Reme
     here = _try(view, base, nuisances, noises, [poles], none)
     if here is None:
         return none
-    tried = [_try_delay(view, base, delay, j, nuisances, noises) for j in range(delay.shape[1])]
+    paths = [(slice(None), j) for j in range(delay.shape[1])]
+    if delay.shape[0] > 1:
+        paths += [(slice(i, i + 1), j) for i, j in np.ndindex(*delay.shape)]
+    tried = [_try_delay(view, base, delay, path, nuisances, noises) for path in paths]
     tried += [
         _try(view, structure, nuisances, noises, starts, remedy)
         for structure, starts, remedy in _orders(view, base, poles)
@@ -172,18 +175,24 @@ def _try_delay(
     view: View,
     base: Structure,
     delay: Array,
-    j: int,
+    path: tuple[slice, int],
     nuisances: Nuisances,
     noises: Sequence[Array],
 ) -> _Tried | None:
-    """The best delay of one input, ever finer about the best so far; several would be a search."""
+    """The best delay of one input to all outputs or one; several would be a search.
+
+    It is looked for ever finer about the best so far.
+    """
     longest = min(record.n_samples for record in view.records) // 4
+    rows, j = path
     name = view.records[0].input_names[j]
+    outputs = view.records[0].output_names[rows]
+    where = name if len(outputs) == len(delay) else f"{name} to {outputs[0]}"
     known: dict[float, float] = {}
 
     def later(steps: float) -> Structure:
         late = delay.copy()
-        late[:, j] += steps * view.step
+        late[rows, j] += steps * view.step
         return Structure(base.poles, base.zeros, delay=late.tolist())
 
     def promise(steps: float) -> float:
@@ -203,10 +212,10 @@ def _try_delay(
     best = float(min([best, *near[:: max(len(near) // GRID, 1)]], key=promise))
 
     def finished(steps: float, poles: Complex) -> _Tried | None:
-        total = float(delay[0, j]) + steps * view.step
+        total = float(delay[rows, j][0]) + steps * view.step
         remedy = Remedy(
             "delay",
-            f"a delay of about {total:.3g} s of {name}",
+            f"a delay of about {total:.3g} s of {where}",
             "estimate the delay (delay='free', --delay free) or state it",
             name,
         )
