@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from pathlib import Path
 
 import hypothesis
@@ -17,6 +18,25 @@ hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+
+TWINS = re.compile(
+    r"run\.feather"
+    r"|test_online_invariance.*, forgetting\]"
+    r"|test_no_process_outlives_the_caller\[9-2"
+    r"|test_notes_do_not_depend_on_units\[(ladder|motor, current)"
+    r"|test_stream_command.*(is_what_the_record_gives|with_a_delay_gaps|whatever_stands_between)"
+    r"|taken_up_where_it_ended\[(100|4000|60001)"
+    r"|test_saturation_is_noticed.*-0\.05-0\.5-"
+    r"|test_unstable_and_integrating.*(integrator and pair|unstable pair)"
+)
+"""Tests of some seconds whose twin, with another value or by another way, runs every time."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark the twins as slow."""
+    for item in items:
+        if TWINS.search(item.nodeid):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope="session")
