@@ -19,7 +19,7 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all check docs browser lint format bench clean clean-all FORCE
+.PHONY: help demo test test-all check docs browser kernels lint format bench clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -28,7 +28,7 @@ demo: $(INSTALLED) ## install, then identify the aircraft record that ships in t
 	@$(VENV)/bin/tridentify demo $(DEMO_ARGS)
 
 test: $(INSTALLED_DEV) ## install, then run the fast tests and the docstring examples
-	@$(PYTEST) -m "not slow" $(PYTEST_ARGS)
+	@HYPOTHESIS_PROFILE=$${HYPOTHESIS_PROFILE:-quick} $(PYTEST) -m "not slow" $(PYTEST_ARGS)
 
 test-all: $(INSTALLED_DEV) ## the same with the long statistical tests
 	@$(PYTEST) $(PYTEST_ARGS)
@@ -51,6 +51,11 @@ docs: $(INSTALLED_DEV) ## build the documentation into build/docs, running every
 	@MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 $(PY) -m sphinx -q -E -n -W --keep-going -b html \
 		docs build/docs
 	@echo "build/docs/index.html"
+
+kernels: $(INSTALLED_DEV) ## compile the sample loops before several processes need them at once
+	@OPENBLAS_NUM_THREADS=1 $(PY) -c "from importlib import import_module as load; \
+		from pkgutil import walk_packages as walk; import tridentify; \
+		[load(m.name) for m in walk(tridentify.__path__, 'tridentify.') if 'main' not in m.name]"
 
 browser: ## install Chromium for the tests of the report, where apt-get is allowed to
 	@command -v chromium chromium-browser google-chrome >/dev/null || { \

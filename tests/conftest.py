@@ -12,8 +12,9 @@ import pytest
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 # The same examples on every run and no deadline: a first call may compile a kernel.
-# HYPOTHESIS_PROFILE=explore looks for new examples.
+# HYPOTHESIS_PROFILE=explore looks for new examples; `make test` takes fewer (quick).
 hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True)
+hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=40)
 hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
@@ -28,6 +29,10 @@ TWINS = re.compile(
     r"|taken_up_where_it_ended\[(100|4000|60001)"
     r"|test_saturation_is_noticed.*-0\.05-0\.5-"
     r"|test_unstable_and_integrating.*(integrator and pair|unstable pair)"
+    r"|(test_a_stretch_and_a_stated_step|lists_those_that_are|nothing_is_printed)\[run\.mf4"
+    r"|test_flat_tops_of_a_fast_system_raise_no_alarm\[0\.003-"
+    r"|test_one_sample_in_twenty_is_an_outlier\[(gradient|least)"
+    r"|test_long_records_have_the_same_states\[pairs"
 )
 """Tests of some seconds whose twin, with another value or by another way, runs every time."""
 
