@@ -4,6 +4,8 @@
 PYTHON ?= python3
 JOBS ?= auto
 DEMO_ARGS ?=
+# --compile: all modules at once; --no-compile: each when it is first imported
+COMPILE ?= --compile
 PYTEST_ARGS ?=
 
 VENV := .venv
@@ -120,12 +122,12 @@ $(CREATED):
 
 $(INSTALLED): $(CREATED) pyproject.toml constraints.txt
 	@echo "Installing tridentify (a minute or two the first time)"
-	@$(PIP) install --compile --constraint constraints.txt --editable .
+	@$(PIP) install $(COMPILE) --constraint constraints.txt --editable .
 	@$(PY) -m compileall -q src/tridentify
 	@touch $@
 
 $(INSTALLED_DEV): $(CREATED) pyproject.toml constraints.txt
 	@echo "Installing tridentify with the development tools (a minute or two the first time)"
-	@$(PIP) install --compile --constraint constraints.txt --editable ".[dev]"
+	@$(PIP) install $(COMPILE) --constraint constraints.txt --editable ".[dev]"
 	@$(PY) -m compileall -q src/tridentify
 	@touch $(INSTALLED) $@
