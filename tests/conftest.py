@@ -14,7 +14,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # The same examples on every run and no deadline: a first call may compile a kernel.
 # HYPOTHESIS_PROFILE=explore looks for new examples; `make test` takes fewer (quick).
 hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True)
-hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=40)
+hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25)
 hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
@@ -29,6 +29,14 @@ TWINS = re.compile(
     r"|taken_up_where_it_ended\[(100|4000|45678|60001)"
     r"|test_stream_command.*(part_missing_is_refused_in_one_line\[counts|grows_in_halves_of_lines)"
     r"|test_stream_command.*(a_known_step_takes_the_place|json_gives_what_csv_gives)"
+    r"|test_online_disturbances.*\[.*(gradient|kalman|least squares)"
+    r"|contract/test_online\.py.*\[.*(gradient|kalman)"
+    r"|test_cautions_sensors.*\[auto-"
+    r"|test_every_format(?!.*the_record_comes_back).*\[run\.mf4"
+    r"|test_the_function_wins_over.*importlib"
+    r"|real/(test_rcrc_circuit|test_flight_physical)"
+    r"|test_free_delay.*\[output-error"
+    r"|test_notes_hold_everywhere\[(ladder|motor, speed, two known)"
     r"|test_report.*(long_record_makes_a_small_page|several_experiments_each_get)"
     r"|test_saturation_is_noticed.*-0\.05-0\.5-"
     r"|test_unstable_and_integrating.*(integrator and pair|unstable pair)"
