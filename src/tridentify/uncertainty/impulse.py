@@ -14,7 +14,7 @@ import numpy.typing as npt
 from tridentify.estimate import Estimate
 from tridentify.numerics import delta_method
 from tridentify.uncertainty.checks import checked_times, factor_of
-from tridentify.uncertainty.step import powers_of
+from tridentify.uncertainty.step import over_time
 
 Real = npt.NDArray[np.float64]
 
@@ -75,16 +75,8 @@ def impulse_band(estimate: Estimate, t: npt.ArrayLike, level: float = 0.95) -> I
     True
     """
     factor, times = factor_of(level), checked_times(t)
-    shape = (times.size, len(estimate.output_names), len(estimate.input_names))
-    response, half = np.empty(shape), np.empty(shape)
-    for i in range(shape[1]):
-        for j in range(shape[2]):
-            num, den, cov = estimate.channel(i, j)
-            value, jacobian = delta_method.impulse_response(
-                num, den, powers_of(den), times - estimate.model.delay[i, j]
-            )
-            response[:, i, j] = value
-            half[:, i, j] = factor * delta_method.standard_deviation(jacobian, cov)
+    response, std = over_time(estimate, times, delta_method.impulse_response)
+    half = factor * std
     return ImpulseBand(
         times, response, response - half, response + half, direct_terms(estimate), level
     )

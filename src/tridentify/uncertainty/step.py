@@ -7,6 +7,7 @@ depend on how fast, how slow or how far apart they are.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,17 +73,38 @@ def step_band(estimate: Estimate, t: npt.ArrayLike, level: float = 0.95) -> Step
     True
     """
     factor, times = factor_of(level), checked_times(t)
+    response, std = over_time(estimate, times, delta_method.step_response)
+    half = factor * std
+    return StepBand(times, response, response - half, response + half, level)
+
+
+def over_time(
+    estimate: Estimate, times: Real, formula: Callable[..., tuple[Real, Real]]
+) -> tuple[Real, Real]:
+    """Response of every channel to something at time zero, with standard errors to first order.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    times : ndarray, shape (n_times,)
+        [s].
+    formula : callable
+        ``formula(num, den, realization, times)`` gives the response (n_times,) and its derivatives
+        by the coefficients and the delay, as those of `tridentify.numerics.delta_method`.
+
+    Returns
+    -------
+    response, std : ndarray, shape (n_times, n_outputs, n_inputs)
+    """
     shape = (times.size, len(estimate.output_names), len(estimate.input_names))
-    response, half = np.empty(shape), np.empty(shape)
+    response, std = np.empty(shape), np.empty(shape)
     for i in range(shape[1]):
         for j in range(shape[2]):
             num, den, cov = estimate.channel(i, j)
-            value, jacobian = delta_method.step_response(
-                num, den, powers_of(den), times - estimate.model.delay[i, j]
-            )
+            value, jacobian = formula(num, den, powers_of(den), times - estimate.model.delay[i, j])
             response[:, i, j] = value
-            half[:, i, j] = factor * delta_method.standard_deviation(jacobian, cov)
-    return StepBand(times, response, response - half, response + half, level)
+            std[:, i, j] = delta_method.standard_deviation(jacobian, cov)
+    return response, std
 
 
 def powers_of(den: Real) -> tuple[Real, Real, Real]:
