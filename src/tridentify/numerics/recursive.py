@@ -65,7 +65,9 @@ RENEWED = 0.05
 TINY = 1e-250
 
 
-def compiled(signature: str, *, inline: bool = False) -> Callable[[Function], Function]:
+def compiled(
+    signature: Any, *, inline: bool = False, wide: bool = False
+) -> Callable[[Function], Function]:
     """Decorator: machine code for a signature, kept on disk where that is possible.
 
     The code of a function contains that of the functions it calls, and what is kept would survive
@@ -74,19 +76,27 @@ def compiled(signature: str, *, inline: bool = False) -> Callable[[Function], Fu
 
     Parameters
     ----------
-    signature : str
+    signature : str or numba.core.typing.Signature
         As numba writes it.
     inline : bool
         Whether its code is put into that of its callers: a call hands over every array in seven
         pieces, which takes longer than a small function does.
+    wide : bool
+        Whether its loops are long enough for vector instructions; with loops over a few numbers
+        these are slower.
     """
+    # a test for a division by zero keeps a loop from being vectorised
+    options: dict[str, Any] = {
+        "forceinline": inline,
+        "error_model": "numpy" if wide else "python",
+    }
 
     def wrap(function: Function) -> Function:
         try:
-            found: Any = numba.njit(cache=True, forceinline=inline)(function)
+            found: Any = numba.njit(**options, cache=True)(function)
             found._cache._cache_file._source_stamp = _stamp()
         except (AttributeError, RuntimeError):  # no folder can hold it, or another numba
-            found = numba.njit(forceinline=inline)(function)
+            found = numba.njit(**options)(function)
         found.compile(signature)
         found.disable_compile()
         return cast(Function, found)
@@ -98,7 +108,7 @@ def compiled(signature: str, *, inline: bool = False) -> Callable[[Function], Fu
 def _stamp() -> tuple[tuple[str, float, int], ...]:
     """Names, times and sizes of all files with compiled functions."""
     here = Path(__file__)
-    files = [here, *sorted((here.parent.parent / "online").glob("*.py"))]
+    files = [here, *sorted((here.parent.parent / "online" / "kernels").glob("*.py"))]
     return tuple((one.name, one.stat().st_mtime, one.stat().st_size) for one in files)
 
 
@@ -129,7 +139,7 @@ def innovate(x: Array, at: int, n: int, first: int, row: int, work: int) -> tupl
     for i in range(first, n):
         xi = w[i]
         k = n - 1 - i
-        if abs(xi) <= NEGLIGIBLE * largest[i]:
+        if abs(xi) <= NEGLIGIBLE * max(largest[i], abs(z[i])):
             w[i] = 0.0
         else:
             right, upper = x[work + i + 1 : work + n], x[u : u + k]
@@ -180,27 +190,28 @@ def rotate(
         u += k
 
 
-@compiled("void(float64[::1], int64, int64, int64, int64, float64, float64, float64)")
-def forget(
-    x: Array, at: int, n: int, first: int, work: int, weight: float, factor: float, pace: float
-) -> None:
+@compiled("void(float64[::1], int64, int64, int64, int64, float64, float64)")
+def forget(x: Array, at: int, n: int, first: int, work: int, factor: float, pace: float) -> None:
     """Multiply the rows of the triangle by ``factor``, but for those that are not renewed.
+
+    A row receives the square of its coordinate over one plus the leverage of the rows above.
 
     Parameters
     ----------
     work : int
         Where the coordinates of the row that arrives stand (`innovate`).
-    weight : float
-        ``1 / (1 + z' P z)``.
     factor : float
     pace : float
         Share of the newest in the running mean of what arrives.
     """
     lost = (1.0 - factor) * RENEWED
+    leverage = 0.0
     for i in range(first, n):
         xi = x[work + i]
         arrived = at + 3 * n + i
-        x[arrived] += pace * (weight * xi * xi - x[arrived])
+        x[arrived] += pace * (xi * xi / (1.0 + leverage) - x[arrived])
+        if x[at + i] > 0.0:
+            leverage += xi * xi / x[at + i]
         if x[arrived] >= lost * x[at + i]:
             x[at + i] *= factor
     for i in range(first):

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tridentify.numerics.discretize import Discrete, discretize
 from tridentify.numerics.realization import Cascade, Complex, cascade
 from tridentify.numerics.sampled import split_delay
-from tridentify.online import slots
-from tridentify.online.slots import triangle_size
+from tridentify.online.kernels import slots
+from tridentify.online.kernels.slots import triangle_size
 from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
@@ -176,7 +176,7 @@ def parallel(
         Whether the samples are still kept.
     forgetting : float
     kind : int
-        Of forgetting, as in `online.parallel_kernel`.
+        Of forgetting, as in `online.kernels.parallel`.
     """
     return _blueprint(setting, poles, nuisance, CHUNK if keep else 0, forgetting, kind)
 

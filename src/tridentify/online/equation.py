@@ -19,8 +19,8 @@ and ``c`` is the denominator found: the filter that is best at low noise (Young 
 *Drifting coefficients* (`Kalman`): a random walk of each physical coefficient, independent of the
 others, ``theta(t + h) = theta(t) + w, cov w = h diag(drift^2)``. It begins as least squares and
 takes over covariance and coefficients once there are ten samples for each unknown. While the
-input does not excite (`online.intake`) the walk is held, as the covariance would grow without
-limit.
+input does not excite (`online.kernels.intake`) the walk is held, as the covariance would grow
+without limit.
 
 References
 ----------
@@ -44,7 +44,6 @@ from tridentify.numerics.realization import (
     sort_poles,
 )
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online import slots
 from tridentify.online.blueprint import (
     Blueprint,
     Setting,
@@ -55,6 +54,7 @@ from tridentify.online.blueprint import (
     watch_of,
 )
 from tridentify.online.equation_plan import maps_of
+from tridentify.online.kernels import slots
 from tridentify.online.result import assembled
 from tridentify.online.seam import (
     Estimator,
@@ -93,9 +93,9 @@ class EquationError(Estimator):
     @cache
     def kernels() -> Kernels:
         """The compiled sample loop."""
-        from tridentify.online.equation_kernel import equation_run, equation_step
+        from tridentify.online.kernels.equation import equation_block, equation_step
 
-        return Kernels(equation_step, equation_run)
+        return Kernels(equation_step, equation_block)
 
     @abstractmethod
     def plan(

@@ -15,7 +15,6 @@ from tridentify.numerics.realization import (
     denominator,
     numerators,
 )
-from tridentify.online import slots
 from tridentify.online.blueprint import (
     NEGLIGIBLE,
     Blueprint,
@@ -25,7 +24,8 @@ from tridentify.online.blueprint import (
     discretize_each,
     fill_inputs,
 )
-from tridentify.online.slots import EXPONENTIAL, triangle_size
+from tridentify.online.kernels import slots
+from tridentify.online.kernels.slots import EXPONENTIAL, triangle_size
 
 Array = NDArray[np.float64]
 

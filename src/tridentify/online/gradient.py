@@ -75,8 +75,6 @@ from tridentify.estimate import Estimate, Status, Trace
 from tridentify.methods.filtered import checked_filter
 from tridentify.numerics.realization import denominator, sort_poles
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online import gradient_slots as places
-from tridentify.online import slots
 from tridentify.online.blueprint import (
     Blueprint,
     Nuisance,
@@ -122,6 +120,8 @@ from tridentify.online.gradient_vector import (
     still_series,
     write_moments,
 )
+from tridentify.online.kernels import gradient_slots as places
+from tridentify.online.kernels import slots
 from tridentify.online.result import assembled
 from tridentify.online.seam import (
     Estimator,
@@ -213,9 +213,10 @@ class Gradient(Estimator):
     @cache
     def kernels() -> Kernels:
         """The compiled sample loop."""
-        from tridentify.online.gradient_kernel import gradient_run, gradient_step
+        from tridentify.online.kernels.gradient import gradient_step
+        from tridentify.online.kernels.run import no_block
 
-        return Kernels(gradient_step, gradient_run)
+        return Kernels(gradient_step, no_block)
 
     def __post_init__(self) -> None:
         _check_above_zero("rate", self.rate, "1/s")

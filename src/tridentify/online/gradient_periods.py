@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 
 from tridentify.errors import OptionError
 from tridentify.numerics.realization import Complex, sort_poles
-from tridentify.online import gradient_slots as places
-from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.gradient_plan import Basis, inverse_of, without_constant
-from tridentify.online.gradient_slots import MEMORY
+from tridentify.online.kernels import gradient_slots as places
+from tridentify.online.kernels import slots
+from tridentify.online.kernels.gradient_slots import MEMORY
 from tridentify.online.summary import transfer
 from tridentify.transfer_function import TransferFunction
 

@@ -1,7 +1,7 @@
 """Where the three models of the gradient rule stand, and the tables that say what they are.
 
 All tables are rows on the columns of Step 1: states of the bank, inputs, constant
-(`online.parallel_kernel`). A basis is either the fixed one of the paper, Laguerre functions and a
+(`online.kernels.parallel`). A basis is either the fixed one of the paper, Laguerre functions and a
 filter ``c`` beside them, or the adapted one, the poles of the model three times with ``c = a``:
 twice for the output of the parallel and of the series model, once more for the filter behind it.
 """
@@ -24,9 +24,9 @@ from tridentify.numerics.realization import (
     filter_map,
     numerators,
 )
-from tridentify.online import gradient_slots as places
-from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Nuisance, Setting, parallel
+from tridentify.online.kernels import gradient_slots as places
+from tridentify.online.kernels import slots
 
 Array = NDArray[np.float64]
 
@@ -366,7 +366,7 @@ class Tables:
     rate : float
         [1/s].
     ready : float
-        Whether a sample may be doubted, and a change be told (`online.gradient_kernel`).
+        Whether a sample may be doubted, and a change be told (`online.kernels.gradient`).
     """
 
     models: Array

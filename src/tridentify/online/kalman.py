@@ -14,13 +14,13 @@ from tridentify.methods.filtered import checked_filter
 from tridentify.numerics.realization import (
     Complex,
 )
-from tridentify.online import slots
 from tridentify.online.blueprint import (
     Blueprint,
     Setting,
 )
 from tridentify.online.equation import EquationError, unknowns_of
 from tridentify.online.equation_plan import equation_blueprint, maps_of
+from tridentify.online.kernels import slots
 from tridentify.online.seam import (
     check_choice,
 )

@@ -18,6 +18,7 @@ from tridentify.online.blueprint import (
 )
 from tridentify.online.equation import EquationError
 from tridentify.online.equation_plan import equation_blueprint
+from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL, RESETTING
 from tridentify.online.seam import (
     check_choice,
     check_forgetting,
@@ -25,7 +26,6 @@ from tridentify.online.seam import (
 from tridentify.online.search import (
     checked_start,
 )
-from tridentify.online.slots import DIRECTIONAL, EXPONENTIAL, RESETTING
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimate import Estimate, Nuisance, Status, Trace
-from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting, watch_of
+from tridentify.online.kernels import slots
 from tridentify.structure import InitialState, Structure
 from tridentify.transfer_function import TransferFunction
 

@@ -117,8 +117,10 @@ def run(
         structure, dt, input_names=list(first.input_names), output_names=list(first.output_names),
         units=dict(first.units), intersample=first.intersample,
     )  # fmt: skip
-    u = np.vstack([record.u for record in listed])
-    y = np.vstack([record.y for record in listed])
+    u, y = first.u, first.y
+    if len(listed) > 1:
+        u = np.vstack([record.u for record in listed])
+        y = np.vstack([record.y for record in listed])
     intervals = _intervals(listed, dt)
     block = _block(every, dt, len(u))
     times, theta, std, flags = [], [], [], []

@@ -29,8 +29,8 @@ from tridentify.errors import (
 )
 from tridentify.estimate import Estimate
 from tridentify.methods.capability import Capability, refuse_unsupported
-from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting
+from tridentify.online.kernels import slots
 from tridentify.online.state import MAKERS, State
 from tridentify.record import Record
 from tridentify.structure import Structure
@@ -49,10 +49,19 @@ class NotReadyError(UndeterminedError):
 
 
 class Kernels(NamedTuple):
-    """One sample, and samples ``start .. stop - 1`` up to the first with an event."""
+    """The compiled functions of an estimator (`online.kernels.run`): one sample, and many."""
 
     step: Callable[[Ints, Array, Array, float], float]
-    run: Callable[[Ints, Array, Array, Array, Array, int, int, Array, Ints], int]
+    block: Callable[..., int]
+
+    def run(
+        self, ints: Ints, c: Array, x: Array, u: Array, y: Array, start: int, stop: int,
+        innovations: Array, flags: Ints,
+    ) -> int:  # fmt: skip
+        """Samples ``start .. stop - 1``, up to the first with an event; gives the next."""
+        from tridentify.online.kernels.run import run_samples
+
+        return run_samples(ints, c, x, u, y, start, stop, innovations, flags, self.step, self.block)
 
 
 class Estimator(ABC):

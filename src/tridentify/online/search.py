@@ -108,10 +108,11 @@ def search(setting: Setting, samples: Array, begun_anew: bool) -> Found | None:
             found = ThreeModel(noise="white", finish="likelihood").estimate([record], structure)
     except (TridentifyError, np.linalg.LinAlgError):
         return None
-    return _judged(found, setting)
+    return judged_poles(found, setting)
 
 
-def _judged(found: Estimate, setting: Setting) -> Found | None:
+def judged_poles(found: Estimate, setting: Setting) -> Found | None:
+    """The poles of an estimate, and whether they are certain; None if they are no numbers."""
     den = found.model.den[0][0]
     poles = np.roots(den).astype(np.complex128)
     if not np.all(np.isfinite(poles)):

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.realization import Complex
-from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting, watch_of
+from tridentify.online.kernels import slots
 from tridentify.online.seam import Estimator
 from tridentify.online.search import next_try, record_of
 from tridentify.online.state import Stage, State

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from tridentify.encoding import load_document, save_document
 from tridentify.errors import TridentifyError
 from tridentify.numerics.realization import Complex
-from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Nuisance, Setting
 from tridentify.online.flags import Flag
+from tridentify.online.kernels import slots
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 

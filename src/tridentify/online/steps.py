@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.numerics.realization import Complex
-from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting
+from tridentify.online.kernels import slots
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
 from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finish
 from tridentify.output_error.nuisance import Nuisances

@@ -1,6 +1,6 @@
 """All that the samples so far say, on the bank that was running and on any other nearby.
 
-The triangle of Step 1 (`online.parallel_kernel`) holds what the three models need of the samples:
+The triangle of Step 1 (`online.kernels.parallel`) holds what the three models need of the samples:
 the output of the parallel model, and of every model after it, is a combination of the states of
 the bank, and so is each of their filtered derivatives. Steps 2 to 4 are therefore solved on the
 triangle alone, on *all* samples so far, whenever they are asked for: nothing that an early, poor
@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.realization import Cascade
-from tridentify.online import slots
 from tridentify.online.blueprint import Blueprint, Setting, factor_of, fresh, watch_of
+from tridentify.online.kernels import slots
 from tridentify.regression import Experiment, Layout, Regression
 
 Array = NDArray[np.float64]

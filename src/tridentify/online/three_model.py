@@ -1,6 +1,6 @@
 """The three models on-line: Step 1 with every sample, Steps 2 to 4 on all that it has gathered.
 
-*Step 1* runs with the samples (`online.parallel_kernel`): a bank of operators on the poles of the
+*Step 1* runs with the samples (`online.kernels.parallel`): a bank of operators on the poles of the
 present model, each three times, driven by the input alone. The triangle of its least-squares
 problem is brought up to date by Givens rotations, with a forgetting factor if one is given. Its
 regressors hold no noise, so it is unbiased, and the rotations make it the exact solution at every
@@ -23,8 +23,9 @@ third order in the distance.
 
 *The beginning* is a search: the first samples are kept, and the off-line method looks for the model
 in them, at first early and again with half as many samples more until it is certain of its poles.
-``start`` gives a model instead. After an alarm (`online.intake`) the same is done again, as the
-coefficients are others: ``on_change="flag"`` only raises the flag.
+``start`` gives a model instead; its bank stays until the samples tell the poles, since a bank on
+poles that are mostly noise would miss part of the output. After an alarm (`online.kernels.intake`)
+the same is done again, as the coefficients are others: ``on_change="flag"`` only raises the flag.
 
 *Standard errors* are those of the minimum (`output_error.result`). With forgetting, the weights
 ``w`` of the samples make them larger by the square root of ``sum w^2 / sum w``, and the noise is
@@ -45,7 +46,6 @@ from tridentify.errors import OptionError, TridentifyError, shown
 from tridentify.estimate import Estimate
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online import slots
 from tridentify.online.blueprint import (
     Blueprint,
     Nuisance,
@@ -57,6 +57,8 @@ from tridentify.online.blueprint import (
     watch_of,
     with_directions,
 )
+from tridentify.online.kernels import slots
+from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
 from tridentify.online.seam import (
     Estimator,
     Kernels,
@@ -72,14 +74,14 @@ from tridentify.online.search import (
     checked_start,
     far_off,
     first_try,
+    judged_poles,
     next_try,
     poles_of_start,
     search,
 )
-from tridentify.online.slots import DIRECTIONAL, EXPONENTIAL
 from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
 from tridentify.online.state import Stage, State
-from tridentify.online.steps import directions_of, estimate_of, solve_steps
+from tridentify.online.steps import Solution, directions_of, estimate_of, solve_steps
 from tridentify.online.summary import carried, moved
 from tridentify.transfer_function import TransferFunction
 
@@ -149,9 +151,9 @@ class ThreeModel(Estimator):
     @cache
     def kernels() -> Kernels:
         """The compiled sample loop."""
-        from tridentify.online.parallel_kernel import parallel_run, parallel_step
+        from tridentify.online.kernels.parallel import parallel_block, parallel_step
 
-        return Kernels(parallel_step, parallel_run)
+        return Kernels(parallel_step, parallel_block)
 
     def __post_init__(self) -> None:
         check_forgetting(self.forgetting)
@@ -336,6 +338,15 @@ class ThreeModel(Estimator):
         poles = solution.point.poles
         return State(x, stage.but(blueprint=found, poles=poles, searching=False)), flags
 
+    def _is_certain(self, stage: Stage, x: Array, solution: Solution) -> bool:
+        """Whether the samples tell the poles; a bank on poles that are mostly noise loses more."""
+        try:
+            found = estimate_of(stage.setting, stage.blueprint, x, solution, self.name)
+        except (TridentifyError, np.linalg.LinAlgError):
+            return False
+        judged = judged_poles(found, stage.setting)
+        return judged is not None and judged.certain
+
     def _follow(self, state: State) -> State:
         x, stage = state
         setting = stage.setting
@@ -353,6 +364,8 @@ class ThreeModel(Estimator):
         kept = bool(stage.blueprint.ints[slots.CHUNK])
         early = kept and x[slots.SINCE] <= self.samples
         if early and distance > NEAR:
+            if not self._is_certain(stage, x, solution):
+                return state
             return self._run_again(state, poles, nuisance, kept_samples(state))[0]
         if distance <= NEAR and (early or not kept):
             judged = directions_of(setting, stage.blueprint, solution)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.online.slots import COLUMNS
+from tridentify.online.kernels.slots import COLUMNS
 
 # places in ints
 (

@@ -1,6 +1,6 @@
 """The three models adapted by the gradient rule, sample by sample, compiled.
 
-The row ``z`` of a sample is that of Step 1 (`online.parallel_kernel`). Everything that the models
+The row ``z`` of a sample is that of Step 1 (`online.kernels.parallel`). Everything that the models
 need is a combination of it:
 
 * the parallel model ``theta_1' T_1 z``, with fixed ``T_1``;
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import along, compiled, descend
-from tridentify.online.gradient_slots import (
+from tridentify.online.kernels.gradient_slots import (
     ANSWERS,
     C_FITS,
     C_SECOND,
@@ -48,9 +48,9 @@ from tridentify.online.gradient_slots import (
     X_SECOND,
     fits_stride,
 )
-from tridentify.online.intake import count, doubt, learn, noise_scale, take_in, watch
-from tridentify.online.parallel_kernel import advance, complete_row, refuse
-from tridentify.online.slots import (
+from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.kernels.parallel import advance, complete_row, refuse
+from tridentify.online.kernels.slots import (
     ALARMED,
     AT_ROW,
     AT_WATCH,
@@ -346,34 +346,3 @@ def gradient_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
             gather(ints, x, n)
     count(ints, x)
     return float(x[ints[AT_WATCH] + INNOVATION])
-
-
-@compiled(
-    "int64(int64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
-    " int64, int64, float64[:, ::1], int64[::1])"
-)
-def gradient_run(
-    ints: Ints,
-    c: Array,
-    x: Array,
-    u: Array,
-    y: Array,
-    start: int,
-    stop: int,
-    innovations: Array,
-    flags: Ints,
-) -> int:
-    """Samples ``start .. stop - 1`` of a record, up to the first with an event; gives the next."""
-    m, p = ints[INPUTS], ints[OUTPUTS]
-    for k in range(start, stop):
-        for j in range(m):
-            x[INBOX + j] = u[k, j]
-        for i in range(p):
-            x[INBOX + m + i] = y[k, i]
-        gradient_step(ints, c, x, c[0])
-        for i in range(p):
-            innovations[k, i] = x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION]
-        flags[k] = int(x[FLAGS])
-        if x[EVENT] != 0.0:
-            return k + 1
-    return stop

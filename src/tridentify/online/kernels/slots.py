@@ -1,7 +1,7 @@
 """Where things stand in the vector of an on-line estimator, and the limits of its judgement.
 
-`online.intake` says what they mean. The compiled loops and the plans that are made for them read
-these numbers; nothing is compiled when this module is imported.
+`online.kernels.intake` says what they mean. The compiled loops and the plans that are made for them
+read these numbers; nothing is compiled when this module is imported.
 """
 
 from __future__ import annotations
@@ -48,10 +48,11 @@ RARE = 0.01
 MOST_REFUSED = 25
 LARGEST, SENSELESS = 1e100, 1e6
 TRACE = 1e-5
-FLOOR_PACE = 16.0
+FLOOR_PACE = 16
 TO_SCALE = 1.4826022185056018  # of a normal's median modulus
 MEAN_TO_MEDIAN = 0.8453475393951495
 FIRST_SCALED = 20.0
+SCALE_PACE = 0.004
 BLOCKS_FIRST, BLOCKS_USUAL = 20.0, 200.0
 LEVEL = 40.0
 SCALES, PER_SCALE, SUMS = 3, 16, 4

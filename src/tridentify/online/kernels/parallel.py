@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled, forget, innovate, rotate
-from tridentify.online.intake import count, doubt, learn, noise_scale, take_in, watch
-from tridentify.online.slots import (
+from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
+from tridentify.online.kernels.filters import direct_terms, line_up, run_inputs
+from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
+from tridentify.online.kernels.signatures import MANY
+from tridentify.online.kernels.slots import (
     ALARMED,
     AT_FACTOR,
     AT_LINE,
@@ -33,11 +36,14 @@ from tridentify.online.slots import (
     C_TAPS,
     COLLECTING,
     COLUMNS,
+    COUNT,
     CUT,
     DIRECTIONAL,
+    DIRECTIONS,
     DRIFT,
     EVENT,
     EXPONENTIAL,
+    EXTRA,
     FACTOR,
     FIRST,
     FITTED,
@@ -50,6 +56,7 @@ from tridentify.online.slots import (
     INBOX,
     INNOVATION,
     INPUTS,
+    INTERVAL,
     KIND,
     LARGE,
     LEARNING,
@@ -66,6 +73,7 @@ from tridentify.online.slots import (
     REFUSED,
     RESETTING,
     SCALE,
+    SCALE_PACE,
     SINCE,
     SQUARES,
     TAKEN,
@@ -76,6 +84,7 @@ from tridentify.online.slots import (
     WEIGHT,
     WEIGHT2,
 )
+from tridentify.online.kernels.turning import ERRORS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -149,7 +158,7 @@ def refuse(ints: Ints, c: Array, x: Array, w: int, first: int, error: float, rea
     if int(x[FLAGS]) & OUTLIER:
         x[w + REFUSED] += 1.0
         # refused samples count for the scale, or one that is too small would stay so
-        x[w + SCALE] *= 1.0 + max(4.0 / (x[w + TAKEN] + 8.0), 0.004)
+        x[w + SCALE] *= 1.0 + max(4.0 / (x[w + TAKEN] + 8.0), SCALE_PACE)
         watch(ints, c, x, w, first, TOLD if error > 0.0 else -TOLD, ready)
         if x[w + REFUSED] > MOST_REFUSED:
             x[w + MOVED] = 1.0
@@ -214,7 +223,7 @@ def absorb(ints: Ints, c: Array, x: Array, w: int, at: int, n: int, first: int, 
     kept = 1.0
     if factor < 1.0 and kind == EXPONENTIAL:
         kept = factor
-        forget(x, at, n, first, work, 1.0 / (1.0 + leverage), factor, c[PACE])
+        forget(x, at, n, first, work, factor, c[PACE])
     rotate(x, at, n, first, row, work, y, 1.0)
     if factor < 1.0 and kind == DIRECTIONAL:
         kept = factor
@@ -259,31 +268,88 @@ def parallel_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
 
 
 @compiled(
-    "int64(int64[::1], float64[::1], float64[::1], float64[:, ::1], float64[:, ::1],"
-    " int64, int64, float64[:, ::1], int64[::1])"
+    "void(int64[::1], float64[::1], float64[::1], int64, float64[:, ::1], int64, float64[:, ::1],"
+    " float64[::1])",
+    wide=True,
 )
-def parallel_run(
+def fill_rows(
+    ints: Ints,
+    c: Array,
+    x: Array,
+    count: int,
+    room: Array,
+    columns: int,
+    lines: Array,
+    zeros: Array,
+) -> None:
+    """Rows of a block of samples, once the response to the impulse has died away."""
+    m, q = ints[INPUTS], ints[ORDER]
+    first = q * ints[FREE]
+    for r in range(m * q):
+        room[r, 0] = x[ints[AT_ROW] + first + r]
+    run_inputs(ints, c, x, room, 0, count, lines, zeros)
+    for r in range(m * q):
+        states, column = room[r], room[columns + first + r]
+        for k in range(count):
+            column[k] = states[k + 1]
+    at = columns + first + m * q
+    for j in range(m):
+        direct_terms(ints, c, room, at, j, count, lines)
+        at += 1
+    if ints[OFFSET]:
+        for k in range(count):
+            room[at, k] = 1.0
+        at += 1
+    if ints[DRIFT]:
+        for k in range(count):
+            room[at, k] = (x[COUNT] + k) * c[INTERVAL] + x[EXTRA] - x[BORN]
+
+
+@compiled(MANY, wide=True)
+def parallel_block(
     ints: Ints,
     c: Array,
     x: Array,
     u: Array,
     y: Array,
     start: int,
-    stop: int,
+    most: int,
     innovations: Array,
     flags: Ints,
+    room: Array,
+    lines: Array,
+    zeros: Array,
+    kept: Array,
 ) -> int:
-    """Samples ``start .. stop - 1`` of a record, up to the first with an event; gives the next."""
-    m, p = ints[INPUTS], ints[OUTPUTS]
-    for k in range(start, stop):
-        for j in range(m):
-            x[INBOX + j] = u[k, j]
+    """As many samples as may be taken together, but ``most``; gives their number."""
+    if c[FORGETTING] < 1.0 and ints[KIND] != EXPONENTIAL:
+        return 0
+    count = quiet(ints, x, u, y, start, most)
+    q, m, p, n = ints[ORDER], ints[INPUTS], ints[OUTPUTS], ints[COLUMNS]
+    columns = q * m
+    work = columns + n + 1
+    directions = work + n + 1
+    own = directions + ints[DIRECTIONS]
+    first = int(x[FIRST])
+    kept[:] = x
+    while count >= SHORTEST:
+        line_up(ints, x, u, start, count, lines)
+        fill_rows(ints, c, x, count, room, columns, lines, zeros)
+        taken = count
         for i in range(p):
-            x[INBOX + m + i] = y[k, i]
-        parallel_step(ints, c, x, c[0])
-        for i in range(p):
-            innovations[k, i] = x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION]
-        flags[k] = int(x[FLAGS])
-        if x[EVENT] != 0.0:
-            return k + 1
-    return stop
+            targets, errors = room[columns + n], room[own + ERRORS]
+            for k in range(count):
+                targets[k] = y[start + k, i]
+            taken = absorb_block(ints, c, x, i, room, columns, work, directions, own, count, first)
+            if taken < count:
+                break
+            for k in range(count):
+                innovations[start + k, i] = errors[k]
+        if taken == count:
+            for r in range(m * q):
+                x[ints[AT_ROW] + q * ints[FREE] + r] = room[r, count]
+            count_block(ints, c, x, u, y, start, count, lines, flags)
+            return count
+        x[:] = kept
+        count = taken
+    return 0

@@ -42,7 +42,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled
-from tridentify.online.slots import (
+from tridentify.online.kernels.slots import (
     ALARM,
     AT_CHUNK,
     AT_FIRST,
@@ -102,6 +102,7 @@ from tridentify.online.slots import (
     REPEATS,
     SATURATED,
     SCALE,
+    SCALE_PACE,
     SCALED,
     SCALES,
     SCORES,
@@ -243,7 +244,8 @@ def doubt(x: Array, w: int, y: float, fitted: float, leverage: float, own: float
     if x[w + STANDS] > 0.0:
         x[FLAGS] = float(int(x[FLAGS]) | STUCK)
         return True
-    if abs(error) > FAR * (1.0 + UNSURE / np.sqrt(taken)) * own:
+    far = FAR * own
+    if abs(error) > far and abs(error) > (1.0 + UNSURE / np.sqrt(taken)) * far:
         x[FLAGS] = float(int(x[FLAGS]) | OUTLIER)
         return True
     return False
@@ -259,7 +261,7 @@ def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
     step = y - x[w + MEAN]
     x[w + MEAN] += step / x[w + WEIGHT]
     x[w + SPREAD] = factor * x[w + SPREAD] + step * (y - x[w + MEAN])
-    if taken % FLOOR_PACE == 1.0:
+    if int(taken) % FLOOR_PACE == 1:
         size = np.sqrt(x[w + SPREAD] / x[w + WEIGHT] + x[w + MEAN] ** 2)
         x[w + FLOOR] = TRACE * size
     size = abs(v) * TO_SCALE
@@ -272,8 +274,11 @@ def learn(x: Array, w: int, y: float, v: float, factor: float) -> None:
         if not known:
             x[w + SCALE] += (size * MEAN_TO_MEDIAN - x[w + SCALE]) / x[w + SCALED]
     else:
-        factor = 1.0 + max(4.0 / (taken + 8.0), 0.004)
-        x[w + SCALE] *= factor if size > x[w + SCALE] else 1.0 / factor
+        up, down = 1.0 + SCALE_PACE, 1.0 / (1.0 + SCALE_PACE)
+        if taken < 4.0 / SCALE_PACE:
+            up = 1.0 + max(4.0 / (taken + 8.0), SCALE_PACE)
+            down = 1.0 / up
+        x[w + SCALE] *= up if size > x[w + SCALE] else down
 
 
 @compiled("boolean(int64[::1], float64[::1], int64, int64, boolean)")

@@ -1,0 +1,1 @@
+"""The compiled sample loops, and where things stand in the vector they work on."""

@@ -1,0 +1,123 @@
+"""Filters over a block of samples, compiled: what drives them first, then the states."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from tridentify.numerics.recursive import compiled
+from tridentify.online.kernels.signatures import INTS, SAMPLES, TABLE, VECTOR
+from tridentify.online.kernels.slots import (
+    AT_LINE,
+    AT_REFERENCE,
+    C_DIRECT,
+    C_EXTRA,
+    C_STEP,
+    C_TAPS,
+    INPUTS,
+    LINE,
+    ORDER,
+    UPPER,
+)
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@compiled(types.void(INTS, VECTOR, SAMPLES, types.int64, types.int64, TABLE), wide=True)
+def line_up(ints: Ints, x: Array, u: Array, start: int, count: int, lines: Array) -> None:
+    """The inputs as the delay lines see them, oldest first."""
+    past = ints[LINE] - 1
+    for j in range(ints[INPUTS]):
+        line, at = lines[j], ints[AT_LINE] + j * ints[LINE]
+        reference = x[ints[AT_REFERENCE] + j]
+        for s in range(past):
+            line[past - 1 - s] = x[at + s]
+        for i in range(count):
+            line[past + i] = u[start + i, j] - reference
+
+
+@compiled(
+    "void(int64[::1], float64[::1], float64[:, ::1], int64, int64, float64[::1], float64[::1])",
+    wide=True,
+)
+def run_filter(
+    ints: Ints, c: Array, room: Array, at: int, count: int, later: Array, unused: Array
+) -> None:
+    """States of a filter; ``room[at + r, 1:]`` holds what drives state ``r`` and is replaced.
+
+    ``room[at + r, 0]`` is the state before, ``later`` what is added after the transition, times
+    ``unused[r]``.
+    """
+    q, f, upper = ints[ORDER], ints[C_STEP], ints[UPPER]
+    r = 0
+    while r < q:
+        pair = upper > 0 and r + 1 < q and c[f + r * q + r + 1] != 0.0
+        own = room[at + r]
+        weight = unused[r]
+        for s in range(r):
+            factor, other = c[f + r * q + s], room[at + s]
+            for i in range(count):
+                own[i + 1] += factor * other[i]
+        a = c[f + r * q + r]
+        if not pair:
+            value = own[0]
+            for i in range(count):
+                value = own[i + 1] + a * value + weight * later[i]
+                own[i + 1] = value
+            r += 1
+            continue
+        second = room[at + r + 1]
+        beside = unused[r + 1]
+        for s in range(r):
+            factor, other = c[f + (r + 1) * q + s], room[at + s]
+            for i in range(count):
+                second[i + 1] += factor * other[i]
+        b = c[f + r * q + r + 1]
+        d, e = c[f + (r + 1) * q + r], c[f + (r + 1) * q + r + 1]
+        value, following = own[0], second[0]
+        for i in range(count):
+            new = own[i + 1] + a * value + b * following + weight * later[i]
+            following = second[i + 1] + d * value + e * following + beside * later[i]
+            value = new
+            own[i + 1] = value
+            second[i + 1] = following
+        r += 2
+
+
+@compiled(
+    "void(int64[::1], float64[::1], float64[::1], float64[:, ::1], int64, int64, float64[:, ::1],"
+    " float64[::1])",
+    wide=True,
+)
+def run_inputs(
+    ints: Ints, c: Array, x: Array, room: Array, at: int, count: int, lines: Array, zeros: Array
+) -> None:
+    """States driven by the inputs, from those in column 0 of ``room[at:]``."""
+    q, past = ints[ORDER], ints[LINE] - 1
+    for j in range(ints[INPUTS]):
+        g = ints[C_TAPS] + 3 * j * q
+        line, shift = lines[j], past - int(c[ints[C_EXTRA] + j])
+        for r in range(q):
+            own = room[at + j * q + r]
+            first, second, third = c[g + r], c[g + q + r], c[g + 2 * q + r]
+            now, before, earlier = line[shift:], line[shift - 1 :], line[shift - 2 :]
+            for i in range(count):
+                own[i + 1] = first * now[i] + second * before[i] + third * earlier[i]
+        run_filter(ints, c, room, at + j * q, count, zeros, zeros)
+
+
+@compiled(
+    "void(int64[::1], float64[::1], float64[:, ::1], int64, int64, int64, float64[:, ::1])",
+    wide=True,
+)
+def direct_terms(
+    ints: Ints, c: Array, room: Array, to: int, j: int, count: int, lines: Array
+) -> None:
+    """Input ``j`` itself as it arrives, into a row of the workspace."""
+    line, shift = lines[j], ints[LINE] - 1 - int(c[ints[C_EXTRA] + j])
+    h, own = ints[C_DIRECT] + 2 * j, room[to]
+    now, before = line[shift:], line[shift - 1 :]
+    for i in range(count):
+        own[i] = c[h] * now[i] + c[h + 1] * before[i]

@@ -1,0 +1,97 @@
+"""A stored record through an estimator, compiled: quiet samples in blocks, others one by one.
+
+The loop is one for all estimators. It gets their step and their block as function pointers, so
+that their code is compiled once, and not again within the loop.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from tridentify.numerics.recursive import compiled
+from tridentify.online.kernels.blocks import LONGEST, rows_needed
+from tridentify.online.kernels.signatures import INTS, MANY, ONE, TABLE, WHICH
+from tridentify.online.kernels.slots import (
+    AT_WATCH,
+    EVENT,
+    FLAGS,
+    INBOX,
+    INNOVATION,
+    INPUTS,
+    LINE,
+    OUTPUTS,
+    WATCH,
+)
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Step = Callable[[Ints, Array, Array, float], float]
+Block = Callable[
+    [Ints, Array, Array, Array, Array, int, int, Array, Ints, Array, Array, Array, Array], int
+]
+
+STEP_POINTER = types.FunctionType(ONE)
+BLOCK_POINTER = types.FunctionType(MANY)
+
+
+@compiled(MANY)
+def no_block(
+    ints: Ints,
+    c: Array,
+    x: Array,
+    u: Array,
+    y: Array,
+    start: int,
+    most: int,
+    innovations: Array,
+    flags: Ints,
+    room: Array,
+    lines: Array,
+    zeros: Array,
+    kept: Array,
+) -> int:
+    """For an estimator that takes samples one by one."""
+    return 0
+
+
+@compiled(types.int64(*WHICH, TABLE, INTS, STEP_POINTER, BLOCK_POINTER))
+def run_samples(
+    ints: Ints,
+    c: Array,
+    x: Array,
+    u: Array,
+    y: Array,
+    start: int,
+    stop: int,
+    innovations: Array,
+    flags: Ints,
+    step: Step,
+    block: Block,
+) -> int:
+    """Samples ``start .. stop - 1`` of a record, up to the first with an event; gives the next.
+
+    The last one is a single step, so that scratch numbers in ``x`` are as after single steps too.
+    """
+    m, p = ints[INPUTS], ints[OUTPUTS]
+    room = np.empty((rows_needed(ints), LONGEST + 1))
+    lines = np.empty((m, LONGEST + ints[LINE]))
+    zeros, kept = np.zeros(LONGEST + 1), np.empty(x.size)
+    k = start
+    while k < stop:
+        k += block(ints, c, x, u, y, k, stop - 1 - k, innovations, flags, room, lines, zeros, kept)
+        for j in range(m):
+            x[INBOX + j] = u[k, j]
+        for i in range(p):
+            x[INBOX + m + i] = y[k, i]
+        step(ints, c, x, c[0])
+        for i in range(p):
+            innovations[k, i] = x[ints[AT_WATCH] + i * ints[WATCH] + INNOVATION]
+        flags[k] = int(x[FLAGS])
+        k += 1
+        if x[EVENT] != 0.0:
+            break
+    return k

@@ -1,0 +1,11 @@
+"""Types of what the compiled loops are given."""
+
+from __future__ import annotations
+
+from numba import types
+
+INTS, VECTOR, TABLE = types.int64[::1], types.float64[::1], types.float64[:, ::1]
+SAMPLES = types.Array(types.float64, 2, "C", readonly=True)  # of a record
+WHICH = (INTS, VECTOR, VECTOR, SAMPLES, SAMPLES, types.int64, types.int64)
+MANY = types.int64(*WHICH, TABLE, INTS, TABLE, TABLE, VECTOR, VECTOR)
+ONE = types.float64(INTS, VECTOR, VECTOR, types.float64)
