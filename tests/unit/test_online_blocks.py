@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, online, simulate
+from tridentify.online import seam
 from tridentify.online.kernels import slots
-from tridentify.online.kernels.blocks import LONGEST, rows_needed
+from tridentify.online.kernels.workspace import LONGEST, Workspace
 
 DT = 0.05
 PLANT = TransferFunction([2.0, 3.0], [1.0, 3.0, 9.0])
@@ -40,6 +41,11 @@ STRUCTURES = {
     "equilibrium": Structure(2, 1, offset=True, initial_state="equilibrium"),
     "late": Structure(2, 1, delay=0.13),
 }
+
+
+@pytest.fixture(autouse=True)
+def every_record_is_long(monkeypatch):
+    monkeypatch.setattr(seam, "LONG_RECORD", 0)
 
 
 def samples(seed: int, n_inputs: int, kind: str, count: int = 1500) -> tuple[Any, Any]:
@@ -139,11 +145,9 @@ def test_quiet_samples_do_go_through_blocks(name):
     state = method.init(STRUCTURES["rest"], DT)
     state, _, _ = method.feed(state, u[:3000], y[:3000])
     ints, x = state.stage.blueprint.ints, state.values.copy()
-    room = np.empty((rows_needed(ints), LONGEST + 1))
-    lines = np.empty((1, LONGEST + int(ints[slots.LINE])))
-    taken = method.kernels().block(
+    taken = method.kernels().block()(
         ints, state.stage.blueprint.constants, x, u, y, 3000, 2000, np.empty(y.shape),
-        np.empty(len(y), dtype=np.int64), room, lines, np.zeros(LONGEST + 1), np.empty(x.size),
+        np.empty(len(y), dtype=np.int64), *Workspace.of(ints, x),
     )  # fmt: skip
     assert taken == LONGEST
     assert x[slots.COUNT] == 3000 + LONGEST

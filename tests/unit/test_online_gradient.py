@@ -18,11 +18,11 @@ from tridentify import (
 from tridentify.errors import OptionError, UnsupportedError
 from tridentify.numerics.realization import cascade, numerators, sort_poles
 from tridentify.numerics.recursive import along, descend
-from tridentify.online import gradient_kernel as kernel
 from tridentify.online.blueprint import Nuisance, Setting
 from tridentify.online.gradient_periods import scatter, stable_poles
 from tridentify.online.gradient_plan import Basis, gains, inverse_of
 from tridentify.online.gradient_vector import moments_of, signals_of
+from tridentify.online.kernels import gradient as kernel
 from tridentify.online.kernels import slots
 
 DT = 0.05

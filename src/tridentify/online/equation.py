@@ -31,6 +31,7 @@ L. Ljung, T. Soderstrom, Theory and Practice of Recursive Identification, MIT Pr
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -93,9 +94,9 @@ class EquationError(Estimator):
     @cache
     def kernels() -> Kernels:
         """The compiled sample loop."""
-        from tridentify.online.kernels.equation import equation_block, equation_step
+        from tridentify.online.kernels.equation import equation_step
 
-        return Kernels(equation_step, equation_block)
+        return Kernels(equation_step, block_of_equation)
 
     @abstractmethod
     def plan(
@@ -260,6 +261,13 @@ class EquationError(Estimator):
             setting, blueprint, x, theta, spread @ spread.T, noise, Status.SETTLED, trace,
             self.name, None if filtering else float(np.linalg.cond(root[-k:])),
         )  # fmt: skip
+
+
+def block_of_equation() -> Callable[..., int]:
+    """The compiled block; compiled, or read from disk, at the first call."""
+    from tridentify.online.kernels.equation_block import equation_block
+
+    return equation_block
 
 
 def unknowns_of(blueprint: Blueprint, x: Array, n_outputs: int) -> tuple[Array, Array, Array]:

@@ -214,9 +214,8 @@ class Gradient(Estimator):
     def kernels() -> Kernels:
         """The compiled sample loop."""
         from tridentify.online.kernels.gradient import gradient_step
-        from tridentify.online.kernels.run import no_block
 
-        return Kernels(gradient_step, no_block)
+        return Kernels(gradient_step)
 
     def __post_init__(self) -> None:
         _check_above_zero("rate", self.rate, "1/s")

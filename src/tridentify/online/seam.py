@@ -31,6 +31,7 @@ from tridentify.estimate import Estimate
 from tridentify.methods.capability import Capability, refuse_unsupported
 from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.kernels import slots
+from tridentify.online.kernels.workspace import LONGEST, Workspace
 from tridentify.online.state import MAKERS, State
 from tridentify.record import Record
 from tridentify.structure import Structure
@@ -48,20 +49,32 @@ class NotReadyError(UndeterminedError):
     """The samples so far do not determine the coefficients."""
 
 
+LONG_RECORD = 4000
+
+
 class Kernels(NamedTuple):
-    """The compiled functions of an estimator (`online.kernels.run`): one sample, and many."""
+    """The compiled functions of an estimator: one sample, and what gives the one for a block.
+
+    A block takes a sample in a third of the time, but some ten seconds more to compile on a
+    machine where that has not been done; so it is left for long records.
+    """
 
     step: Callable[[Ints, Array, Array, float], float]
-    block: Callable[..., int]
+    block: Callable[[], Callable[..., int]] | None = None
 
     def run(
         self, ints: Ints, c: Array, x: Array, u: Array, y: Array, start: int, stop: int,
         innovations: Array, flags: Ints,
     ) -> int:  # fmt: skip
         """Samples ``start .. stop - 1``, up to the first with an event; gives the next."""
-        from tridentify.online.kernels.run import run_samples
+        from tridentify.online.kernels.run import no_block, run_samples
 
-        return run_samples(ints, c, x, u, y, start, stop, innovations, flags, self.step, self.block)
+        many = self.block is not None and stop - start >= LONG_RECORD
+        block = self.block() if self.block is not None and many else no_block
+        room = Workspace.of(ints, x, LONGEST if many else 1)
+        return run_samples(
+            ints, c, x, u, y, start, stop, innovations, flags, self.step, block, *room
+        )
 
 
 class Estimator(ABC):

@@ -35,6 +35,7 @@ for those that move, the lag comes on top.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
@@ -151,9 +152,9 @@ class ThreeModel(Estimator):
     @cache
     def kernels() -> Kernels:
         """The compiled sample loop."""
-        from tridentify.online.kernels.parallel import parallel_block, parallel_step
+        from tridentify.online.kernels.parallel import parallel_step
 
-        return Kernels(parallel_step, parallel_block)
+        return Kernels(parallel_step, block_of_step_1)
 
     def __post_init__(self) -> None:
         check_forgetting(self.forgetting)
@@ -379,6 +380,13 @@ class ThreeModel(Estimator):
             x = without_chunk(stage.blueprint, x, blueprint)
         blueprint = with_directions(blueprint, directions_of(setting, blueprint, solution))
         return State(x, stage.but(blueprint=blueprint, poles=poles, past=()))
+
+
+def block_of_step_1() -> Callable[..., int]:
+    """The compiled block; compiled, or read from disk, at the first call."""
+    from tridentify.online.kernels.parallel_block import parallel_block
+
+    return parallel_block
 
 
 def without_chunk(old: Blueprint, x: Array, new: Blueprint) -> Array:

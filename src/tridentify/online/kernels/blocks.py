@@ -55,7 +55,6 @@ from tridentify.online.kernels.slots import (
     LARGEST,
     LINE,
     MOVED,
-    ORDER,
     OUTPUTS,
     PACE,
     REFUSED,
@@ -70,27 +69,13 @@ from tridentify.online.kernels.slots import (
     TIME,
     WATCH,
 )
-from tridentify.online.kernels.turning import (
-    ERRORS,
-    FIT,
-    LEVERAGE,
-    OWN_ROWS,
-    SCALED_ERRORS,
-    turn_in,
-)
+from tridentify.online.kernels.turning import turn_in
+from tridentify.online.kernels.workspace import ERRORS, FIT, LEVERAGE, LONGEST, SCALED_ERRORS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-LONGEST = 128
 SHORTEST = 4
-
-
-@compiled("int64(int64[::1])", wide=True)
-def rows_needed(ints: Ints) -> int:
-    """Rows of a workspace: states, columns twice, target twice, directions, what is a row each."""
-    states = (ints[INPUTS] + ints[OUTPUTS]) * ints[ORDER]
-    return int(states + 2 * (ints[COLUMNS] + 1) + ints[DIRECTIONS] + OWN_ROWS + 2)
 
 
 @compiled(types.int64(INTS, VECTOR, SAMPLES, SAMPLES, types.int64, types.int64), wide=True)

@@ -16,15 +16,11 @@ y_k`` is known, and the value that makes it zero is put into the filter.
 from __future__ import annotations
 
 import numpy as np
-from numba import types
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled, correct, drift, predict, solve_triangle
-from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
-from tridentify.online.kernels.filters import direct_terms, line_up, run_filter, run_inputs
+from tridentify.online.kernels.absorb import absorb, refuse
 from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
-from tridentify.online.kernels.parallel import absorb, refuse
-from tridentify.online.kernels.signatures import INTS, MANY, SAMPLES, TABLE, VECTOR
 from tridentify.online.kernels.slots import (
     ALARMED,
     AT_BEFORE,
@@ -55,12 +51,10 @@ from tridentify.online.kernels.slots import (
     COLUMNS,
     DOUBTED,
     EVENT,
-    EXPONENTIAL,
     FILTERING,
     FIRST,
     FITTED,
     FLAGS,
-    FORGETTING,
     FREE,
     HELD_BLOCKS,
     IDLE,
@@ -68,7 +62,6 @@ from tridentify.online.kernels.slots import (
     INBOX,
     INNOVATION,
     INPUTS,
-    KIND,
     LARGE,
     LARGEST,
     LINE,
@@ -87,7 +80,6 @@ from tridentify.online.kernels.slots import (
     WALKERS,
     WATCH,
 )
-from tridentify.online.kernels.turning import ERRORS
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -330,126 +322,3 @@ def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
         )  # fmt: skip
     count(ints, x)
     return float(x[ints[AT_WATCH] + INNOVATION])
-
-
-@compiled("void(float64[::1], int64, int64, float64[:, ::1], int64, int64, int64)", wide=True)
-def combine(c: Array, weights: int, q: int, room: Array, states: int, to: int, count: int) -> None:
-    """A combination of the states of a filter, into a row of the workspace."""
-    row = room[to]
-    for s in range(q):
-        weight, own = c[weights + s], room[states + s]
-        if s == 0:
-            for k in range(count):
-                row[k] = weight * own[k + 1]
-        else:
-            for k in range(count):
-                row[k] += weight * own[k + 1]
-
-
-@compiled(
-    types.void(
-        INTS, VECTOR, VECTOR, SAMPLES, types.int64, types.int64, TABLE, types.int64, TABLE, VECTOR
-    ),
-    wide=True,
-)  # fmt: skip
-def build_block(
-    ints: Ints,
-    c: Array,
-    x: Array,
-    y: Array,
-    start: int,
-    count: int,
-    room: Array,
-    columns: int,
-    lines: Array,
-    zeros: Array,
-) -> None:
-    """Filters and rows of a block of samples of one output (`advance_inputs`, `build_row`)."""
-    m, q, basis = ints[INPUTS], ints[ORDER], ints[C_BASIS]
-    newest, told = room[columns - 1], room[columns + ints[COLUMNS]]
-    for k in range(count):
-        newest[k] = y[start + k, 0]
-    g, before = ints[C_OUTPUT], x[ints[AT_BEFORE]]
-    for r in range(q):
-        own, factor = room[r], c[g + r]
-        own[0] = x[ints[AT_OUTPUTS] + r]
-        own[1] = factor * before
-        for k in range(1, count):
-            own[k + 1] = factor * newest[k - 1]
-    run_filter(ints, c, room, 0, count, newest, c[g + q : g + 2 * q])
-    for r in range(m * q):
-        room[q + r, 0] = x[ints[AT_INPUTS] + r]
-    run_inputs(ints, c, x, room, q, count, lines, zeros)
-    at = columns + ints[ORDER] * ints[FREE]
-    if ints[OFFSET]:
-        for k in range(count):
-            room[at, k] = 1.0
-        at += 1
-    poles = int(c[ints[C_ZEROS] + m])
-    for d in range(poles):
-        combine(c, basis + d * q, q, room, 0, at + d, count)
-        for k in range(count):
-            room[at + d, k] = -room[at + d, k]
-    at += poles
-    for j in range(m):
-        degree = int(c[ints[C_ZEROS] + j])
-        for d in range(min(degree + 1, q)):
-            combine(c, basis + d * q, q, room, q + j * q, at + d, count)
-        if degree == q:
-            direct_terms(ints, c, room, at + q, j, count, lines)
-        at += degree + 1
-    monic = ints[C_MONIC]
-    for k in range(count):
-        told[k] = c[monic + q] * newest[k]
-    for s in range(q):
-        factor, own = c[monic + s], room[s]
-        for k in range(count):
-            told[k] += factor * own[k + 1]
-
-
-@compiled(MANY, wide=True)
-def equation_block(
-    ints: Ints,
-    c: Array,
-    x: Array,
-    u: Array,
-    y: Array,
-    start: int,
-    most: int,
-    innovations: Array,
-    flags: Ints,
-    room: Array,
-    lines: Array,
-    zeros: Array,
-    kept: Array,
-) -> int:
-    """As many samples as may be taken together, but ``most``; gives their number."""
-    usual = c[FORGETTING] == 1.0 or ints[KIND] == EXPONENTIAL
-    weight = c[ints[C_MONIC] + ints[ORDER] + 1]
-    if ints[FILTERING] or ints[OUTPUTS] > 1 or not usual or weight != 1.0:
-        return 0
-    count = quiet(ints, x, u, y, start, most)
-    q, m = ints[ORDER], ints[INPUTS]
-    columns = q * (m + 1) + 1
-    work = columns + ints[COLUMNS] + 1
-    own = work + ints[COLUMNS] + 1
-    kept[:] = x
-    while count >= SHORTEST:
-        line_up(ints, x, u, start, count, lines)
-        build_block(ints, c, x, y, start, count, room, columns, lines, zeros)
-        first = int(x[FIRST])
-        taken = absorb_block(ints, c, x, 0, room, columns, work, own, own, count, first)
-        if taken == count:
-            for r in range(q):
-                x[ints[AT_OUTPUTS] + r] = room[r, count]
-            for r in range(m * q):
-                x[ints[AT_INPUTS] + r] = room[q + r, count]
-            x[ints[AT_BEFORE]] = y[start + count - 1, 0]
-            errors = room[own + ERRORS]
-            for k in range(count):
-                innovations[start + k, 0] = errors[k]
-            count_block(ints, c, x, u, y, start, count, lines, flags)
-            return count
-        x[:] = kept
-        count = taken
-    return 0

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import along, compiled, descend
+from tridentify.online.kernels.absorb import refuse
 from tridentify.online.kernels.gradient_slots import (
     ANSWERS,
     C_FITS,
@@ -49,7 +50,7 @@ from tridentify.online.kernels.gradient_slots import (
     fits_stride,
 )
 from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
-from tridentify.online.kernels.parallel import advance, complete_row, refuse
+from tridentify.online.kernels.parallel import advance, complete_row
 from tridentify.online.kernels.slots import (
     ALARMED,
     AT_ROW,

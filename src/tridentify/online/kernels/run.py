@@ -13,8 +13,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled
-from tridentify.online.kernels.blocks import LONGEST, rows_needed
-from tridentify.online.kernels.signatures import INTS, MANY, ONE, TABLE, WHICH
+from tridentify.online.kernels.signatures import INTS, MANY, ONE, ROOM, TABLE, WHICH
 from tridentify.online.kernels.slots import (
     AT_WATCH,
     EVENT,
@@ -22,7 +21,6 @@ from tridentify.online.kernels.slots import (
     INBOX,
     INNOVATION,
     INPUTS,
-    LINE,
     OUTPUTS,
     WATCH,
 )
@@ -58,7 +56,7 @@ def no_block(
     return 0
 
 
-@compiled(types.int64(*WHICH, TABLE, INTS, STEP_POINTER, BLOCK_POINTER))
+@compiled(types.int64(*WHICH, TABLE, INTS, STEP_POINTER, BLOCK_POINTER, *ROOM))
 def run_samples(
     ints: Ints,
     c: Array,
@@ -71,15 +69,16 @@ def run_samples(
     flags: Ints,
     step: Step,
     block: Block,
+    room: Array,
+    lines: Array,
+    zeros: Array,
+    kept: Array,
 ) -> int:
     """Samples ``start .. stop - 1`` of a record, up to the first with an event; gives the next.
 
     The last one is a single step, so that scratch numbers in ``x`` are as after single steps too.
     """
     m, p = ints[INPUTS], ints[OUTPUTS]
-    room = np.empty((rows_needed(ints), LONGEST + 1))
-    lines = np.empty((m, LONGEST + ints[LINE]))
-    zeros, kept = np.zeros(LONGEST + 1), np.empty(x.size)
     k = start
     while k < stop:
         k += block(ints, c, x, u, y, k, stop - 1 - k, innovations, flags, room, lines, zeros, kept)

@@ -6,11 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import NEGLIGIBLE, RENEWED, TINY, compiled
+from tridentify.online.kernels.workspace import COSINES, FIT, LEFT, LEVERAGE, NOW, SINES
 
 Array = NDArray[np.float64]
-
-OWN_ROWS = 8  # of the workspace, behind the columns and the target
-SINES, COSINES, LEFT, NOW, FIT, LEVERAGE, ERRORS, SCALED_ERRORS = range(OWN_ROWS)
 
 
 @compiled(

@@ -1,0 +1,122 @@
+"""Step 1 on many quiet samples at once, compiled (`online.kernels.blocks`)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.recursive import compiled
+from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
+from tridentify.online.kernels.filters import direct_terms, line_up, run_inputs
+from tridentify.online.kernels.signatures import MANY
+from tridentify.online.kernels.slots import (
+    AT_ROW,
+    BORN,
+    COLUMNS,
+    COUNT,
+    DIRECTIONS,
+    DRIFT,
+    EXPONENTIAL,
+    EXTRA,
+    FIRST,
+    FORGETTING,
+    FREE,
+    INPUTS,
+    INTERVAL,
+    KIND,
+    OFFSET,
+    ORDER,
+    OUTPUTS,
+)
+from tridentify.online.kernels.workspace import ERRORS
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@compiled(
+    "void(int64[::1], float64[::1], float64[::1], int64, float64[:, ::1], int64, float64[:, ::1],"
+    " float64[::1])",
+    wide=True,
+)
+def fill_rows(
+    ints: Ints,
+    c: Array,
+    x: Array,
+    count: int,
+    room: Array,
+    columns: int,
+    lines: Array,
+    zeros: Array,
+) -> None:
+    """Rows of a block of samples, once the response to the impulse has died away."""
+    m, q = ints[INPUTS], ints[ORDER]
+    first = q * ints[FREE]
+    for r in range(m * q):
+        room[r, 0] = x[ints[AT_ROW] + first + r]
+    run_inputs(ints, c, x, room, 0, count, lines, zeros)
+    for r in range(m * q):
+        states, column = room[r], room[columns + first + r]
+        for k in range(count):
+            column[k] = states[k + 1]
+    at = columns + first + m * q
+    for j in range(m):
+        direct_terms(ints, c, room, at, j, count, lines)
+        at += 1
+    if ints[OFFSET]:
+        for k in range(count):
+            room[at, k] = 1.0
+        at += 1
+    if ints[DRIFT]:
+        for k in range(count):
+            room[at, k] = (x[COUNT] + k) * c[INTERVAL] + x[EXTRA] - x[BORN]
+
+
+@compiled(MANY, wide=True)
+def parallel_block(
+    ints: Ints,
+    c: Array,
+    x: Array,
+    u: Array,
+    y: Array,
+    start: int,
+    most: int,
+    innovations: Array,
+    flags: Ints,
+    room: Array,
+    lines: Array,
+    zeros: Array,
+    kept: Array,
+) -> int:
+    """As many samples as may be taken together, but ``most``; gives their number."""
+    if c[FORGETTING] < 1.0 and ints[KIND] != EXPONENTIAL:
+        return 0
+    count = quiet(ints, x, u, y, start, most)
+    q, m, p, n = ints[ORDER], ints[INPUTS], ints[OUTPUTS], ints[COLUMNS]
+    columns = q * m
+    work = columns + n + 1
+    directions = work + n + 1
+    own = directions + ints[DIRECTIONS]
+    first = int(x[FIRST])
+    kept[:] = x
+    while count >= SHORTEST:
+        line_up(ints, x, u, start, count, lines)
+        fill_rows(ints, c, x, count, room, columns, lines, zeros)
+        taken = count
+        for i in range(p):
+            targets, errors = room[columns + n], room[own + ERRORS]
+            for k in range(count):
+                targets[k] = y[start + k, i]
+            taken = absorb_block(ints, c, x, i, room, columns, work, directions, own, count, first)
+            if taken < count:
+                break
+            for k in range(count):
+                innovations[start + k, i] = errors[k]
+        if taken == count:
+            for r in range(m * q):
+                x[ints[AT_ROW] + q * ints[FREE] + r] = room[r, count]
+            count_block(ints, c, x, u, y, start, count, lines, flags)
+            return count
+        x[:] = kept
+        count = taken
+    return 0
