@@ -13,7 +13,7 @@ from tridentify.numerics.discretize import Discrete, discretize
 from tridentify.numerics.realization import Cascade, Complex, cascade
 from tridentify.numerics.sampled import split_delay
 from tridentify.online.kernels import slots
-from tridentify.online.kernels.slots import triangle_size
+from tridentify.online.kernels.slots import scatter_size, triangle_size
 from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
@@ -215,6 +215,8 @@ def _blueprint(
     judged = directions + directions * (directions + 1) // 2 + slots.SUMS
     ints[slots.WATCH] = slots.SCORES + 2 * directions + slots.SCALES * judged
     ints[slots.AT_WATCH] = plan.take(p * int(ints[slots.WATCH]))
+    ints[slots.SCATTER] = scatter_size(directions) if directions else 0
+    ints[slots.AT_SCATTER] = plan.take(p * int(ints[slots.SCATTER]))
     ints[slots.AT_ROW] = plan.take(columns)
     ints[slots.AT_WORK] = plan.take(max(columns, q))
     ints[slots.FACTOR] = triangle_size(columns)

@@ -57,6 +57,7 @@ from tridentify.online.blueprint import (
 from tridentify.online.equation_plan import maps_of
 from tridentify.online.kernels import slots
 from tridentify.online.result import assembled
+from tridentify.online.scatter import forget_scatter, with_scatter
 from tridentify.online.seam import (
     Estimator,
     Kernels,
@@ -219,6 +220,7 @@ class EquationError(Estimator):
             return
         at = int(ints[slots.AT_FACTOR])
         x[at : at + n] /= remembered
+        forget_scatter(blueprint, x)
         for i in range(int(ints[slots.OUTPUTS])):
             w = watch_of(blueprint, i)
             for slot in (slots.SQUARES, slots.WEIGHT, slots.WEIGHT2, slots.SPREAD):
@@ -254,11 +256,17 @@ class EquationError(Estimator):
             raise not_ready(count, "do not determine the coefficients")
         maps = maps_of(setting, blueprint.bank)
         theta = maps.constant + maps.matrix @ unknowns[-k:]
-        spread = maps.matrix @ root[-k:]
+        cov = root[-k:] @ root[-k:].T
         filtering = bool(blueprint.ints[slots.FILTERING])
+        if not filtering:
+            at = int(blueprint.ints[slots.C_MONIC]) + blueprint.poles.size + 1
+            scales = blueprint.constants[at : at + setting.n_outputs]
+            own = [np.arange(k)] * setting.n_outputs
+            cov = with_scatter(blueprint, x, cov, noise * scales**2, own, np.eye(k))
         trace = Trace((), (), (f"filter of degree {blueprint.poles.size}",), "recursive")
         return assembled(
-            setting, blueprint, x, theta, spread @ spread.T, noise, Status.SETTLED, trace,
+            setting, blueprint, x, theta, maps.matrix @ cov @ maps.matrix.T, noise, Status.SETTLED,
+            trace,
             self.name, None if filtering else float(np.linalg.cond(root[-k:])),
         )  # fmt: skip
 

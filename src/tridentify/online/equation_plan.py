@@ -25,7 +25,7 @@ from tridentify.online.blueprint import (
     fill_inputs,
 )
 from tridentify.online.kernels import slots
-from tridentify.online.kernels.slots import EXPONENTIAL, triangle_size
+from tridentify.online.kernels.slots import EXPONENTIAL, scatter_size, triangle_size
 
 Array = NDArray[np.float64]
 
@@ -60,6 +60,25 @@ def maps_of(setting: Setting, c: Cascade) -> Maps:
             matrix[at : at + m + 1, at : at + m + 1] = block
             at += m + 1
     return Maps(matrix, constant)
+
+
+def from_directions(setting: Setting, poles: Complex) -> Array:
+    """Physical coefficients by the directions of Step 1 (`online.steps.directions_of`).
+
+    Parameters
+    ----------
+    setting : Setting
+    poles : (n,) complex array
+        Of the model.
+
+    Returns
+    -------
+    (n_coefficients, n_coefficients) array
+    """
+    n, bank = setting.n_poles, cascade(poles)
+    found = maps_of(setting, bank).matrix
+    found[:n, :n] = numerators(bank.poles).T
+    return found
 
 
 def equation_blueprint(
@@ -117,6 +136,8 @@ def equation_blueprint(
     judged = coefficients + coefficients * (coefficients + 1) // 2 + slots.SUMS
     ints[slots.WATCH] = slots.SCORES + 2 * coefficients + slots.SCALES * judged
     ints[slots.AT_WATCH] = plan.take(p * int(ints[slots.WATCH]))
+    ints[slots.SCATTER] = scatter_size(coefficients) if coefficients else 0
+    ints[slots.AT_SCATTER] = plan.take(p * int(ints[slots.SCATTER]))
     ints[slots.AT_ROW] = plan.take(columns)
     ints[slots.AT_WORK] = plan.take(max(columns, q))
     ints[slots.AT_IMPULSE] = plan.take(q)

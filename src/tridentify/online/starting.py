@@ -63,10 +63,16 @@ def calm(x: Array, stage: Stage) -> None:
     """Forget what led to an alarm."""
     for i in range(stage.setting.n_outputs):
         w = watch_of(stage.blueprint, i)
-        # what is usual of the excitation stays
-        ints = stage.blueprint.ints
-        end = w + int(ints[slots.WATCH] - ints[slots.DIRECTIONS])
+        # what is usual of the excitation and of the scores stays
+        ints, k = stage.blueprint.ints, int(stage.blueprint.ints[slots.DIRECTIONS])
+        end = w + int(ints[slots.WATCH]) - k
+        first, each = w + slots.SCORES + k, k + k * (k + 1) // 2 + slots.SUMS
+        means = slice(first + each - slots.SUMS + 1, end, each)
+        usual = x[means].copy()
         x[w + slots.SCORES : end] = 0.0
+        if not ints[slots.LEARNING]:
+            x[means] = usual
+        x[int(ints[slots.AT_SCATTER] + i * ints[slots.SCATTER]) + slots.UNDER_WAY] = 0.0
         x[w + slots.INSIDE] = 0.0
         x[w + slots.MOVED] = 0.0
         x[w + slots.REFUSED] = 0.0

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.numerics.realization import Complex
 from tridentify.online.blueprint import Blueprint, Setting
+from tridentify.online.equation_plan import from_directions
 from tridentify.online.kernels import slots
+from tridentify.online.scatter import with_scatter
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
 from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finish
 from tridentify.output_error.nuisance import Nuisances
@@ -165,10 +167,28 @@ def directions_of(setting: Setting, blueprint: Blueprint, solution: Solution) ->
     return found
 
 
+def coefficients_of_directions(setting: Setting) -> list[NDArray[np.int64]]:
+    """For each output the coefficient of each of its directions; -1 for a constant."""
+    n, begin = setting.n_poles, setting.n_poles
+    found = []
+    for row in setting.zeros:
+        own = sum(degree + 1 for degree in row)
+        one = np.full(setting.n_directions, -1)
+        one[:n], one[n : n + own] = np.arange(n), np.arange(begin, begin + own)
+        begin += own
+        found.append(one)
+    return found
+
+
 def estimate_of(
-    setting: Setting, blueprint: Blueprint, x: Array, solution: Solution, method: str
+    setting: Setting,
+    blueprint: Blueprint,
+    x: Array,
+    solution: Solution,
+    method: str,
+    poles: Complex,
 ) -> Estimate:
-    """The estimate with its standard errors.
+    """The estimate with its standard errors; ``poles``: those that the directions were made at.
 
     Raises
     ------
@@ -199,9 +219,11 @@ def estimate_of(
     )  # fmt: skip
     summary = summarise(blueprint, x)
     share = float(np.mean(summary.shares))
+    own = coefficients_of_directions(setting)
+    map_ = from_directions(setting, poles)
     return replace(
         found,
-        cov=found.cov * share,
+        cov=with_scatter(blueprint, x, found.cov * share, found.noise_variance, own, map_),
         n_samples=int(x[slots.COUNT]),
         record_fingerprint="",
     )

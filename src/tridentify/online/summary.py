@@ -27,6 +27,7 @@ from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.realization import Cascade
 from tridentify.online.blueprint import Blueprint, Setting, factor_of, fresh, watch_of
 from tridentify.online.kernels import slots
+from tridentify.online.scatter import take_scatter
 from tridentify.regression import Experiment, Layout, Regression
 
 Array = NDArray[np.float64]
@@ -190,6 +191,7 @@ def moved(old: Blueprint, x: Array, new: Blueprint) -> Array:
     for i, (rows, target) in enumerate(zip(regression.signals, regression.targets, strict=True)):
         r = triangle(np.column_stack([rows, target]))
         write_triangle(new, found, i, r, float(summary.weights[i]))
+    take_scatter(old, x, new, found)
     move = transfer(old.bank, new.bank)
     at, to = int(old.ints[slots.AT_ROW]), int(new.ints[slots.AT_ROW])
     q, k = old.poles.size, new.poles.size

@@ -58,8 +58,10 @@ from tridentify.online.blueprint import (
     watch_of,
     with_directions,
 )
+from tridentify.online.equation_plan import from_directions
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
+from tridentify.online.scatter import expect_scatter, take_scatter, turn_scatter
 from tridentify.online.seam import (
     Estimator,
     Kernels,
@@ -82,7 +84,13 @@ from tridentify.online.search import (
 )
 from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
 from tridentify.online.state import Stage, State
-from tridentify.online.steps import Solution, directions_of, estimate_of, solve_steps
+from tridentify.online.steps import (
+    Solution,
+    coefficients_of_directions,
+    directions_of,
+    estimate_of,
+    solve_steps,
+)
 from tridentify.online.summary import carried, moved
 from tridentify.transfer_function import TransferFunction
 
@@ -255,7 +263,9 @@ class ThreeModel(Estimator):
                     stage.setting, stage.blueprint, x, stage.poles,
                     choose=self.forgetting == 1.0, passes=1,
                 )  # fmt: skip
-                return estimate_of(stage.setting, stage.blueprint, x, solution, self.name)
+                return estimate_of(
+                    stage.setting, stage.blueprint, x, solution, self.name, stage.poles
+                )
         except (TridentifyError, np.linalg.LinAlgError) as error:
             raise not_ready(count, "do not determine the coefficients") from error
 
@@ -337,12 +347,20 @@ class ThreeModel(Estimator):
             return State(x, stage.but(blueprint=blueprint, poles=near, searching=False)), flags
         found = with_directions(blueprint, directions_of(setting, blueprint, solution))
         poles = solution.point.poles
+        again = fresh(found)
+        for i in range(setting.n_outputs):
+            w = watch_of(found, i)
+            again[w + slots.SCALE] = x[w + slots.SCALE]
+        run_kept(self, setting, found, again, samples)
+        take_scatter(found, again, found, x)
+        if self._is_certain(stage.but(blueprint=found, poles=poles), x, solution):
+            expect_scatter(found, x)
         return State(x, stage.but(blueprint=found, poles=poles, searching=False)), flags
 
     def _is_certain(self, stage: Stage, x: Array, solution: Solution) -> bool:
         """Whether the samples tell the poles; a bank on poles that are mostly noise loses more."""
         try:
-            found = estimate_of(stage.setting, stage.blueprint, x, solution, self.name)
+            found = estimate_of(stage.setting, stage.blueprint, x, solution, self.name, stage.poles)
         except (TridentifyError, np.linalg.LinAlgError):
             return False
         judged = judged_poles(found, stage.setting)
@@ -368,6 +386,11 @@ class ThreeModel(Estimator):
             if not self._is_certain(stage, x, solution):
                 return state
             return self._run_again(state, poles, nuisance, kept_samples(state))[0]
+        own = coefficients_of_directions(setting)
+        now, before = (from_directions(setting, one) for one in (poles, stage.poles))
+        turn_scatter(
+            stage.blueprint, x, own, np.asarray(np.linalg.solve(before, now), dtype=np.float64)
+        )
         if distance <= NEAR and (early or not kept):
             judged = directions_of(setting, stage.blueprint, solution)
             blueprint = with_directions(stage.blueprint, judged)

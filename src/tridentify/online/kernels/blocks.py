@@ -19,13 +19,14 @@ from numba import types
 from numpy.typing import NDArray
 
 from tridentify.numerics.recursive import compiled
-from tridentify.online.kernels.intake import doubt, judge, learn, noise_scale
+from tridentify.online.kernels.intake import doubt, judge, learn, noise_scale, scatter
 from tridentify.online.kernels.signatures import INTS, SAMPLES, TABLE, VECTOR, WHICH
 from tridentify.online.kernels.slots import (
     ALARM,
     AT_FACTOR,
     AT_LARGEST,
     AT_LINE,
+    AT_SCATTER,
     AT_WATCH,
     BLOCK,
     C_MAPS,
@@ -59,6 +60,7 @@ from tridentify.online.kernels.slots import (
     PACE,
     REFUSED,
     SCALE,
+    SCATTER,
     SCORES,
     SEEN,
     SENSELESS,
@@ -67,6 +69,7 @@ from tridentify.online.kernels.slots import (
     TAKEN,
     TICK,
     TIME,
+    UNDER_WAY,
     WATCH,
 )
 from tridentify.online.kernels.turning import turn_in
@@ -178,11 +181,16 @@ def gather(
     for i in range(k):
         x[w + SCORES + i] = room[to + i, count - 1]
     scores = w + SCORES + k
+    power = ints[AT_SCATTER] + ints[SCATTER] * ((w - ints[AT_WATCH]) // ints[WATCH]) + UNDER_WAY
     v = room[own + SCALED_ERRORS]
     done = 0
     while done < count:
         end = min(count, done + ints[BLOCK] - int(x[w + INSIDE]))
         m = scores + k
+        squares = x[power]
+        for j in range(done, end):
+            squares += v[j] * v[j]
+        x[power] = squares
         for i in range(k):
             one = room[to + i]
             total = x[scores + i]
@@ -213,6 +221,8 @@ def gather(
         done = end
         if x[w + INSIDE] >= ints[BLOCK]:
             x[w + INSIDE] = 0.0
+            scatter(ints, c, x, w)
+            x[power] = 0.0
             scale = 0
             while judge(ints, x, w, scale, True):
                 scale += 1

@@ -51,6 +51,7 @@ from tridentify.online.kernels.slots import (
     AT_LINE,
     AT_REFERENCE,
     AT_ROW,
+    AT_SCATTER,
     AT_WATCH,
     BLOCK,
     BLOCKS,
@@ -74,6 +75,8 @@ from tridentify.online.kernels.slots import (
     FLAGS,
     FLOOR,
     FLOOR_PACE,
+    FORGETTING,
+    HEADER,
     HIGHEST,
     IDLE,
     IDLE_SHARE,
@@ -86,6 +89,7 @@ from tridentify.online.kernels.slots import (
     LAST,
     LEARNING,
     LEVEL,
+    LEVELS,
     LIMITS,
     LINE,
     LOWEST,
@@ -95,9 +99,12 @@ from tridentify.online.kernels.slots import (
     MISSING_OUTPUT,
     MOVED,
     NOT_READY,
+    NUMBER,
     OUTLIER,
     OUTPUTS,
+    PER_LEVEL,
     PER_SCALE,
+    POWER,
     RARE,
     REPEATS,
     SATURATED,
@@ -105,6 +112,7 @@ from tridentify.online.kernels.slots import (
     SCALE_PACE,
     SCALED,
     SCALES,
+    SCATTER,
     SCORES,
     SEEN,
     SENSELESS,
@@ -119,6 +127,7 @@ from tridentify.online.kernels.slots import (
     TIME,
     TO_SCALE,
     TRACE,
+    UNDER_WAY,
     UNSURE,
     WATCH,
     WEIGHT,
@@ -351,6 +360,48 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
     return scale + 1 < SCALES
 
 
+@compiled("void(int64[::1], float64[::1], float64[::1], int64)")
+def scatter(ints: Ints, c: Array, x: Array, w: int) -> None:
+    """Add a block to the covariance of the scores, on every level (`online.scatter`).
+
+    To be called before the block is judged, as that takes its sums apart.
+    """
+    k = ints[DIRECTIONS]
+    width = k * (k + 1) // 2
+    scores = w + SCORES + k
+    at = ints[AT_SCATTER] + ints[SCATTER] * ((w - ints[AT_WATCH]) // ints[WATCH])
+    keep = c[FORGETTING] ** ints[BLOCK]
+    x[at + POWER] = keep * x[at + POWER] + x[at + UNDER_WAY]
+    x[at + NUMBER] = keep * x[at + NUMBER] + ints[BLOCK]
+    at += HEADER
+    for i in range(width):
+        x[at + i] = keep * x[at + i] + x[scores + k + i]
+    at += width
+    for i in range(k):
+        x[at + i] += x[scores + i]
+    full = 1.0
+    for level in range(LEVELS):
+        x[at + k] += 1.0
+        if x[at + k] < full:
+            return
+        full = float(PER_LEVEL)
+        products = at + k + 2
+        x[at + k] = 0.0
+        x[at + k + 1] = keep * x[at + k + 1] + 1.0
+        above = at + k + 2 + width
+        s = 0
+        for i in range(k):
+            for j in range(i + 1):
+                x[products + s] = keep * x[products + s] + x[at + i] * x[at + j]
+                s += 1
+        for i in range(k):
+            if level + 1 < LEVELS:
+                x[above + i] += x[at + i]
+            x[at + i] = 0.0
+        keep = keep**PER_LEVEL
+        at = above
+
+
 @compiled(
     "void(int64[::1], float64[::1], float64[::1], int64, int64, float64, boolean)", inline=True
 )
@@ -374,8 +425,9 @@ def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: b
     g = w + SCORES
     scores = g + k
     m = scores + k
-    maps = ints[C_MAPS]
+    maps, power = ints[C_MAPS], ints[AT_SCATTER] + UNDER_WAY
     if w != ints[AT_WATCH]:
+        power += ints[SCATTER] * ((w - ints[AT_WATCH]) // ints[WATCH])
         maps += ints[DIRECTIONS_STRIDE] * ((w - ints[AT_WATCH]) // ints[WATCH])
     # views: an index that cannot be negative is quicker
     z, gathered = x[row + first : row + n], x[g : g + k]
@@ -393,9 +445,13 @@ def watch(ints: Ints, c: Array, x: Array, w: int, first: int, v: float, ready: b
         for s in range(i + 1):
             products[s] += value * gathered[s]
         m += i + 1
+    x[power] += v * v
     x[w + INSIDE] += 1.0
     if x[w + INSIDE] >= ints[BLOCK]:
         x[w + INSIDE] = 0.0
+        if ready:
+            scatter(ints, c, x, w)
+        x[power] = 0.0
         scale = 0
         while judge(ints, x, w, scale, ready):
             scale += 1

@@ -17,8 +17,8 @@ INBOX = 16
     C_DIRECT, C_START, AT_REFERENCE, EQUILIBRIUM, COLLECTING, AT_FIRST_INPUT, C_MAPS, C_EXTRA,
     DIRECTIONS, DIRECTIONS_STRIDE, AT_IMPULSE, AT_INPUTS, AT_OUTPUTS, AT_BEFORE, C_OUTPUT, C_BASIS,
     C_MONIC, C_ZEROS, AT_THETA, AT_GAIN, AT_COVARIANCE, FILTERING, WALKERS, C_WALK, C_WIDTHS,
-    COEFFICIENTS, LEARNING, AT_LARGEST,
-) = range(51)  # fmt: skip
+    COEFFICIENTS, LEARNING, AT_LARGEST, AT_SCATTER, SCATTER,
+) = range(53)  # fmt: skip
 N_INTS = 72
 
 # places in c
@@ -56,6 +56,8 @@ SCALE_PACE = 0.004
 BLOCKS_FIRST, BLOCKS_USUAL = 20.0, 200.0
 LEVEL = 40.0
 SCALES, PER_SCALE, SUMS = 3, 16, 4
+LEVELS, PER_LEVEL = 6, 4
+POWER, NUMBER, UNDER_WAY, HEADER = range(4)  # of the scatter of an output
 IDLE_SHARE = 0.01
 IDLE_BLOCKS = 8.0
 HELD_BLOCKS = 8.0
@@ -72,3 +74,13 @@ def triangle_size(n: int) -> int:
     and the rows of ``U`` to the right of the diagonal.
     """
     return 4 * n + n * (n - 1) // 2
+
+
+def scatter_size(k: int) -> int:
+    """Numbers that the scatter of the scores of ``k`` directions takes (`online.kernels.intake`).
+
+    Sum of squares of the scaled innovations, samples, the sum of the block under way, ``M`` (lower
+    triangle), then for each level the scores of the block that is under way (k), its blocks of the
+    level below, the blocks so far, and the sum of ``S S'`` (lower triangle).
+    """
+    return HEADER + k * (k + 1) // 2 + LEVELS * (k + 2 + k * (k + 1) // 2)

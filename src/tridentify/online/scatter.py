@@ -1,0 +1,242 @@
+"""Standard errors that hold when the noise is not white.
+
+With sensitivities ``g`` and innovations ``v`` the estimate moves by ``M^{-1} sum g v``, where ``M``
+is ``sum g g'``. White noise of variance ``s^2`` gives it the covariance ``s^2 M^{-1}``, any other
+
+    M^{-1} B M^{-1},  B = cov sum g v,
+
+and ``B`` is the sum of ``S S'`` over blocks, ``S`` the sum of ``g v`` over a block, once blocks are
+long beside the memory of ``g v`` (batch means; White 1980, Newey & West 1987). The sample loop
+keeps ``M`` and, for blocks of 1, 4, 16 ... times the shortest length, ``B`` (`intake.scatter`).
+
+*Which blocks.* Long ones have little bias, many have little scatter. Of the levels with at least
+twenty blocks the longest is taken. *Whether.* Under white noise ``tr(M^{-1} B) / (k s^2)`` is one
+with the variance ``2 / (k blocks)``; only if it is three standard deviations off on a level is the
+sandwich used, so that nothing is lost where the noise is white. The scores are of innovations over
+the scale of the noise, a median, and cut at three; their own mean square stands for ``s^2``.
+
+References
+----------
+H. White, Econometrica 48 (1980), 817-838.
+W. K. Newey, K. D. West, Econometrica 55 (1987), 703-708.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.online.blueprint import Blueprint, watch_of
+from tridentify.online.kernels import slots
+
+Array = NDArray[np.float64]
+
+FEWEST, FEWEST_USUAL = 20.0, 3.0
+CLEAR = 3.0
+
+
+class Scatter(NamedTuple):
+    """What the sample loop has gathered for one output.
+
+    Attributes
+    ----------
+    power : float
+        Mean square of the scaled innovations.
+    information : (k, k) array
+        ``M``.
+    blocks : (l,) array
+        On each level.
+    products : (l, k, k) array
+        ``B`` on each level.
+    """
+
+    power: float
+    information: Array
+    blocks: Array
+    products: Array
+
+
+def scatter_of(blueprint: Blueprint, x: Array, output: int) -> Scatter:
+    """Read it out of the vector of an estimator.
+
+    Parameters
+    ----------
+    blueprint : Blueprint
+    x : array
+    output : int
+    """
+    ints = blueprint.ints
+    k = int(ints[slots.DIRECTIONS])
+    width = k * (k + 1) // 2
+    own = _own(blueprint, x, output)
+    levels = own[slots.HEADER + width :].reshape(slots.LEVELS, k + 2 + width)
+    products = np.array([_square(one, k) for one in levels[:, k + 2 :]])
+    power = float(own[slots.POWER] / max(own[slots.NUMBER], 1.0))
+    information = _square(own[slots.HEADER : slots.HEADER + width], k)
+    return Scatter(power, information, levels[:, k + 1].copy(), products)
+
+
+def _own(blueprint: Blueprint, x: Array, output: int) -> Array:
+    ints = blueprint.ints
+    at = int(ints[slots.AT_SCATTER] + output * ints[slots.SCATTER])
+    return x[at : at + int(ints[slots.SCATTER])]
+
+
+def _square(lower: Array, k: int) -> Array:
+    found = np.zeros((k, k))
+    found[np.tril_indices(k)] = lower
+    return found + np.tril(found, -1).T
+
+
+def forget_scatter(blueprint: Blueprint, x: Array) -> None:
+    """As if no block had been seen."""
+    ints = blueprint.ints
+    at = int(ints[slots.AT_SCATTER])
+    x[at : at + int(ints[slots.OUTPUTS] * ints[slots.SCATTER])] = 0.0
+
+
+def take_scatter(old: Blueprint, was: Array, new: Blueprint, x: Array) -> None:
+    """Copy it from one vector to another, where both follow the same directions."""
+    a, b = old.ints, new.ints
+    if a[slots.SCATTER] == b[slots.SCATTER]:
+        size = int(a[slots.OUTPUTS] * a[slots.SCATTER])
+        at, to = int(a[slots.AT_SCATTER]), int(b[slots.AT_SCATTER])
+        x[to : to + size] = was[at : at + size]
+
+
+def mean_of_scores(blueprint: Blueprint, w: int, scale: int) -> int:
+    """Where the judgement keeps the long mean of a scale, less one (`intake.judge`)."""
+    k = int(blueprint.ints[slots.DIRECTIONS])
+    width = k + k * (k + 1) // 2
+    return w + slots.SCORES + k + scale * (width + slots.SUMS) + width + 1
+
+
+def expect_scatter(blueprint: Blueprint, x: Array) -> None:
+    """What the scatter says is usual becomes the measure for changes (`intake.judge`).
+
+    Otherwise coloured noise, whose scores are larger than those of white noise, looks like a change
+    until the long mean of the judgement has caught up. A scale without blocks of its length takes
+    the ratio of the longest that there are.
+    """
+    ints = blueprint.ints
+    int(ints[slots.DIRECTIONS])
+    step = round(math.log(slots.PER_SCALE, slots.PER_LEVEL))
+    for i in range(int(ints[slots.OUTPUTS])):
+        seen = scatter_of(blueprint, x, i)
+        live = np.diagonal(seen.information) > 0.0
+        if not live.any() or seen.power <= 0.0:
+            continue
+        unit = 1.0 / np.sqrt(np.diagonal(seen.information)[live])
+        scaled = unit[:, None] * seen.information[np.ix_(live, live)] * unit
+        inverse = np.linalg.pinv(scaled, rcond=1e-9, hermitian=True)
+        w, ratio = watch_of(blueprint, i), 1.0
+        for scale in range(slots.SCALES):
+            level = step * scale
+            if level < slots.LEVELS and seen.blocks[level] >= FEWEST_USUAL:
+                sums = unit[:, None] * seen.products[level][np.ix_(live, live)] * unit
+                found = float(np.sum(inverse * sums)) / live.sum()
+                doubt = math.sqrt(2.0 / (live.sum() * seen.blocks[level]))
+                ratio = found if found > 1.0 + CLEAR * doubt else ratio
+            x[mean_of_scores(blueprint, w, scale)] = max(ratio - 1.0, 0.0)
+
+
+def turn_scatter(blueprint: Blueprint, x: Array, own: list[NDArray[np.int64]], move: Array) -> None:
+    """Go over to other directions.
+
+    Parameters
+    ----------
+    blueprint : Blueprint
+    x : array
+        Is written to.
+    own : list of int arrays, one for each output
+        Coefficient of each of its directions; -1 for one that is no coefficient.
+    move : (n, n) array
+        The old unknowns by the new ones.
+    """
+    ints = blueprint.ints
+    k = int(ints[slots.DIRECTIONS])
+    width, lower = k * (k + 1) // 2, np.tril_indices(k)
+    for i, places in enumerate(own):
+        mine = np.flatnonzero(places >= 0)
+        turn = np.eye(k)
+        turn[np.ix_(mine, mine)] = move[np.ix_(places[mine], places[mine])]
+        found, vector = scatter_of(blueprint, x, i), _own(blueprint, x, i)
+        vector[slots.HEADER : slots.HEADER + width] = (turn.T @ found.information @ turn)[lower]
+        levels = vector[slots.HEADER + width :].reshape(slots.LEVELS, -1)
+        levels[:, :k] = levels[:, :k] @ turn
+        for level, one in zip(levels, found.products, strict=True):
+            level[k + 2 :] = (turn.T @ one @ turn)[lower]
+
+
+def with_scatter(
+    blueprint: Blueprint,
+    x: Array,
+    cov: Array,
+    variance: Array,
+    own: list[NDArray[np.int64]],
+    map_: Array,
+) -> Array:
+    """The covariance of the coefficients, as the scatter of the scores shows it.
+
+    Parameters
+    ----------
+    blueprint : Blueprint
+    x : array
+    cov : (n, n) array
+        For white noise.
+    variance : (n_outputs,) array
+        Of the noise.
+    own : list of int arrays, one for each output
+        Coefficient of each of its directions; -1 for one that is no coefficient.
+    map_ : (n, n) array
+        The coefficients by the unknowns that the directions belong to.
+
+    Returns
+    -------
+    (n, n) array
+        ``cov`` where the scores do not contradict it.
+    """
+    n = cov.shape[0]
+    others = n
+    places = []
+    for one in own:
+        place = one.copy()
+        place[one < 0] = others + np.arange(np.sum(one < 0))
+        others += int(np.sum(one < 0))
+        places.append(place)
+    total = np.zeros((others, others))
+    products = np.zeros((slots.LEVELS, others, others))
+    blocks = np.full(slots.LEVELS, np.inf)
+    for i, place in enumerate(places):
+        seen = scatter_of(blueprint, x, i)
+        if not (seen.power > 0.0 and variance[i] > 0.0):
+            return cov
+        at = np.ix_(place, place)
+        total[at] += seen.information / variance[i]
+        products[:, at[0], at[1]] += seen.products / (seen.power * variance[i])
+        blocks = np.minimum(blocks, seen.blocks)
+    enough = np.flatnonzero(blocks >= FEWEST)
+    live = np.diagonal(total) > 0.0
+    if not enough.size or not np.all(live[:n]):
+        return cov
+    unit = 1.0 / np.sqrt(np.diagonal(total)[live])
+    scaled = unit[:, None] * total[np.ix_(live, live)] * unit
+    eigenvalues, vectors = np.linalg.eigh(scaled)
+    if eigenvalues[0] < 1e-10 * eigenvalues[-1]:
+        return cov
+    inverse = (vectors / eigenvalues) @ vectors.T
+    sums = unit[:, None] * products[:, live][:, :, live] * unit
+    size = int(live.sum())
+    ratios = np.einsum("ij,lji->l", inverse, sums) / size
+    off = np.abs(ratios - 1.0) * np.sqrt(0.5 * size * blocks)
+    if not np.any(off[enough] > CLEAR):
+        return cov
+    first = np.cumsum(live)[:n] - 1
+    bread = (unit[:, None] * inverse * unit)[np.ix_(first, first)]
+    middle = unit[:, None] * (inverse @ sums[enough[-1]] @ inverse) * unit
+    left = np.linalg.solve(bread, np.linalg.solve(map_, cov)).T
+    found = left @ middle[np.ix_(first, first)] @ left.T
+    return np.asarray(0.5 * (found + found.T))
