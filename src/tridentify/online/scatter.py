@@ -34,7 +34,7 @@ from tridentify.online.kernels import slots
 
 Array = NDArray[np.float64]
 
-FEWEST, FEWEST_USUAL = 20.0, 3.0
+FEWEST, FEWEST_USUAL = 20.0, 2.0
 CLEAR = 3.0
 
 

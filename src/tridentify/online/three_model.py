@@ -29,8 +29,9 @@ the same is done again, as the coefficients are others: ``on_change="flag"`` onl
 
 *Standard errors* are those of the minimum (`output_error.result`). With forgetting, the weights
 ``w`` of the samples make them larger by the square root of ``sum w^2 / sum w``, and the noise is
-that of the samples remembered. They are right for coefficients that stand still over the memory;
-for those that move, the lag comes on top.
+that of the samples remembered. Where the scores say that the noise is not white, their scatter
+takes the place of the formula (`online.scatter`). They are right for coefficients that stand still
+over the memory; for those that move, the lag comes on top.
 """
 
 from __future__ import annotations
@@ -118,7 +119,8 @@ class ThreeModel(Estimator):
         forgetting)`` samples are remembered.
     forget : {"exponential", "directional"}
         Whether all of the past fades (as long as the input renews it), or only what the new sample
-        speaks of.
+        speaks of: one direction in the space of the unknowns, so that the same factor remembers as
+        many times longer as there are unknowns.
     start : TransferFunction or Estimate, optional
         Model to begin with; without it the first samples are searched.
     samples : int

@@ -1,0 +1,162 @@
+"""The scatter of the scores: gathered rightly, and what the standard errors make of it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import scipy.signal
+
+from tridentify import Record, Structure, TransferFunction, online, simulate
+from tridentify.numerics.realization import sort_poles
+from tridentify.online import scatter as room
+from tridentify.online import steps
+from tridentify.online.equation_plan import from_directions
+from tridentify.online.kernels import slots
+from tridentify.online.kernels.intake import scatter
+from tridentify.online.steps import coefficients_of_directions
+from tridentify.output_error.nuisance import Nuisances, build
+from tridentify.output_error.point import evaluate_variant
+from tridentify.output_error.problem import Variant
+from tridentify.output_error.result import physical_map
+
+DT = 0.05
+PLANT = TransferFunction([3.0], [1.0, 4.0, 3.0])
+REST = Structure(2, 0, offset=False, initial_state="rest")
+
+
+def noisy(seed: int, *, coloured: bool, count: int = 1500) -> Record:
+    rng = np.random.default_rng(seed)
+    u = rng.choice([-1.0, 1.0], count // 8 + 1).repeat(8)[:count]
+    clean = simulate(PLANT, Record(u, u, dt=DT))[:, 0]
+    noise = rng.standard_normal(count + 100)
+    if coloured:
+        noise = scipy.signal.lfilter([1.0, 0.9], [1.0, -1.0, 0.2], noise)
+    noise = noise[100:] / noise.std()
+    return Record(u, clean + 0.3 * clean.std() * noise, dt=DT)
+
+
+@pytest.mark.parametrize("forgetting", [1.0, 0.99])
+def test_the_sums_are_those_of_a_dense_computation(forgetting):
+    method = online.RecursiveLeastSquares(filter=(1.0, 4.0, 4.0), forgetting=forgetting)
+    state = method.init(REST, DT)
+    blueprint, x = state.stage.blueprint, state.values.copy()
+    ints, c = blueprint.ints, blueprint.constants
+    k, w = int(ints[slots.DIRECTIONS]), int(ints[slots.AT_WATCH])
+    at = w + slots.SCORES + k
+    lower = np.tril_indices(k)
+    rng = np.random.default_rng(1)
+    scores, blocks = rng.standard_normal((70, k)), []
+    for s in scores:
+        g = rng.standard_normal((5, k))
+        blocks.append(g.T @ g)
+        x[at : at + k] = s
+        x[at + k : at + k + lower[0].size] = blocks[-1][lower]
+        scatter(ints, c, x, w)
+    found = room.scatter_of(blueprint, x, 0)
+    keep = forgetting ** float(ints[slots.BLOCK])
+    ages = np.arange(70)[::-1]
+    assert np.allclose(
+        found.information, sum(keep**a * m for a, m in zip(ages, blocks, strict=True))
+    )
+    for level in range(4):
+        size = 4**level
+        joined = scores[: 70 // size * size].reshape(-1, size, k).sum(axis=1)
+        old = keep ** (size * np.arange(len(joined))[::-1])
+        assert found.blocks[level] == pytest.approx(old.sum())
+        assert np.allclose(found.products[level], (old[:, None] * joined).T @ joined)
+
+
+@pytest.mark.parametrize(
+    "poles", [[-1.0, -3.0], [-0.5 + 4j, -0.5 - 4j], [-1.0, -0.3 + 2j, -0.3 - 2j]]
+)
+def test_coefficients_follow_from_the_directions_as_off_line(poles):
+    poles = sort_poles(np.array(poles, dtype=np.complex128))
+    n = poles.size
+    rng = np.random.default_rng(2)
+    u = rng.choice([-1.0, 1.0], (300, 2))
+    y = rng.standard_normal((300, 2))
+    structure = Structure(n, [[n - 1, 0], [1, n]], offset=False, initial_state="rest")
+    record = Record(u, y, dt=DT)
+    problem = build([record], structure, Nuisances("rest", False, False))
+    point = evaluate_variant(problem, Variant(False, False, False, (None,)), poles)
+    expected, keys = physical_map(point)
+    state = online.ThreeModel().init(
+        structure, DT, input_names=["u1", "u2"], output_names=["y1", "y2"]
+    )
+    setting = state.stage.setting
+    found = from_directions(setting, poles)
+    order = [keys["a"], *[keys[i, ("b", j)] for i in range(2) for j in range(2)]]
+    columns = np.concatenate([np.arange(place.start, place.stop) for place in order])
+    assert np.allclose(found, expected[:, columns])
+    own = coefficients_of_directions(setting)
+    assert sorted(set(np.concatenate(own).tolist()) - {-1}) == list(range(len(setting.names)))
+
+
+def ended(record: Record) -> tuple[Any, Any]:
+    run = online.run(online.ThreeModel(), record, REST, every=1e9)
+    return run.state, run.estimate
+
+
+def without_scatter(monkeypatch: pytest.MonkeyPatch, state: Any) -> Any:
+    with monkeypatch.context() as patch:
+        patch.setattr(steps, "with_scatter", lambda blueprint, x, cov, *rest: cov)
+        return state.method.estimate(state)
+
+
+def test_the_bread_is_the_covariance_under_white_noise(monkeypatch):
+    state, _ = ended(noisy(3, coloured=False))
+    plain = without_scatter(monkeypatch, state)
+    seen = room.scatter_of(state.stage.blueprint, state.values, 0)
+    live = np.diagonal(seen.information) > 0
+    assert live.sum() == 3
+    move = from_directions(state.stage.setting, state.stage.poles)
+    inverse = np.linalg.inv(seen.information[np.ix_(live, live)])
+    bread = move @ inverse @ move.T * plain.noise_variance[0]
+    assert np.allclose(bread, plain.cov, rtol=0.25, atol=0.05 * np.abs(plain.cov).max())
+
+
+def test_turning_the_directions_changes_no_standard_error():
+    state, estimate = ended(noisy(4, coloured=True))
+    stage, x = state.stage, state.values.copy()
+    setting, blueprint = stage.setting, stage.blueprint
+    own = coefficients_of_directions(setting)
+    map_ = from_directions(setting, stage.poles)
+    white = np.linalg.inv(np.diag([3.0, 2.0, 1.0]) + 0.5)
+    variance = estimate.noise_variance
+    before = room.with_scatter(blueprint, x, white, variance, own, map_)
+    turn = np.random.default_rng(5).standard_normal((3, 3))
+    room.turn_scatter(blueprint, x, own, turn)
+    after = room.with_scatter(blueprint, x, white, variance, own, map_ @ turn)
+    assert not np.allclose(before, white)
+    assert np.allclose(before, after)
+
+
+def test_white_noise_keeps_its_standard_errors_and_coloured_noise_gets_its_own(monkeypatch):
+    kept, wider, changes = 0, [], 0
+    for seed in range(6):
+        state, estimate = ended(noisy(10 + seed, coloured=False))
+        plain = without_scatter(monkeypatch, state)
+        kept += bool(np.array_equal(plain.cov, estimate.cov))
+        state, estimate = ended(noisy(20 + seed, coloured=True))
+        plain = without_scatter(monkeypatch, state)
+        changes += len(state.changes)
+        wider.append(estimate.std / plain.std)
+    assert kept >= 5
+    assert changes <= 3
+    assert np.all(np.median(wider, axis=0) > 1.5)
+
+
+@pytest.mark.slow
+def test_bands_hold_with_coloured_noise():
+    theta, std, changes = [], [], 0
+    for seed in range(100):
+        state, estimate = ended(noisy(1000 + seed, coloured=True, count=3000))
+        changes += len(state.changes)
+        theta.append(estimate.theta)
+        std.append(estimate.std)
+    error = np.array(theta) - np.array([4.0, 3.0, 3.0])
+    inside = np.mean(np.abs(error) < 1.96 * np.array(std), axis=0)
+    assert np.all(inside > 0.85)
+    assert changes <= 30
