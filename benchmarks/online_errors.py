@@ -80,6 +80,7 @@ def tracking(quick: bool) -> dict[str, Any]:
             run = online.run(method, one, rest, every=EVERY)
             truth = np.column_stack([TRUTH[key](run.time) for key in run.names])
             late = run.time >= SETTLED
+            late &= np.all(np.isfinite(run.theta), axis=1)
             error = (run.theta - truth)[late] / truth[late]
             z = (run.theta - truth)[late] / run.std[late]
             rows[name]["rms"].append(np.sqrt(np.mean(error**2, axis=0)).tolist())
@@ -106,8 +107,8 @@ def tracking_table(data: dict[str, Any]) -> list[str]:
     lines = [
         f"tracking: y'' + a1(t) y' + a0(t) y = 200 u over {DURATION:g} s at {TIME_STEP:g} s, noise "
         f"variance {VARIANCE:g} ({data['snr']:.1f} dB), {data['draws']} draws",
-        f"RMS of the relative error from {SETTLED:g} s on [%], root mean square over the draws "
-        "(largest); points in the 95 % band [%]; changes reported in a record",
+        f"RMS of the relative error from {SETTLED:g} s on, where there is an estimate [%], over the "
+        "draws (largest of one); points in the 95 % band [%]; changes reported in a record",
         f"{'':40s}" + "".join(f"{name:>18s}" for name in names) + f"{'in the band':>20s}"
         f"{'changes':>9s}",
     ]
@@ -246,7 +247,7 @@ def bias_table(data: dict[str, Any]) -> list[str]:
 
 
 # -------------------------------------------------------------------------------------- changes
-LONG, SETTLING, LISTENING, CHANGE_DRAWS = 1_000_000, 4000, 4000, 20
+LONG, SETTLING, LISTENING, CHANGE_DRAWS = 300_000, 4000, 4000, 10
 STEPS = (("a0", 1.5), ("a0", 1.2), ("b0", 1.5))
 
 

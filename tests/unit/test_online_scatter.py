@@ -135,7 +135,7 @@ def test_turning_the_directions_changes_no_standard_error():
 
 def test_white_noise_keeps_its_standard_errors_and_coloured_noise_gets_its_own(monkeypatch):
     kept, wider, changes = 0, [], 0
-    for seed in range(6):
+    for seed in range(3):
         state, estimate = ended(noisy(10 + seed, coloured=False))
         plain = without_scatter(monkeypatch, state)
         kept += bool(np.array_equal(plain.cov, estimate.cov))
@@ -143,8 +143,8 @@ def test_white_noise_keeps_its_standard_errors_and_coloured_noise_gets_its_own(m
         plain = without_scatter(monkeypatch, state)
         changes += len(state.changes)
         wider.append(estimate.std / plain.std)
-    assert kept >= 5
-    assert changes <= 3
+    assert kept >= 2
+    assert changes <= 1
     assert np.all(np.median(wider, axis=0) > 1.5)
 
 

@@ -13,6 +13,7 @@ from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.realization import Complex, sort_poles
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.blueprint import Setting
+from tridentify.online.kernels.slots import LARGEST
 from tridentify.record import Record
 from tridentify.strategy.outliers import gross_outliers
 from tridentify.structure import Structure
@@ -53,7 +54,7 @@ def far_off(setting: Setting, samples: Array) -> Array:
     """
     m, n = setting.n_inputs, len(samples)
     y = samples[:, 1 + m :]
-    bends = np.abs(np.diff(y, 2, axis=0))
+    bends = np.abs(np.diff(np.where(np.abs(y) < LARGEST, y, np.nan), 2, axis=0))
     if not np.all(np.isfinite(bends).any(axis=0)):
         return samples
     usual = np.nanmedian(bends, axis=0)
@@ -128,7 +129,7 @@ def record_of(setting: Setting, samples: Array) -> Record:
     intervals, u, y = samples[:, 0], samples[:, 1 : 1 + m], samples[:, 1 + m :]
     uniform = bool(np.all(np.abs(intervals[1:] - setting.dt) <= 1e-9 * setting.dt))
     t = None if uniform else np.concatenate([[0.0], np.cumsum(intervals[1:])])
-    y = np.where(np.abs(y) < 1e100, y, np.nan)
+    y = np.where(np.abs(y) < LARGEST, y, np.nan)
     return Record(
         u, y, dt=setting.dt if uniform else None, t=t,
         intersample="foh" if setting.intersample == "foh" else "zoh",

@@ -75,6 +75,7 @@ from tridentify.online.seam import (
     not_ready,
 )
 from tridentify.online.search import (
+    Found,
     checked_start,
     far_off,
     first_try,
@@ -99,6 +100,7 @@ Array = NDArray[np.float64]
 
 REPEATS = 3
 ROUNDS = 3
+CLEARLY = 10.0  # of -2 log L
 NEAR = 0.01
 SHARE = 0.5
 QUARTER = 0.25
@@ -368,6 +370,22 @@ class ThreeModel(Estimator):
         judged = judged_poles(found, stage.setting)
         return judged is not None and judged.certain
 
+    def _found_better(self, state: State, solution: Solution) -> Found | None:
+        """What a search of the kept samples finds, if it explains them clearly better.
+
+        The poles of an early search or of ``start`` can lie in a valley of their own, which steps
+        downhill do not leave: the samples are searched once more before they are dropped, and as
+        long as they do not tell the poles.
+        """
+        x, stage = state
+        samples = far_off(stage.setting, kept_samples(state))
+        found = search(stage.setting, samples, x[slots.COUNT] > len(samples))
+        if found is None or not found.certain:
+            return None
+        point = solution.point
+        gain = np.log(point.rss / point.counts) - 2.0 * np.log(found.noise_std)
+        return found if float(point.counts @ gain) > CLEARLY else None
+
     def _follow(self, state: State) -> State:
         x, stage = state
         setting = stage.setting
@@ -384,9 +402,14 @@ class ThreeModel(Estimator):
         nuisance = stage.blueprint.nuisance
         kept = bool(stage.blueprint.ints[slots.CHUNK])
         early = kept and x[slots.SINCE] <= self.samples
+        certain = not kept or self._is_certain(stage, x, solution)
+        if kept and not (early and certain):
+            better = self._found_better(state, solution)
+            if better is not None:
+                return self._run_again(state, better.poles, nuisance, kept_samples(state))[0]
+        if early and not certain:
+            return state
         if early and distance > NEAR:
-            if not self._is_certain(stage, x, solution):
-                return state
             return self._run_again(state, poles, nuisance, kept_samples(state))[0]
         own = coefficients_of_directions(setting)
         now, before = (from_directions(setting, one) for one in (poles, stage.poles))
