@@ -107,7 +107,7 @@ def tracking_table(data: dict[str, Any]) -> list[str]:
     lines = [
         f"tracking: y'' + a1(t) y' + a0(t) y = 200 u over {DURATION:g} s at {TIME_STEP:g} s, noise "
         f"variance {VARIANCE:g} ({data['snr']:.1f} dB), {data['draws']} draws",
-        f"RMS of the relative error from {SETTLED:g} s on, where there is an estimate [%], over the "
+        f"RMS of the relative error from {SETTLED:g} s on where there is an estimate [%], over the "
         "draws (largest of one); points in the 95 % band [%]; changes reported in a record",
         f"{'':40s}" + "".join(f"{name:>18s}" for name in names) + f"{'in the band':>20s}"
         f"{'changes':>9s}",
@@ -247,7 +247,7 @@ def bias_table(data: dict[str, Any]) -> list[str]:
 
 
 # -------------------------------------------------------------------------------------- changes
-LONG, SETTLING, LISTENING, CHANGE_DRAWS = 300_000, 4000, 4000, 10
+LONG, SETTLING, LISTENING, CHANGE_DRAWS = 200_000, 4000, 4000, 8
 STEPS = (("a0", 1.5), ("a0", 1.2), ("b0", 1.5))
 
 

@@ -44,7 +44,8 @@ TWINS = re.compile(
     r"|test_flat_tops_of_a_fast_system_raise_no_alarm\[0\.003-"
     r"|test_one_sample_in_twenty_is_an_outlier\[(gradient|least)"
     r"|test_long_records_have_the_same_states\[pairs"
-    r"|test_blocks_are_steps_for_every_estimator\[(damaged-three models, |plain-.*(started|forgetting))"
+    r"|test_blocks_are_steps_for_every_estimator\[damaged-three models, "
+    r"|test_blocks_are_steps_for_every_estimator\[plain-.*(started|forgetting)"
     r"|test_blocks_are_steps_for_every_structure\[three models-(late|proper|equilibrium)"
     r"|test_blocks_are_steps_for_every_structure\[forgetting-(late|proper|equilibrium)"
 )

@@ -178,3 +178,13 @@ def test_a_start_is_kept_until_the_samples_tell_the_poles():
         )  # fmt: skip
         alarms += run.changes.size
     assert alarms == 0
+
+
+def test_an_initial_state_that_is_long_forgotten_does_no_harm():
+    """Its weight vanished, after some five hundred memories, and the estimate with it."""
+    u, y = samples(10, 1, "plain", 80_000)
+    method = online.ThreeModel(start=PLANT, forgetting=0.99, clock=1e4)
+    state = method.init(STRUCTURES["auto"], DT)
+    state, _, _ = method.feed(state, u, y)
+    estimate = method.estimate(state)
+    assert np.all(np.abs(estimate.theta - [3.0, 9.0, 2.0, 3.0]) < 5.0 * estimate.std)

@@ -61,7 +61,7 @@ Array = NDArray[np.float64]
 Function = TypeVar("Function", bound=Callable[..., object])
 
 NEGLIGIBLE = 1e-11
-RENEWED = 0.05
+RENEWED, LOST = 0.05, 1e-20
 TINY = 1e-250
 
 
@@ -194,7 +194,9 @@ def rotate(
 def forget(x: Array, at: int, n: int, first: int, work: int, factor: float, pace: float) -> None:
     """Multiply the rows of the triangle by ``factor``, but for those that are not renewed.
 
-    A row receives the square of its coordinate over one plus the leverage of the rows above.
+    A row receives the square of its coordinate over one plus the leverage of the rows above. Rows
+    above ``first`` belong to unknowns of the past; each can be met exactly, so that their weight
+    matters little, but it must not vanish, or the triangle becomes singular.
 
     Parameters
     ----------
@@ -214,10 +216,10 @@ def forget(x: Array, at: int, n: int, first: int, work: int, factor: float, pace
             leverage += xi * xi / x[at + i]
         if x[arrived] >= lost * x[at + i]:
             x[at + i] *= factor
+    least = LOST * x[at + first]
     for i in range(first):
-        x[at + i] *= factor
-        if x[at + i] < TINY:
-            x[at + i] = 0.0
+        if x[at + i] > least:
+            x[at + i] *= factor
 
 
 @compiled("void(float64[::1], int64, int64, int64)")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.numerics.recursive import NEGLIGIBLE, RENEWED, TINY, compiled
-from tridentify.online.kernels.workspace import COSINES, FIT, LEFT, LEVERAGE, NOW, SINES
+from tridentify.numerics.recursive import LOST, NEGLIGIBLE, RENEWED, TINY, compiled
+from tridentify.online.kernels.workspace import COSINES, FIT, LEFT, LEVERAGE, NOW, REFERENCE, SINES
 
 Array = NDArray[np.float64]
 
@@ -40,7 +40,7 @@ def turn_in(
             copy[k] = source[k]
     sines, cosines = room[own + SINES], room[own + COSINES]
     left, now = room[own + LEFT], room[own + NOW]
-    fit, leverage = room[own + FIT], room[own + LEVERAGE]
+    fit, leverage, reference = room[own + FIT], room[own + LEVERAGE], room[own + REFERENCE]
     for k in range(count):
         left[k] = 1.0
         fit[k] = 0.0
@@ -61,6 +61,8 @@ def turn_in(
             leverage[k] += xi * xi / d
             if forgets and arrived >= lost * d:
                 d *= factor
+            if i == first:
+                reference[k] = d
             w = left[k]
             new = d + w * xi * xi
             share = 1.0 / new
@@ -110,7 +112,8 @@ def turn_in(
         u += n - 1 - i
     if forgets:
         for i in range(first):
-            for _ in range(count):
-                x[at + i] *= factor
-                if x[at + i] < TINY:
-                    x[at + i] = 0.0
+            d = x[at + i]
+            for k in range(count):
+                if d > LOST * reference[k]:
+                    d *= factor
+            x[at + i] = d

@@ -13,8 +13,8 @@ Array = NDArray[np.float64]
 
 LONGEST = 128
 # rows behind those of the filters, the columns and the directions
-OWN_ROWS = 8
-SINES, COSINES, LEFT, NOW, FIT, LEVERAGE, ERRORS, SCALED_ERRORS = range(OWN_ROWS)
+OWN_ROWS = 9
+SINES, COSINES, LEFT, NOW, FIT, LEVERAGE, ERRORS, SCALED_ERRORS, REFERENCE = range(OWN_ROWS)
 
 
 class Workspace(NamedTuple):
