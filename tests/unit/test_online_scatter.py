@@ -160,3 +160,13 @@ def test_bands_hold_with_coloured_noise():
     inside = np.mean(np.abs(error) < 1.96 * np.array(std), axis=0)
     assert np.all(inside > 0.85)
     assert changes <= 30
+
+
+def test_a_change_among_the_kept_samples_is_not_taken_for_usual():
+    record = noisy(30, coloured=False, count=1800)
+    other = simulate(TransferFunction([3.0], [1.0, 4.0, 6.0]), record)
+    y = record.y.copy()
+    y[1000:] += (other - simulate(PLANT, record))[1000:]
+    run = online.run(online.ThreeModel(), Record(record.u, y, dt=DT), REST, every=1e9)
+    assert run.state.changes
+    assert 1000 <= run.state.changes[0] < 1600

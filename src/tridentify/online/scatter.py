@@ -114,6 +114,15 @@ def mean_of_scores(blueprint: Blueprint, w: int, scale: int) -> int:
     return w + slots.SCORES + k + scale * (width + slots.SUMS) + width + 1
 
 
+def keep_expected(old: Blueprint, was: Array, new: Blueprint, x: Array) -> None:
+    """The measure for changes goes over from one vector to another with the same directions."""
+    if old.ints[slots.DIRECTIONS] == new.ints[slots.DIRECTIONS]:
+        for i in range(int(new.ints[slots.OUTPUTS])):
+            for scale in range(slots.SCALES):
+                before = mean_of_scores(old, watch_of(old, i), scale)
+                x[mean_of_scores(new, watch_of(new, i), scale)] = was[before]
+
+
 def expect_scatter(blueprint: Blueprint, x: Array) -> None:
     """What the scatter says is usual becomes the measure for changes (`intake.judge`).
 

@@ -62,7 +62,14 @@ from tridentify.online.blueprint import (
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
-from tridentify.online.scatter import expect_scatter, take_scatter, turn_scatter
+from tridentify.online.scatter import (
+    FEWEST,
+    expect_scatter,
+    keep_expected,
+    scatter_of,
+    take_scatter,
+    turn_scatter,
+)
 from tridentify.online.seam import (
     Estimator,
     Kernels,
@@ -358,7 +365,12 @@ class ThreeModel(Estimator):
         run_kept(self, setting, found, again, samples)
         take_scatter(found, again, found, x)
         if self._is_certain(stage.but(blueprint=found, poles=poles), x, solution):
-            expect_scatter(found, x)
+            # later, a change among the kept samples would pass for what is usual
+            late = scatter_of(found, x, 0).blocks[0] > FEWEST and not stage.searching
+            if late:
+                keep_expected(stage.blueprint, old, found, x)
+            else:
+                expect_scatter(found, x)
         return State(x, stage.but(blueprint=found, poles=poles, searching=False)), flags
 
     def _is_certain(self, stage: Stage, x: Array, solution: Solution) -> bool:
