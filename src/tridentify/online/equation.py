@@ -9,7 +9,8 @@ sorted by degree). One row a sample and output enters a triangle or a Kalman fil
 
 *What it is for.* It needs no model to start from and takes few operations a sample. The noise of
 ``y`` stands in its regressors: it is biased, the more so the more noise there is (paper, eq.
-6-9), and the standard errors, which take the equation error for white, say nothing of that.
+6-9), and the standard errors, which allow for an equation error that is not white
+(`online.scatter`; the Kalman filter's do not), say nothing of that.
 `online.ThreeModel` is the answer; this is the yardstick, and the choice where noise is small or
 the processor smaller.
 
@@ -264,10 +265,10 @@ class EquationError(Estimator):
             own = [np.arange(k)] * setting.n_outputs
             cov = with_scatter(blueprint, x, cov, noise * scales**2, own, np.eye(k))
         trace = Trace((), (), (f"filter of degree {blueprint.poles.size}",), "recursive")
+        cov = maps.matrix @ cov @ maps.matrix.T
         return assembled(
-            setting, blueprint, x, theta, maps.matrix @ cov @ maps.matrix.T, noise, Status.SETTLED,
-            trace,
-            self.name, None if filtering else float(np.linalg.cond(root[-k:])),
+            setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name,
+            None if filtering else float(np.linalg.cond(root[-k:])),
         )  # fmt: skip
 
 

@@ -131,7 +131,6 @@ def expect_scatter(blueprint: Blueprint, x: Array) -> None:
     the ratio of the longest that there are.
     """
     ints = blueprint.ints
-    int(ints[slots.DIRECTIONS])
     step = round(math.log(slots.PER_SCALE, slots.PER_LEVEL))
     for i in range(int(ints[slots.OUTPUTS])):
         seen = scatter_of(blueprint, x, i)
