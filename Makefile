@@ -21,7 +21,8 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help demo test test-all check docs browser kernels lint format bench clean clean-all FORCE
+FUZZ_SECONDS ?= 300
+.PHONY: help demo test test-all fuzz check docs browser kernels lint format bench clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -34,6 +35,10 @@ test: $(INSTALLED_DEV) ## install, then run the fast tests and the docstring exa
 
 test-all: $(INSTALLED_DEV) ## the same with the long statistical tests
 	@$(PYTEST) $(PYTEST_ARGS)
+
+fuzz: $(INSTALLED_DEV) ## run the fuzzers on new seeds, FUZZ_SECONDS each (about an hour in all)
+	@TRIDENTIFY_FUZZ_SECONDS=$(FUZZ_SECONDS) HYPOTHESIS_PROFILE=explore $(PYTEST) \
+		--timeout=$$(($(FUZZ_SECONDS) + 300)) tests/fuzz $(PYTEST_ARGS)
 
 check: lint docs test ## all that has to pass before a change goes in
 
