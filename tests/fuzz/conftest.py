@@ -1,4 +1,4 @@
-"""How much the fuzzers try: a fixed handful with `make test`, new seeds for an hour with `make fuzz`."""
+"""How much the fuzzers try: fixed seeds with `make test`, new ones with `make fuzz`."""
 
 from __future__ import annotations
 
