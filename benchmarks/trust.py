@@ -54,7 +54,7 @@ Array = NDArray[np.float64]
 SEED = 4
 COLOUR = 0.7
 MOST_POLES = 5
-WRONG = ("order", "delay", "coloured", "drift")
+WRONG = {"order": "order-low", "delay": "delay", "coloured": "noise-model", "drift": "drift"}
 Row = dict[str, Any]
 
 
@@ -85,7 +85,7 @@ def said(record: Record, structure: Structure, method: ThreeModel, other: Record
         checked = validate(estimate, record if other is None else other)
     except TridentifyError as error:
         return {"refused": type(error).__name__}
-    serious = [finding.kind for finding in checked.findings if finding.serious]
+    serious = [finding.code for finding in checked.findings if finding.matters]
     return {"serious": serious, "first": serious[0] if serious else ""}
 
 
@@ -120,7 +120,7 @@ def validated(
         "own": said(record, drawn.structure, right, None),
         "other": said(record, drawn.structure, right, other),
     }
-    kind = WRONG[int(rng.integers(len(WRONG)))]
+    kind = list(WRONG)[int(rng.integers(len(WRONG)))]
     structure, method, spoiled = drawn.structure, right, record
     if kind == "order":
         structure = Structure(
@@ -204,7 +204,7 @@ def validation_report(rows: Sequence[Row]) -> list[str]:
         own = [row["said"] for row in rows if row["wrong"] == kind]
         told = [one for one in own if "refused" not in one]
         found = [one for one in told if one["serious"]]
-        named = sum(one["first"] == kind for one in found)
+        named = sum(one["first"] == WRONG[kind] for one in found)
         firsts = Counter(one["first"] for one in found)
         text = ", ".join(f"{name} {n}" for name, n in firsts.most_common())
         refused = f"; not usable anyway {len(own) - len(told)}" if len(own) > len(told) else ""

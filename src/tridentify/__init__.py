@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         TridentifyError,
     )
     from tridentify.estimate import Estimate, Parameter, Status, Trace
+    from tridentify.finding import Finding
     from tridentify.formats.frames import frame_from_record, record_from_frame
     from tridentify.formats.read import list_channels, read_record
     from tridentify.identify import METHODS, identify
@@ -51,6 +52,7 @@ __all__ = [
     "ConvergenceError",
     "DataError",
     "Estimate",
+    "Finding",
     "IdentifiabilityError",
     "MissingDependencyError",
     "OutputError",
@@ -88,6 +90,7 @@ _HOME = {
     "ConvergenceError": "errors",
     "DataError": "errors",
     "Estimate": "estimate",
+    "Finding": "finding",
     "IdentifiabilityError": "errors",
     "MissingDependencyError": "errors",
     "OutputError": "methods.output_error",

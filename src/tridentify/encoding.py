@@ -14,6 +14,7 @@ import numpy as np
 
 from tridentify.errors import DataError, UnreadableFileError
 from tridentify.files import write_atomically
+from tridentify.finding import Finding
 from tridentify.parameter import Nuisance
 from tridentify.structure import Structure
 from tridentify.trace import Pass, Start, Status, Step, Trace
@@ -129,6 +130,8 @@ _DECODERS: dict[str, Callable[[Any], Any]] = {
     "tuple[Pass, ...]": _tuple_of(Pass),
     "tuple[Start, ...]": _tuple_of(Start),
     "tuple[Nuisance, ...]": _tuple_of(Nuisance),
+    "tuple[Finding, ...]": _tuple_of(Finding),
+    "tuple[float, ...]": lambda items: tuple(float(x) for x in items),
     "Trace": lambda value: decode(Trace, value),
     "Status": Status.__getitem__,
     "Structure": Structure.from_dict,

@@ -22,6 +22,7 @@ import numpy.typing as npt
 
 from tridentify.encoding import decode, load_document, save_document
 from tridentify.errors import DataError
+from tridentify.finding import Finding
 from tridentify.markup import fraction
 from tridentify.numerics import delta_method
 from tridentify.numerics.root_draws import pole_values
@@ -43,7 +44,7 @@ __all__ = ["Estimate", "Nuisance", "Parameter", "Pass", "Start", "Status", "Step
 
 Array = npt.NDArray[np.float64]
 Row = tuple[str, float, float, str]
-SCHEMA = 1
+SCHEMA = 2
 HELD = 1e-17
 ONE_SIGMA = 0.6826894921370859
 _WIDTH = 78
@@ -78,6 +79,8 @@ class Estimate:
     outliers : ndarray, shape (n_outliers, 4)
         Samples beyond four standard deviations of the noise under a robust loss: position of the
         experiment, of the output and of the sample, and the weight that it had (at most 1).
+    findings : tuple of Finding
+        What a reader should know before using the numbers, what matters most first.
     call : str
         The method with its options, as one writes it; empty if it was not called by `identify`.
 
@@ -115,7 +118,7 @@ class Estimate:
     intersample: str
     dt: float | None
     record_fingerprint: str = ""
-    cautions: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
     noise_model: tuple[Array, ...] = ()
     draws: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
     loss: str = "squared"
@@ -155,6 +158,11 @@ class Estimate:
         pairs = zip(self.names, self.theta, self.std, strict=True)
         values = ", ".join(f"{name}={format_value(v, std)}" for name, v, std in pairs)
         return f"Estimate({self.method}: {self.status.value}; {values})"
+
+    @property
+    def cautions(self) -> tuple[str, ...]:
+        """The findings that matter, in words: what was found, and what to do."""
+        return tuple(finding.text for finding in self.findings if finding.matters)
 
     @property
     def std(self) -> Array:
@@ -426,8 +434,8 @@ class Estimate:
             ("relative gradient", f"{self.gradient:.2g}"),
         )
         lines.append(", ".join(f"{name} {value}" for name, value in figures if value != "nan"))
-        for caution in self.cautions:
-            lines += textwrap.wrap(caution, _WIDTH, initial_indent="! ", subsequent_indent="  ")
+        for finding in self.findings:
+            lines += finding.lines(_WIDTH)
         for note in (
             self.noise_note(),
             self.offset_note(),

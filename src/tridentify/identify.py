@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
-from tridentify.cautions import cautions
+from tridentify.cautions import judged
 from tridentify.errors import (
     ConvergenceError,
     OptionError,
@@ -97,7 +97,7 @@ def identify(
     chosen = checked_method(method)
     with one_blas_thread():
         estimate = chosen.estimate(listed, structure, progress)
-        estimate = replace(estimate, cautions=cautions(estimate, listed), call=as_call(chosen))
+        estimate = replace(estimate, findings=judged(estimate, listed), call=as_call(chosen))
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
         raise UnsupportedOrderError(
             f"found a pole that runs away from the record with {structure.poles} poles: "

@@ -87,6 +87,6 @@ def test_what_is_wrong_is_found_and_called_by_its_name(case, kind):
         rng = np.random.default_rng([9, WRONG.index(case), draw])
         record = drawn(plant, kind, n, rng, coloured=case == "coloured", spoil=slow)
         estimate = identify(record, structure, ThreeModel(noise="white"), throw=False)
-        serious = [f.kind for f in validate(estimate, record).findings if f.serious]
+        serious = [f.code for f in validate(estimate, record).findings if f.matters]
         found.append(serious[0] if serious else "")
     assert found.count(case) >= 5, found

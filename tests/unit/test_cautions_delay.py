@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
-from tridentify.cautions import cautions
+from tridentify.cautions import judged
 
 
 @pytest.mark.parametrize(("delay", "told"), [(0.0, True), (0.31, False)])
@@ -34,9 +34,9 @@ def test_other_delays_are_a_caution():
     estimate = identify(record, Structure(1, 0), OutputError())
     told = "other delays explain the record almost as well: 0.8 s (12 %)"
     trace = replace(estimate.trace, decisions=(told,))
-    (line,) = [one for one in cautions(replace(estimate, trace=trace), [record]) if "0.8 s" in one]
-    assert line.startswith("Other delays explain")
-    assert "standard errors allow for them" in line
+    (one,) = [f for f in judged(replace(estimate, trace=trace), [record]) if "0.8 s" in f.text]
+    assert one.message.startswith("Other delays explain")
+    assert "standard errors allow for them" in one.message
 
 
 def test_a_delay_that_a_numerator_stands_for_is_not_to_be_left_out():

@@ -8,6 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from tridentify.finding import Finding
 from tridentify.markup import HEIGHT, WIDTH, fraction, sparkline
 from tridentify.record import Record
 
@@ -56,7 +57,9 @@ def test_a_record_shows_its_first_channels():
 
 
 def test_an_estimate_shows_its_doubts_before_its_numbers(single):
-    doubted = dataclasses.replace(single.estimate, cautions=("The residual <is> not white.",))
+    doubted = dataclasses.replace(
+        single.estimate, findings=(Finding("noise-model", "warning", "It <is> not white."),)
+    )
     shown = doubted._repr_html_()
     assert shown.index("&lt;is&gt;") < shown.index("<math") < shown.index("<table")
     assert "damping" in shown

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 
 from tridentify import Structure, TransferFunction, identify, simulate, validate
+from tridentify.cautions import judged
 from tridentify.errors import OptionError, OutputPathError
 from tridentify.estimate import Status, Trace
 from tridentify.record import Record
 from tridentify.report import save_figures, write_report
-from tridentify.report.html import settings_table, warnings_about
+from tridentify.report.html import settings_table
 
 FIGURES = ("record", "fit", "residual", "bode", "step", "pole-zero", "convergence")
 
@@ -167,8 +168,8 @@ def test_verdict_and_remedy_come_first(single, tmp_path, status, words):
 
 
 def test_sound_estimate_has_no_warnings(single, double):
-    assert warnings_about(single.estimate, [single.record]) == []
-    assert warnings_about(double.estimate, [double.record]) == []
+    assert not judged(single.estimate, [single.record])
+    assert not judged(double.estimate, [double.record])
 
 
 def test_doubts_are_named(single):
@@ -177,14 +178,16 @@ def test_doubts_are_named(single):
     y[20:25] = np.nan
     doubtful = Record(single.record.u, y, dt=0.02, output_names=["q"])
     vague = dataclasses.replace(single.estimate, cov=np.diag([4.0, 0.01, 0.01]))
-    found = warnings_about(vague, [doubtful])
-    assert [text.split(":")[0] for text in found[:1]] == ["Standard error above half of the value"]
-    assert "a1." in found[0]
-    assert "a0" not in found[0]
-    assert found[1].startswith("5 output samples are missing;")
-    assert found[2].startswith("The residual of q is not white:")
+    found = judged(vague, [doubtful])
+    codes = [finding.code for finding in found]
+    assert codes == ["not-determined", "noise-model", "missing-samples"]
+    assert found[0].message.split(":")[0] == "Standard error above half of the value"
+    assert "a1." in found[0].text
+    assert "a0" not in found[0].text
+    assert found[2].message.startswith("5 output samples are missing;")
+    assert found[1].message.startswith("The residual of q is not white:")
     for remedy in ("--drift auto", "more poles or zeros", "delay"):
-        assert remedy in found[2]
+        assert remedy in found[1].remedy
 
 
 def test_a_residual_at_rounding_level_is_not_called_coloured(single):
@@ -192,7 +195,7 @@ def test_a_residual_at_rounding_level_is_not_called_coloured(single):
     for size, doubts in ((1e-12, 0), (1e-6, 1)):
         y = fitted * (1 + size * np.sin(single.record.t)[:, np.newaxis])
         record = Record(single.record.u, y, dt=0.02, output_names=["q"])
-        assert len(warnings_about(single.estimate, [record])) == doubts
+        assert len(judged(single.estimate, [record])) == doubts
 
 
 @pytest.mark.usefixtures("no_figures")
@@ -202,7 +205,7 @@ def test_what_validation_finds_stands_first(single, tmp_path):
     text = write_report(single.estimate, shifted, tmp_path / "r.html").read_text()
     assert '<section class="verdict caution"' in text
     found = validate(single.estimate, shifted)
-    assert html.escape(found.findings[0].text) in text[: text.index('<section id="model">')]
+    assert html.escape(found.findings[0].message) in text[: text.index('<section id="model">')]
 
 
 @pytest.mark.usefixtures("no_figures")

@@ -18,6 +18,7 @@ from scipy.special import ndtri
 
 from tridentify.cautions.beginning import Predictions, beginning
 from tridentify.estimate import Estimate
+from tridentify.finding import Finding
 from tridentify.numerics.robust import median_scale
 from tridentify.record import Record
 
@@ -33,11 +34,13 @@ FEWEST = 12
 LONGEST = 100_000
 FEW = 10_000
 CLEARLY = 0.9
+MOST_NAMED = 5
+"""Times that are written out."""
 
 
-def outlier_cautions(
+def outlier_findings(
     estimate: Estimate, records: Sequence[Record], known: Predictions | None = None
-) -> list[str]:
+) -> list[Finding]:
     """Advice to fit with a robust loss, where the residual has gross outliers.
 
     Parameters
@@ -59,43 +62,64 @@ def outlier_cautions(
     residuals = [known.residual(record, e) for e, record in enumerate(records)]
     found = []
     for i, name in enumerate(estimate.output_names):
-        count, farthest = _outliers([one[:, i] for one in residuals])
+        places, farthest = _outliers([one[:, i] for one in residuals])
+        count = len(places)
         size = math.sqrt(float(np.nanmean(np.concatenate([r.y[:, i] for r in records]) ** 2)))
         if count and math.sqrt(float(estimate.noise_variance[i])) > ROUNDING * size:
             many = f"{count} samples of {name} lie" if count > 1 else f"A sample of {name} lies"
+            times = [float(records[e].t[k]) for e, k in places]
             found.append(
-                f"{many} farther from the model than Gaussian noise explains (up to {farthest:.0f} "
-                "standard deviations of the others). Least squares follows such outliers; fit with "
-                "a robust loss (--loss huber or student, in Python ThreeModel(loss='huber')), or "
-                "mark them as missing (nan)."
+                Finding(
+                    "bad-samples",
+                    "warning",
+                    f"{many} farther from the model than Gaussian noise explains (up to "
+                    f"{farthest:.0f} standard deviations of the others; {_at(places, times)}). "
+                    "Least squares follows such outliers.",
+                    "Fit with a robust loss (--loss huber or student, in Python "
+                    "ThreeModel(loss='huber')), or mark them as missing (nan).",
+                    (name,),
+                    places[0][0] if len({e for e, _ in places}) == 1 < len(records) else None,
+                    tuple(times),
+                )
             )
     return found
 
 
-def _outliers(series: Sequence[Array]) -> tuple[int, float]:
-    """How many, and the distance of the farthest in standard deviations."""
+def _at(places: Sequence[tuple[int, int]], times: Sequence[float]) -> str:
+    """When, in words."""
+    several = len({e for e, _ in places}) > 1
+    said = [
+        f"{t:.4g} s" + (f" of experiment {e + 1}" if several else "")
+        for (e, _), t in zip(places, times, strict=True)
+    ]
+    more = f" and {len(said) - MOST_NAMED} more" if len(said) > MOST_NAMED else ""
+    return f"at {', '.join(said[:MOST_NAMED])}{more}"
+
+
+def _outliers(series: Sequence[Array]) -> tuple[list[tuple[int, int]], float]:
+    """Their (experiment, sample), and the distance of the farthest in standard deviations."""
     joined = np.concatenate(series)
     seen = joined[np.isfinite(joined)]
     if seen.size < FEWEST or _clearly_none(seen):
-        return 0, 0.0
+        return [], 0.0
     middle = np.median(seen)
     size = np.abs(seen - middle)
     scale = _scale(size)
     if scale == 0:
-        return 0, 0.0
+        return [], 0.0
     limit = _limit(seen.size)
-    count = alone = 0
+    places, alone = [], 0
     if not size.max() / scale > limit:
-        return 0, 0.0
-    for one in series:
+        return [], 0.0
+    for e, one in enumerate(series):
         far = np.nan_to_num(np.abs(one - middle) / scale)
         padded = np.concatenate([[0.0], far, [0.0]])
         beside = np.maximum(padded[:-2], padded[2:])
-        count += int(np.sum(far > limit))
+        places += [(e, int(k)) for k in np.flatnonzero(far > limit)]
         alone += int(np.sum((far > limit) & (beside < SHARE * far)))
-    if 2 * alone < max(count, 1):
-        return 0, 0.0
-    return count, float(size.max()) / scale
+    if 2 * alone < max(len(places), 1):
+        return [], 0.0
+    return places, float(size.max()) / scale
 
 
 def _scale(size: Array) -> float:

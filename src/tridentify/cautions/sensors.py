@@ -27,12 +27,14 @@ Reference: B. Widrow & I. Kollar, *Quantization Noise*, Cambridge University Pre
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.cautions.beginning import Predictions, beginning
 from tridentify.estimate import Estimate
+from tridentify.finding import Finding, Severity
 from tridentify.numerics.converter import Runs, quantum, runs
 from tridentify.record import Record
 
@@ -63,13 +65,12 @@ RESTLESS = 0.8
 TURNING = 0.5
 
 
-def sensor_cautions(
+def sensor_findings(
     estimate: Estimate,
     record: Record,
     experiment: int,
-    where: str,
     known: Predictions | None = None,
-) -> list[str]:
+) -> list[Finding]:
     """Coarse steps, limits, hanging and repeats in one record.
 
     Parameters
@@ -79,51 +80,79 @@ def sensor_cautions(
         Its first 100,000 samples are looked at.
     experiment : int
         Its position among those identified.
-    where : str
-        What to add to the name of a channel.
     known : Predictions, optional
         What was computed before.
     """
     record = beginning(record, LONGEST)
     u = record.u
     fitted = (known or Predictions(estimate)).fitted(record, experiment)
-    found: list[str] = []
+    found: list[Finding] = []
+    several = len(estimate.nuisance) > 1
+    where = f" in experiment {experiment + 1}" if several else ""
+    place = _Place(record.t, experiment if several else None)
     for i, name in enumerate(estimate.output_names):
         y, f = record.y[:, i], fitted[:, i]
         noise = math.sqrt(float(estimate.noise_variance[i]))
         if not noise > ROUNDING * float(np.sqrt(np.nanmean(y**2))):
             continue
         repeated, q = runs(y), quantum(y)
-        repeating = _repeating(y, u, q, f, repeated, name + where)
-        found += repeating
+        own = [repeats := _repeating(y, u, q, f, repeated, name + where)]
         if q < EXACT * noise:
             q = 0.0
-        found += _coarse(y, q, noise, name + where)
-        found += _saturated(y, f, u, q, noise, repeated, name + where)
-        if not repeating:
-            found += _hanging(y, f, u, q, noise, repeated, name + where)
+        own.append(_coarse(y, q, noise, name + where))
+        own += _saturated(y, f, u, q, noise, repeated, name + where)
+        if repeats is None:
+            own.append(_hanging(y, f, u, q, noise, repeated, name + where))
+        found += [place.put(seen, name) for seen in own if seen is not None]
     for j, name in enumerate(estimate.input_names):
-        found += _clipped_input(record.u[:, j], name + where)
+        clipped = _clipped_input(record.u[:, j], name + where)
+        found += [] if clipped is None else [place.put(clipped)]
     return found
 
 
-def _coarse(y: Array, q: float, noise: float, name: str) -> list[str]:
+class _Seen(NamedTuple):
+    """A finding whose samples are not yet times."""
+
+    code: str
+    severity: Severity
+    message: str
+    remedy: str
+    samples: tuple[int, ...] = ()
+
+
+class _Place(NamedTuple):
+    """Of which record the samples are."""
+
+    t: Array
+    experiment: int | None
+
+    def put(self, seen: _Seen, *outputs: str) -> Finding:
+        """The finding with its times [s]."""
+        times = tuple(float(self.t[k]) for k in seen.samples)
+        return Finding(
+            seen.code, seen.severity, seen.message, seen.remedy, outputs, self.experiment, times
+        )
+
+
+def _coarse(y: Array, q: float, noise: float, name: str) -> _Seen | None:
     """The step of the converter against the noise."""
     if not (q > 0 and EXACT * q < noise < math.sqrt(DITHER**2 + 1.0 / 12.0) * q):
-        return []
+        return None
     levels = round(float(np.nanmax(y) - np.nanmin(y)) / q) + 1
     share = min(q * q / 12.0 / noise**2, 1.0)
-    return [
+    return _Seen(
+        "quantisation",
+        "warning",
         f"Output {name} is quantised in steps of {q:.4g} ({levels} levels in use), which make "
         f"{100 * share:.0f} % of the residual's variance. The noise is too small to spread such an "
-        "error evenly, so it follows the signal and the standard errors are only approximate. Use "
-        "a finer range of the converter, or a larger excitation."
-    ]
+        "error evenly, so it follows the signal and the standard errors are only approximate.",
+        "Use a finer range of the converter, or a larger excitation.",
+    )
 
 
 def _saturated(
     y: Array, f: Array, u: Array, q: float, noise: float, repeated: Runs, name: str
-) -> list[str]:
+) -> list[_Seen]:
     """Plateaus at the largest and the smallest value, inside of what the model says."""
     found = []
     span = float(np.nanmax(y) - np.nanmin(y))
@@ -145,11 +174,17 @@ def _saturated(
         if beyond or _piled(y, u, q, repeated, plateaus, side):
             sign, word = (">=", "largest") if side > 0 else ("<=", "smallest")
             where = "where the model goes beyond" if beyond else "cut off in motion"
+            ends = np.flatnonzero(at)
             found.append(
-                f"{int(at.sum())} samples of {name} stay at its {word} value {limit:.6g}, {where}: "
-                "the sensor or its converter is saturated there. Mark as "
-                f"missing (nan, record.mask) where it is {sign} {limit - side * NEAR * span:.6g}, "
-                "or record again with a wider range."
+                _Seen(
+                    "saturation",
+                    "error",
+                    f"{int(at.sum())} samples of {name} stay at its {word} value {limit:.6g}, "
+                    f"{where}: the sensor or its converter is saturated there.",
+                    "Mark as missing (nan, record.mask) where it is "
+                    f"{sign} {limit - side * NEAR * span:.6g}, or record again with a wider range.",
+                    (int(ends[0]), int(ends[-1])),
+                )
             )
     return found
 
@@ -202,13 +237,12 @@ def _inner(repeated: Runs, y: Array) -> NDArray[np.bool_]:
 
 def _hanging(
     y: Array, f: Array, u: Array, q: float, noise: float, repeated: Runs, name: str
-) -> list[str]:
+) -> _Seen | None:
     """Runs of one value while the model moves."""
     ends = (np.nanmax(y), np.nanmin(y))
     seen = np.isfinite(y)
     pairs = max(int((seen[1:] & seen[:-1]).sum()), 1)
-    count = lost = 0
-    begin = 0
+    count = lost = begin = end = 0
     restless = np.mean(np.any(u[1:] != u[:-1], axis=1)) > RESTLESS
     for first, length, value in zip(*repeated, strict=True):
         if length < FEWEST_HANGING or value in ends or first == 0:
@@ -220,19 +254,22 @@ def _hanging(
         part = f[first : first + length]
         frozen = restless and not np.ptp(u[first : first + length], axis=0).any()
         if frozen or np.ptp(part) > MOVED * noise + 2.0 * q:
-            begin = begin if count else int(first)
+            begin, end = (begin if count else int(first)), int(first + length) - 1
             count, lost = count + 1, lost + int(length)
     if not count:
-        return []
+        return None
     times = "once" if count == 1 else f"{count} times"
-    return [
+    return _Seen(
+        "stuck-sensor",
+        "error",
         f"Output {name} stays at exactly one value {times} ({lost} samples, the first from sample "
-        f"{begin} on) while the model moves: the sensor or the recording hung. Mark these samples "
-        "as missing (nan)."
-    ]
+        f"{begin} on) while the model moves: the sensor or the recording hung.",
+        "Mark these samples as missing (nan).",
+        (begin, end),
+    )
 
 
-def _repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str) -> list[str]:
+def _repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str) -> _Seen | None:
     """Runs of one value that the signal enters and leaves at a jump."""
     span = float(np.nanmax(y) - np.nanmin(y))
     limits = np.isin(repeated.value, (np.nanmax(y), np.nanmin(y))) & (repeated.length > 2)
@@ -241,31 +278,38 @@ def _repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str
         own &= _regular(repeated, y, f, q)
     count, lost = int(own.sum()), int((repeated.length[own] - 1).sum())
     if count < FEWEST_REPEATS or count < MOST_REPEATS * repeated.length.size:
-        return []
+        return None
     if _is_static(y, u, repeated, own):
-        return []
+        return None
     lengths = repeated.length[own]
+    first, last = int(repeated.first[own][0]), int(repeated.first[own][-1])
     usual = int(np.median(lengths))
     covered = int(lengths.sum()) / int(np.isfinite(y).sum())
     if covered > MOSTLY:
-        return [_slow(usual, bool(np.mean(lengths == usual) > MOSTLY), lengths, name)]
+        return _slow(usual, bool(np.mean(lengths == usual) > MOSTLY), lengths, name)
     if usual > 2:
         rows = all(np.ptp(u[k : k + n], axis=0).max() == 0 for k, n in _places(repeated, own))
         what = "the logger may have stopped, as the inputs repeat too" if rows else "they hung"
-        return [
+        return _Seen(
+            "stuck-sensor",
+            "error",
             f"Output {name} repeats one value exactly in {count} places ({lost} samples, the first "
-            f"from sample {int(repeated.first[own][0])} on), although it moves before and after: "
-            f"{what}. Mark the repeats as missing (nan); where rows are stored twice, cut the "
-            "record there (record.slice), as the inputs in between are lost."
-        ]
-    return [
+            f"from sample {first} on), although it moves before and after: {what}.",
+            "Mark the repeats as missing (nan); where rows are stored twice, cut the "
+            "record there (record.slice), as the inputs in between are lost.",
+            (first, last),
+        )
+    return _Seen(
+        "stuck-sensor",
+        "warning",
         f"{lost} samples of {name} repeat the one before exactly, although the signal moves: rows "
-        "stored twice, or a sensor slower than the record. Mark the repeats as missing (nan), and "
-        "check the times of the samples."
-    ]
+        "stored twice, or a sensor slower than the record.",
+        "Mark the repeats as missing (nan), and check the times of the samples.",
+        (first, last),
+    )
 
 
-def _slow(usual: int, regular: bool, lengths: Ints, name: str) -> str:
+def _slow(usual: int, regular: bool, lengths: Ints, name: str) -> _Seen:
     """What to do about a sensor slower than the record."""
     if regular:
         how, keep = f"{usual} times in a row", f"keep every {usual}th sample"
@@ -273,10 +317,12 @@ def _slow(usual: int, regular: bool, lengths: Ints, name: str) -> str:
     else:
         how, keep = f"{float(lengths.mean()):.2g} times in a row on average", "keep the first"
         rates = ""
-    return (
+    return _Seen(
+        "stuck-sensor",
+        "error",
         f"Output {name} repeats each value {how}, although the signal moves: its sensor is slower "
-        f"than the record by that factor. Held values delay the response and spoil the zeros: mark "
-        f"the repeats as missing ({keep} of each value, set the others to nan){rates}."
+        "than the record by that factor. Held values delay the response and spoil the zeros.",
+        f"Mark the repeats as missing ({keep} of each value, set the others to nan){rates}.",
     )
 
 
@@ -324,24 +370,29 @@ def _is_static(y: Array, u: Array, repeated: Runs, own: NDArray[np.bool_]) -> bo
     return bool(np.abs(left).max() <= STATIC * np.ptp(values))
 
 
-def _clipped_input(u: Array, name: str) -> list[str]:
+def _clipped_input(u: Array, name: str) -> _Seen | None:
     """Plateaus at the ends of an input that is noisy everywhere else."""
     repeated = runs(u)
     ends = (float(u.max()), float(u.min()))
     at_end = np.isin(repeated.value, ends)
     if int(at_end.sum()) < 2 or np.any(~at_end) or repeated.length.max() < 3:
-        return []
+        return None
     free = ~np.isin(u, ends)
     inner = free[1:-1] & free[2:] & free[:-2]
     if inner.sum() < 20:
-        return []
+        return None
     slope = np.diff(u)
     turning = (slope[1:] * slope[:-1] < 0)[inner].mean()
     if not turning > TURNING:
-        return []
+        return None
     count = int(repeated.length[at_end].sum())
-    return [
+    places = np.flatnonzero(np.isin(u, ends))
+    return _Seen(
+        "saturation",
+        "warning",
         f"{count} samples of input {name} stay at its ends, {ends[1]:.6g} and {ends[0]:.6g}, while "
         "it is noisy elsewhere: a measured input that is saturated is not what acted on the "
-        "system. Check the range of its sensor, or use the command if that is known."
-    ]
+        "system.",
+        "Check the range of its sensor, or use the command if that is known.",
+        (int(places[0]), int(places[-1])),
+    )

@@ -220,7 +220,7 @@ def _account(
     notes = ["\n".join(paragraph(note, "- ") for note in said)] if said else []
     return [
         tables.describe_records(records),
-        tables.describe_status(found.estimate, records),
+        tables.describe_status(found.estimate),
         paragraph(text),
         tables.make_table(TITLES, groups),
         tables.make_table(("output", "fit [%]", "of free coefficients [%]"), [fits]),

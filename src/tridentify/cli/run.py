@@ -69,7 +69,7 @@ def show_estimate(estimate: Estimate, records: Sequence[Record], written: Sequen
     """Print the tables."""
     show(
         tables.describe_records(records),
-        tables.describe_status(estimate, records),
+        tables.describe_status(estimate),
         estimate.model_text(),
         tables.coefficient_table(estimate),
         tables.fit_table(estimate),

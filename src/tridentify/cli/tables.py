@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,6 @@ from rich.table import Table
 from tridentify.cli.terminal import paragraph
 from tridentify.estimate import Estimate, Parameter
 from tridentify.record import Record
-from tridentify.report.html import warnings_about
 from tridentify.text import format_std, format_value
 from tridentify.uncertainty import DerivedQuantity, derived
 
@@ -122,12 +122,14 @@ def _described(record: Record) -> str:
     )
 
 
-def describe_status(estimate: Estimate, records: Sequence[Record]) -> str:
+def describe_status(estimate: Estimate) -> str:
     """Say how the estimation ended, and what to beware of."""
     lines = [paragraph(f"{estimate.method}: {estimate.status.message}")]
     if estimate.status.remedy:
         lines.append(paragraph(estimate.status.remedy, "  what to do: ", "    "))
-    lines += [paragraph(text, "  caution: ", "    ") for text in warnings_about(estimate, records)]
+    lines += [paragraph(text, "  caution: ", "    ") for text in estimate.cautions]
+    told = [finding.text for finding in estimate.findings if not finding.matters]
+    lines += [paragraph(text, "  note: ", "    ") for text in told]
     return "\n".join(lines)
 
 
@@ -176,7 +178,8 @@ def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str
             "remedy": status.remedy,
             "ok": status.ok,
         },
-        "warnings": warnings_about(estimate, records),
+        "warnings": estimate.cautions,
+        "findings": [asdict(finding) for finding in estimate.findings],
         "parameters": [
             entry(item) | {"known": estimate.held_note(item.name)}
             for item in estimate.parameters.values()

@@ -211,8 +211,10 @@ def _show(found: Validation, records: Sequence[Record], written: Sequence[Path])
     """Print verdict, findings and tables."""
     lines = [paragraph(found.verdict)]
     for finding in found.findings:
-        lines.append(paragraph(finding.text, "! " if finding.serious else "- ", "  "))
-        lines.append(paragraph(finding.remedy, "  what to do: ", "    "))
+        said = f"{finding.message} {finding.effect}".strip()
+        lines.append(paragraph(said, "! " if finding.matters else "- ", "  "))
+        if finding.remedy:
+            lines.append(paragraph(finding.remedy, "  what to do: ", "    "))
     expected = [""] * len(found.output_names)
     if found.transfer is not None:
         expected = [f"{fit:.2f}" for fit in found.transfer.expected_fit]

@@ -36,6 +36,7 @@ from scipy.special import fdtrc
 from tridentify.constraints.descend import Reached, descend, is_exact, is_stable
 from tridentify.constraints.known import Known, known_of
 from tridentify.constraints.result import freedom, spread_of
+from tridentify.finding import Finding
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white
 from tridentify.output_error.problem import Problem
@@ -72,7 +73,7 @@ def disagreement(
     record: Record,
     scale: Array,
     most: int,
-) -> tuple[str, ...]:
+) -> tuple[Finding, ...]:
     """A caution where the record contradicts what is known.
 
     Parameters
@@ -94,7 +95,7 @@ def disagreement(
 
     Returns
     -------
-    tuple of str
+    tuple of Finding
         Empty where the knowledge stands, or the free maximum says nothing.
     """
     known = within.known
@@ -211,7 +212,7 @@ def _pieces(structure: Structure, known: Known, within: Reached, record: Record)
     return found
 
 
-def _told(pieces: list[Piece], theta: Array, cov: Array, n_poles: int, chance: float) -> str:
+def _told(pieces: list[Piece], theta: Array, cov: Array, n_poles: int, chance: float) -> Finding:
     """Name what disagrees: all pieces that are far off alone, or the farthest."""
     rated = []
     for piece in pieces:
@@ -228,8 +229,10 @@ def _told(pieces: list[Piece], theta: Array, cov: Array, n_poles: int, chance: f
     rated.sort(key=lambda one: -one[0])
     named = [words for far, words in rated if far > FAR] or [rated[0][1]]
     shown = "p < 1e-12" if chance < 1e-12 else f"p = {chance:.1g}"
-    return (
+    return Finding(
+        "contradiction",
+        "error",
         f"The record contradicts what is said to be known: {'; '.join(named)}; likelihood ratio "
-        f"against the free fit: {shown}. Check the values and their units, drop the wrong one, or "
-        "widen the prior; the other coefficients are bent to make up for it."
+        f"against the free fit: {shown}. The other coefficients are bent to make up for it.",
+        "Check the values and their units, drop the wrong one, or widen the prior.",
     )

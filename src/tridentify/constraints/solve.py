@@ -213,7 +213,7 @@ def constrain(
     told += _whiteness(best, noise)
     trace = _trace(seeds.trace, best, tried, told)
     estimate = estimate_of(best, records, structure, nuisances, trace, method)
-    return replace(estimate, cautions=doubts)
+    return replace(estimate, findings=doubts)
 
 
 def _from_all(

@@ -9,11 +9,11 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from tridentify.cautions import cautions
 from tridentify.encoding import document_text
 from tridentify.errors import TridentifyError
 from tridentify.estimate import SCHEMA, Estimate, Status
 from tridentify.files import write_atomically
+from tridentify.finding import joined
 from tridentify.record import Record
 from tridentify.report.figures import draw_diagrams, draw_figures, inline_svg
 from tridentify.report.settings import code_again, settings_table
@@ -64,7 +64,7 @@ def write_report(
         subtitle=subtitle(estimate),
         verdict=verdict(estimate, checked),
         status=estimate.status,
-        warnings=warnings_about(estimate, records),
+        findings=joined((*(checked.findings if checked else ()), *estimate.findings)),
         validation=checked,
         tests=validation_tables(checked) if checked else [],
         untested=untested,
@@ -114,19 +114,3 @@ def checked_on(estimate: Estimate, records: Sequence[Record]) -> tuple[Validatio
         return validate(estimate, records), ""
     except TridentifyError as error:
         return None, str(error)
-
-
-def warnings_about(estimate: Estimate, records: Sequence[Record]) -> list[str]:
-    """What a reader should know before using the numbers.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    records : sequence of Record
-
-    Returns
-    -------
-    list of str
-        Found, and what to do; empty when nothing stands out.
-    """
-    return list(cautions(estimate, records))

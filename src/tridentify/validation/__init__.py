@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
+from tridentify.finding import Finding
 from tridentify.validation.assess import validate
-from tridentify.validation.result import Finding, Validation
+from tridentify.validation.result import Validation
 
 __all__ = ["Finding", "Validation", "validate"]

@@ -105,8 +105,8 @@ def validate(
     >>> record = Record(u, y + 0.1 * rng.standard_normal(400), dt=0.1)
     >>> validate(identify(record, Structure(2, 0)), record).ok
     True
-    >>> validate(identify(record, Structure(1, 0)), record).findings[0].kind
-    'order'
+    >>> validate(identify(record, Structure(1, 0)), record).findings[0].code
+    'order-low'
     """
     if not isinstance(estimate, Estimate):
         raise SampleTypeError(
@@ -183,7 +183,7 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
     found = findings(view, evidence, pictures, tests, transfer, remedy)
     if estimate.loss != "squared":
         # a robust loss does not follow them
-        found = tuple(replace(f, serious=f.serious and f.kind != "outliers") for f in found)
+        found = tuple(replace(f, severity="note") if f.code == "bad-samples" else f for f in found)
     fit, r2 = _fits(view)
     return _assemble(
         estimate,

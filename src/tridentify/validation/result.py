@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.finding import Finding
 from tridentify.text import format_table, html_table
 
 Array = NDArray[np.float64]
@@ -136,35 +137,15 @@ class Transfer:
     coefficients_p_value: float
 
 
-@dataclass(frozen=True)
-class Finding:
-    """Something that speaks against the estimate, or that a reader should know.
-
-    Attributes
-    ----------
-    kind : str
-        ``"delay"``, ``"order"``, ``"dynamics"``, ``"feedback"``, ``"coloured"``, ``"drift"``,
-        ``"scale"``, ``"outliers"``, ``"distribution"``, ``"inconstant"``, ``"nonlinear"``,
-        ``"change"`` or ``"size"``.
-    output : str
-    input : str
-        Empty where none is concerned.
-    lags : tuple of float
-        From and to [s]; empty where none are concerned.
-    text, remedy : str
-    p_value : float
-    serious : bool
-        Whether the model or its standard errors cannot be trusted as they are.
-    """
-
-    kind: str
-    output: str
-    input: str
-    lags: tuple[float, ...]
-    text: str
-    remedy: str
-    p_value: float
-    serious: bool = True
+ABOUT_NOISE = (
+    "noise-model",
+    "noise-changes",
+    "noise-size",
+    "bad-samples",
+    "distribution",
+    "quantisation",
+)
+"""Findings that leave the model itself standing."""
 
 
 @dataclass(frozen=True)
@@ -271,13 +252,12 @@ class Validation:
     @property
     def ok(self) -> bool:
         """Whether nothing serious was found."""
-        return not any(finding.serious for finding in self.findings)
+        return not any(finding.matters for finding in self.findings)
 
     @property
     def model_ok(self) -> bool:
         """Whether nothing serious but the description of the noise was found."""
-        noise = ("coloured", "scale", "outliers", "distribution", "size")
-        return not any(f.serious and f.kind not in noise for f in self.findings)
+        return not any(f.matters and f.code not in ABOUT_NOISE for f in self.findings)
 
     def __repr__(self) -> str:
         return f"Validation({'ok' if self.ok else 'not ok'}: {self.verdict})"
@@ -286,16 +266,7 @@ class Validation:
         """Fixed-width text: verdict, findings with remedies, fit, tests."""
         lines = ["=" * _WIDTH, *textwrap.wrap(self.verdict, _WIDTH), "=" * _WIDTH]
         for finding in self.findings:
-            mark = "! " if finding.serious else "- "
-            lines += textwrap.wrap(
-                finding.text, _WIDTH, initial_indent=mark, subsequent_indent="  "
-            )
-            lines += textwrap.wrap(
-                f"what to do: {finding.remedy}",
-                _WIDTH,
-                initial_indent="  ",
-                subsequent_indent="    ",
-            )
+            lines += finding.lines(_WIDTH)
         lines += [""] if self.findings else []
         lines += [*format_table(("output", "fit [%]", "expected", "R2_T", ""), self._fits()), ""]
         lines += format_table(("test", "p-value", "output"), self._rows())
@@ -325,7 +296,7 @@ class Validation:
         colour = "#00664a" if self.ok else "#a63c00"
         parts = [f'<p style="color:{colour}"><b>{html.escape(self.verdict)}</b></p>']
         if self.findings:
-            rows = [(f.text, f.remedy) for f in self.findings]
+            rows = [(f"{f.message} {f.effect}".strip(), f.remedy) for f in self.findings]
             parts.append(html_table(("found", "what to do"), rows))
         parts.append(html_table(("output", "fit [%]", "expected", "R2_T", ""), self._fits()))
         parts.append(html_table(("test", "p-value", "output"), self._rows()))

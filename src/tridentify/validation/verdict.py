@@ -6,27 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tridentify.finding import Finding, Severity, ranked
 from tridentify.validation.evidence import CALLED, Evidence
 from tridentify.validation.remedies import Remedy
-from tridentify.validation.result import Check, CrossCorrelation, Finding, Transfer
+from tridentify.validation.result import Check, CrossCorrelation, Transfer
 from tridentify.validation.view import View
-
-RANK = (
-    "delay",
-    "order",
-    "dynamics",
-    "change",
-    "feedback",
-    "drift",
-    "nonlinear",
-    "inconstant",
-    "outliers",
-    "coloured",
-    "scale",
-    "size",
-    "distribution",
-)
-"""What most needs doing first."""
 
 
 def family(
@@ -88,7 +72,7 @@ def findings(
         found += _about_one(view, one, name, rejected, own)
     if transfer is not None:
         found += _carried(view, transfer, rejected)
-    return tuple(sorted(found, key=lambda f: (not f.serious, RANK.index(f.kind), f.p_value)))
+    return ranked(found)
 
 
 def seconds(low: float, high: float) -> str:
@@ -145,10 +129,12 @@ def _dynamics(
         if kind == "delay" and remedy.input != picture.input and len(worst) > 1:
             continue
         how = f"with {remedy.text} its sum of squares falls by {100 * remedy.share:.0f} %"
+        code = {"delay": "delay", "order": "order-low"}.get(kind, "unmodelled-response")
+        effect = ""
         if kind == "delay":
-            text = f"{where}: a delay is missing ({how})"
+            text, effect = f"{where}: a delay is missing", how
         elif kind == "order":
-            text = f"{where}: the order is too low ({how})"
+            text, effect = f"{where}: the order is too low", how
         elif low == high == 0.0:
             # a strictly proper response begins later: neither poles nor a delay make this
             text = (
@@ -162,10 +148,29 @@ def _dynamics(
         else:
             text = f"{where}: the order is too low or a delay is missing"
         advice = remedy.advice or other
-        found.append(
-            Finding(kind or "dynamics", name, picture.input, (low, high), text, advice, one.past)
-        )
+        found.append(_finding(code, name, text, advice, effect=effect))
     return found
+
+
+def _finding(
+    code: str,
+    output: str,
+    text: str,
+    advice: str,
+    severity: Severity = "warning",
+    *,
+    effect: str = "",
+    times: Sequence[float] = (),
+    experiment: int | None = None,
+) -> Finding:
+    """A finding whose words become sentences."""
+    outputs = () if output == "all" else (output,)
+    said, do, much = (_sentence(part) for part in (text, advice, effect))
+    return Finding(code, severity, said, do, outputs, experiment, tuple(times), much)
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}." if text else ""
 
 
 def _about_one(
@@ -177,18 +182,9 @@ def _about_one(
 ) -> list[Finding]:
     found = []
 
-    def add(
-        kind: str, test: str, text: str, advice: str, *, serious: bool = True, **more: object
-    ) -> None:
-        p_value = rejected.get((test, name))
-        if p_value is not None:
-            lags = more.get("lags", ())
-            assert isinstance(lags, tuple)
-            found.append(
-                Finding(
-                    kind, name, str(more.get("input", "")), lags, text, advice, p_value, serious
-                )
-            )
+    def add(code: str, test: str, text: str, advice: str) -> None:
+        if (test, name) in rejected:
+            found.append(_finding(code, name, text, advice))
 
     if ("feedback", name) in rejected:
         ratio = [_outside(picture) for picture in pictures]
@@ -200,10 +196,7 @@ def _about_one(
             f"the residual of {name} is correlated with {picture.input} {span(low, high)} s later: "
             "the input reacts to the output (feedback), or its clock is late",
             "open the loop, or add a test signal that is large against the feedback; check that "
-            "the "
-            "channels share one clock",
-            input=picture.input,
-            lags=(-high, -low),
+            "the channels share one clock",
         )
     add(
         "drift",
@@ -219,12 +212,11 @@ def _about_one(
     noise = "the noise model does not fit" if _has_noise(view, name) else "the noise is not white"
     reach = _reach(view, one)
     add(
-        "coloured",
+        "noise-model",
         "white",
         f"the residual of {name} is {also}correlated with itself at {reach}: {noise}"
         f"{model_good}, but not its standard errors",
         "use noise='ar' (--noise ar)",
-        lags=_reach_of(view, one),
     )
     add(
         "nonlinear",
@@ -234,7 +226,7 @@ def _about_one(
         "use smaller amplitudes, or identify each operating point on its own",
     )
     add(
-        "inconstant",
+        "varying",
         "coefficients constant",
         f"the coefficients behind {name} differ between the first and the second half of the "
         "samples",
@@ -254,45 +246,38 @@ def _about_noise(
         at = ", ".join(f"{t:.4g}" for t in np.sort(far[:3, 1]))
         many = f"{len(rows)} samples lie" if len(rows) > 1 else "a sample lies"
         which = "at" if len(rows) <= 3 else "the farthest at"
+        first = int(rows[0, 0])
         found.append(
-            Finding(
-                "outliers",
+            _finding(
+                "bad-samples",
                 name,
-                "",
-                (),
                 f"{many} up to {np.abs(far[0, 2]):.0f} standard deviations from the model of "
-                f"{name} "
-                f"({which} {at} s)",
+                f"{name} ({which} {at} s)",
                 "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing",
-                rejected.get(("Gaussian", name), one.normality.p_value),
+                times=np.sort(rows[:, 1]).tolist(),
+                experiment=first if len(view.records) > 1 and np.all(rows[:, 0] == first) else None,
             )
         )
     elif ("Gaussian", name) in rejected:
         found.append(
-            Finding(
+            _finding(
                 "distribution",
                 name,
-                "",
-                (),
                 f"the residual of {name} is not Gaussian (skewness {one.normality.skewness:.2f}, "
                 f"excess kurtosis {one.normality.kurtosis:.2f}); the estimate holds all the same",
                 "nothing, unless the tails are heavy: then loss='student' is more accurate",
-                rejected["Gaussian", name],
-                serious=False,
+                "note",
             )
         )
     if ("scale", name) in rejected:
         ratio = float(np.nanmax(one.scales) / max(float(np.nanmin(one.scales)), 1e-300))
         found.append(
-            Finding(
-                "scale",
+            _finding(
+                "noise-changes",
                 name,
-                "",
-                (),
                 f"the noise of {name} changes its size over the record, by a factor of "
                 f"{ratio:.1f}: the standard errors are not right",
                 "cut the record, or take standard errors from parts of it",
-                rejected["scale", name],
             )
         )
     return found
@@ -304,15 +289,12 @@ def _carried(
     found = []
     if ("same coefficients", "all") in rejected:
         found.append(
-            Finding(
-                "change",
+            _finding(
+                "another-system",
                 "all",
-                "",
-                (),
                 "the coefficients of this record differ from the estimate by more than its "
                 "standard errors",
                 "identify both records together if they are one system, else each on its own",
-                rejected["same coefficients", "all"],
             )
         )
     for i, output in enumerate(view.outputs):
@@ -329,16 +311,13 @@ def _carried(
                     "mend what is missing first, and validate again",
                 )
             found.append(
-                Finding(
-                    "size",
+                _finding(
+                    "noise-size",
                     output.name,
-                    "",
-                    (),
                     f"the residual of {output.name} is {transfer.size_ratio[i]:.2f} times as "
                     f"large as the estimate leads to expect: {why}",
                     advice,
-                    rejected["size of the noise", output.name],
-                    serious=False,
+                    "note",
                 )
             )
     return found
@@ -374,7 +353,7 @@ def in_words(
     found: Sequence[Finding], view: View, transfer: Transfer | None, fit: Sequence[float]
 ) -> str:
     """The verdict: one or two sentences."""
-    serious = [f for f in found if f.serious]
+    serious = [f for f in found if f.matters]
     names = [output.name for output in view.outputs]
     fits = ", ".join(f"{n} {f:.1f} %" for n, f in zip(names, fit, strict=True))
     where = f"fit {fits}"
@@ -382,11 +361,20 @@ def in_words(
         best = ", ".join(f"{f:.1f} %" for f in transfer.expected_fit)
         where += f" on a record that was not identified, where {best} was to be expected"
     if serious:
-        text = f"{serious[0].text[0].upper()}{serious[0].text[1:]} ({where})."
-        others = list(dict.fromkeys(f.text.split(":")[0].split(" (")[0] for f in serious[1:]))
+        text = f"{serious[0].message[:-1]} ({where})."
+        others = list(dict.fromkeys(_brief(f.message) for f in serious[1:]))
         return text + (f" Besides, {'; '.join(others[:3])}." if others else "")
     what = "noise alone" if transfer is None else "noise and the standard errors alone"
     text = f"Nothing speaks against the model: the residual is explained by {what} ({where})."
     if found:
-        text += f" To be known: {found[0].text}."
+        text += f" To be known: {_decapitalised(found[0].message)}"
     return text
+
+
+def _brief(message: str) -> str:
+    """What was found, without what it means."""
+    return _decapitalised(message.split(":")[0].split(" (")[0].rstrip("."))
+
+
+def _decapitalised(message: str) -> str:
+    return message[0].lower() + message[1:]
