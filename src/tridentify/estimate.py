@@ -387,6 +387,7 @@ class Estimate:
                 f"found a record with {found[0]} inputs and {found[1]} outputs; expected "
                 f"{expected[0]} and {expected[1]} as identified; select its channels first"
             )
+        record = record.settled(self.intersample)
         terms = self.nuisance[experiment]
         moved = np.any(terms.input_reference)
         shifted = record._on_its_times(record.u - terms.input_reference if moved else record.u)

@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 
+from tridentify.causes.intersample import IN_WORDS, Behaviours, behaviours, better_behaviour
 from tridentify.cautions import judged
+from tridentify.checks.samples import Behaviour
 from tridentify.errors import (
     ConvergenceError,
     OptionError,
@@ -17,6 +19,7 @@ from tridentify.errors import (
 from tridentify.estimate import Estimate, Status
 from tridentify.methods.base import Method, Progress
 from tridentify.methods.bias_compensated_least_squares import BiasCompensatedLeastSquares
+from tridentify.methods.capability import Capability
 from tridentify.methods.output_error import OutputError
 from tridentify.methods.refined_instrumental_variable import RefinedInstrumentalVariable
 from tridentify.methods.svf_instrumental_variable import SvfInstrumentalVariable
@@ -96,8 +99,10 @@ def identify(
         )
     chosen = checked_method(method)
     with one_blas_thread():
-        estimate = chosen.estimate(listed, structure, progress)
-        estimate = replace(estimate, findings=judged(estimate, listed), call=as_call(chosen))
+        estimate, seen, between, told = _with_behaviour(chosen, listed, structure, progress)
+        found = judged(estimate, seen, between)
+        trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *told))
+        estimate = replace(estimate, findings=found, trace=trace, call=as_call(chosen))
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
         raise UnsupportedOrderError(
             f"found a pole that runs away from the record with {structure.poles} poles: "
@@ -110,6 +115,41 @@ def identify(
             f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
         )
     return estimate
+
+
+def _with_behaviour(
+    method: Method, records: list[Record], structure: Structure, progress: Progress | None
+) -> tuple[Estimate, list[Record], Behaviours | None, tuple[str, ...]]:
+    """The estimate, with what explains the record best where the input's behaviour is left open.
+
+    The search runs with what the samples suggest; at its end every behaviour is fitted from there,
+    and another search with the best of them follows where that is another one.
+    """
+    stated = all(record.intersample != "auto" for record in records)
+    left_open = [record.behaviour for record in records if record.intersample == "auto"]
+    suggested: Behaviour = left_open[0] if left_open else "zoh"
+    tried: list[Behaviour] = []
+    wanted = suggested
+    while True:
+        seen = [record.settled(wanted) for record in records]
+        tried.append(wanted)
+        estimate = method.estimate(seen, structure, progress)
+        found = behaviours(estimate, seen)
+        if stated:
+            return estimate, seen, found, ()
+        if found is None:
+            told = f"input taken as {IN_WORDS[wanted]}, which its samples suggest"
+            return estimate, seen, None, (told,)
+        better = better_behaviour(found, suggested)
+        if better in tried or not _can_be(better, method):
+            return estimate, seen, found, (found.in_words(),)
+        wanted = better
+
+
+def _can_be(behaviour: Behaviour, method: Method) -> bool:
+    """Whether a method takes an input of that behaviour."""
+    can = getattr(method, "capabilities", Capability.NONE)
+    return behaviour != "band-limited" or Capability.BAND_LIMITED in can
 
 
 def checked_method(method: object) -> Method:

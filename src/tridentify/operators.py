@@ -241,7 +241,7 @@ def apply_operators(bank: OperatorBank, record: Record) -> Array:
     signal = Sampled(
         np.ascontiguousarray(record.u),
         typical_step(record.t) if record.dt is None else record.dt,
-        record.intersample,
+        record.behaviour,
         since if record.dt is None else None,
     )
     c = cascade(bank.poles)

@@ -4,7 +4,8 @@ A `Record` holds the sampled inputs ``u`` and outputs ``y`` of one experiment, t
 axis. The sampled input stands for a function of continuous time: `intersample` says which one, held
 between samples (``"zoh"``, a computer's output), joined by straight lines (``"foh"``, a measured
 smooth signal) or without content above half the sampling rate (``"band-limited"``, a signal
-measured behind an anti-aliasing filter). Arrays are copied once, checked and made read-only; every
+measured behind an anti-aliasing filter); ``"auto"`` leaves it to `identify`, which compares
+them. Arrays are copied once, checked and made read-only; every
 method gives a new record that shares the memory it can share.
 """
 
@@ -22,16 +23,19 @@ from numpy.typing import ArrayLike
 
 from tridentify.checks.rates import filtered, interpolate, merge_rates
 from tridentify.checks.samples import (
+    Behaviour,
     FloatArray,
     Intersample,
     channel_names,
     check_band_limited,
     check_distinct,
     check_inputs,
+    check_intersample,
     check_lengths,
     check_outputs,
     checked_units,
     chosen_channels,
+    looks_measured,
     sample_array,
     sample_range,
     time_axis,
@@ -72,9 +76,10 @@ class Record:
         Uniform sampling interval [s]; time then begins at zero. Give exactly one of `dt` and `t`.
     t : array_like, shape (n_samples,), optional
         Sampling instants [s], strictly increasing.
-    intersample : {"zoh", "foh", "band-limited"}
+    intersample : {"zoh", "foh", "band-limited", "auto"}
         What the input does between samples: it is held, joined by straight lines, or the
-        band-limited signal through its samples (uniform time only).
+        band-limited signal through its samples (uniform time only). With "auto" `identify` takes
+        what explains the record best; all else takes `behaviour`.
     input_names, output_names : sequence of str, optional
         One name per channel, all different; ``u`` or ``u1, u2, ...`` and likewise ``y`` by default.
     units : mapping of str to str, optional
@@ -140,11 +145,7 @@ class Record:
         units: Mapping[str, str] | None = None,
         name: str | None = None,
     ) -> None:
-        if intersample not in ("zoh", "foh", "band-limited"):
-            raise OptionError(
-                f"found intersample={shown(intersample)}; expected 'zoh' (input held between "
-                "samples), 'foh' (straight lines) or 'band-limited'; choose one"
-            )
+        check_intersample(intersample)
         inputs, outputs = sample_array("u", u), sample_array("y", y)
         step, time = time_axis(dt, t, len(inputs))
         check_lengths(inputs, outputs, time)
@@ -189,6 +190,59 @@ class Record:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self._set(**{**state, "units": MappingProxyType(state["units"])})
+
+    @property
+    def behaviour(self) -> Behaviour:
+        """What the input is taken to do between its samples.
+
+        As stated; where that is left open, what the samples suggest: an input that moves at most
+        samples, and mostly on in the direction in which it moved before, was measured ("foh"); any
+        other was set and held ("zoh").
+
+        Examples
+        --------
+        >>> Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1, intersample="auto").behaviour
+        'zoh'
+        """
+        if self.intersample != "auto":
+            return self.intersample
+        return "foh" if looks_measured(self.u) else "zoh"
+
+    def between(self, intersample: Intersample) -> Record:
+        """The same samples with another behaviour of the input between them.
+
+        Parameters
+        ----------
+        intersample : {"zoh", "foh", "band-limited", "auto"}
+
+        Raises
+        ------
+        OptionError, NonUniformTimeError, TooFewSamplesError
+            There is no such behaviour, or the record does not allow it.
+
+        Examples
+        --------
+        >>> Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1).between("foh").intersample
+        'foh'
+        """
+        check_intersample(intersample)
+        if intersample == "band-limited":
+            check_band_limited(self.dt, self.n_samples)
+        return self._derive(intersample=intersample)
+
+    def settled(self, behaviour: str) -> Record:
+        """The record with a behaviour of its input where that was left open, else itself.
+
+        Examples
+        --------
+        >>> Record([0, 1, 1, 1], [0, 1, 2, 3], dt=0.1).settled("foh").intersample
+        'zoh'
+        """
+        if self.intersample != "auto":
+            return self
+        if behaviour == "band-limited" and (self.dt is None or self.n_samples < FEWEST):
+            behaviour = "foh"
+        return self.between(behaviour)  # type: ignore[arg-type]
 
     @property
     def n_samples(self) -> int:
@@ -359,7 +413,7 @@ class Record:
                 f"{self.duration:.6g} s; choose such a step, or interpolate u and "
                 "y before they become a record"
             )
-        warn_if_input_moves(self.u, factor, self.intersample)
+        warn_if_input_moves(self.u, factor, self.behaviour)
         return self._thinned(self.u, self.y, factor, self.intersample)
 
     def _thinned(
@@ -396,7 +450,7 @@ class Record:
             DataWarning,
             stacklevel=3,
         )
-        u, y = interpolate(self.t, self.u, self.y, grid, self.intersample)
+        u, y = interpolate(self.t, self.u, self.y, grid, self.behaviour)
         return Record(
             u,
             y,
@@ -460,7 +514,7 @@ class Record:
                 f"found {self.n_samples} samples; expected at least {reach + FEWEST * factor} for "
                 f"an anti-aliasing filter at factor {factor}; choose a smaller factor, or resample"
             )
-        u = filtered(self.u, lowpass(factor, self.intersample), extend=True)
+        u = filtered(self.u, lowpass(factor, self.behaviour), extend=True)
         y = filtered(self.y, lowpass(factor, "band-limited"), extend=False)
         return self._thinned(u, y, factor, "band-limited")
 

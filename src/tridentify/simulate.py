@@ -99,9 +99,9 @@ def simulate(
 
 def _signal(record: Record, u: Array, delays: tuple[float, ...]) -> Sampled:
     if record.dt is not None:
-        return Sampled(u, record.dt, record.intersample, delays=delays)
+        return Sampled(u, record.dt, record.behaviour, delays=delays)
     since = record.t - record.t[0]
-    return Sampled(u, typical_step(record.t), record.intersample, since, delays)
+    return Sampled(u, typical_step(record.t), record.behaviour, since, delays)
 
 
 def _distinct(model: TransferFunction) -> list[Array]:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tridentify.causes.intersample import Behaviours, intersample_findings
 from tridentify.cautions.beginning import Predictions
 from tridentify.cautions.coefficients import coefficient_findings
 from tridentify.cautions.outliers import outlier_findings
@@ -19,7 +20,9 @@ from tridentify.finding import Finding, ranked
 from tridentify.record import Record
 
 
-def judged(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]:
+def judged(
+    estimate: Estimate, records: Sequence[Record], between: Behaviours | None = None
+) -> tuple[Finding, ...]:
     """What a reader should know before using the numbers.
 
     Parameters
@@ -27,6 +30,8 @@ def judged(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]
     estimate : Estimate
     records : sequence of Record
         Those that were identified.
+    between : Behaviours, optional
+        What other behaviours of the input between its samples would make of the records.
 
     Returns
     -------
@@ -46,6 +51,7 @@ def judged(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]
     # those of the method come first: what it alone could see
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
     found += outlier_findings(estimate, records, known)
+    found += [] if between is None else intersample_findings(estimate, between)
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)
         found += sensor_findings(estimate, record, number, known)

@@ -22,6 +22,7 @@ from tridentify.errors import (
     LengthMismatchError,
     NonUniformTimeError,
     NotFiniteError,
+    OptionError,
     SampleTypeError,
     SamplingError,
     ShapeError,
@@ -33,7 +34,11 @@ from tridentify.errors import (
 from tridentify.numerics.interpolation import FEWEST
 
 FloatArray = NDArray[np.float64]
-Intersample = Literal["zoh", "foh", "band-limited"]
+Intersample = Literal["zoh", "foh", "band-limited", "auto"]
+Behaviour = Literal["zoh", "foh", "band-limited"]
+
+MOVING = 0.5
+"""Share of samples at which a measured input moves, at least."""
 
 TIME_TOLERANCE = 1e-3
 """Largest departure from a uniform time axis, in steps, that counts as rounding."""
@@ -294,6 +299,29 @@ def check_lengths(u: FloatArray, y: FloatArray, t: FloatArray) -> None:
             )
 
 
+def check_intersample(intersample: object) -> None:
+    """Refuse an unknown behaviour of the input between its samples."""
+    if intersample not in ("zoh", "foh", "band-limited", "auto"):
+        raise OptionError(
+            f"found intersample={shown(intersample)}; expected 'zoh' (input held between "
+            "samples), 'foh' (straight lines), 'band-limited', or 'auto' to have them compared; "
+            "choose one"
+        )
+
+
+def looks_measured(u: FloatArray) -> bool:
+    """Whether an input was measured rather than set, to judge by its samples alone.
+
+    A signal that is set moves at few samples, or independently of where it was going. One that is
+    measured moves at most of them, and goes on as it went: neighbouring increments have one sign
+    more often than not.
+    """
+    steps = np.diff(u, axis=0)
+    return any(
+        bool(np.mean(own != 0.0) > MOVING) and float(own[1:] @ own[:-1]) > 0.0 for own in steps.T
+    )
+
+
 def check_band_limited(step: float | None, n_samples: int) -> None:
     """Refuse what no band-limited signal can be drawn through."""
     if step is None:
@@ -387,7 +415,7 @@ def chosen_channels(
     return [present.index(name) for name in names], names
 
 
-def warn_if_input_moves(u: FloatArray, factor: int, intersample: Intersample) -> None:
+def warn_if_input_moves(u: FloatArray, factor: int, intersample: Behaviour) -> None:
     """Warn when dropped samples leave the input wrongly described."""
     if factor == 1:
         return

@@ -25,7 +25,7 @@ def identify(
     zeros: options.Zeros,
     time: options.Time = None,
     dt: options.Step = None,
-    intersample: options.Intersample = options.Between.ZOH,
+    intersample: options.Intersample = options.Between.AUTO,
     instants: options.Instants = options.Merging.AUTO,
     missing: options.Missing = None,
     units: options.Units = None,

@@ -55,7 +55,7 @@ class Source:
     outputs: tuple[str, ...]
     time: str | None = None
     dt: float | None = None
-    intersample: Intersample = "zoh"
+    intersample: Intersample = "auto"
     start: float | None = None
     stop: float | None = None
     instants: Instants = "auto"

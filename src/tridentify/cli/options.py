@@ -21,6 +21,7 @@ class Between(StrEnum):
     ZOH = "zoh"
     FOH = "foh"
     BAND_LIMITED = "band-limited"
+    AUTO = "auto"
 
 
 class Merging(StrEnum):

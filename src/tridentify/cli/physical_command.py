@@ -63,7 +63,7 @@ def physical(
     ] = None,
     time: options.Time = None,
     dt: options.Step = None,
-    intersample: options.Intersample = options.Between.ZOH,
+    intersample: options.Intersample = options.Between.AUTO,
     instants: options.Instants = options.Merging.AUTO,
     missing: options.Missing = None,
     units: options.Units = None,

@@ -21,6 +21,7 @@ HELD = {
     "zoh": "held between samples (zoh)",
     "foh": "joined by lines between samples (foh)",
     "band-limited": "band-limited",
+    "auto": "compared as held, joined by lines and band-limited (auto)",
 }
 
 

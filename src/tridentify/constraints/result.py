@@ -155,7 +155,7 @@ def estimate_of(
         input_names=first.input_names,
         output_names=first.output_names,
         units=dict(first.units),
-        intersample=first.intersample,
+        intersample=first.behaviour,
         dt=first.dt,
         record_fingerprint=fingerprint(records),
         noise_model=problem.noise,

@@ -114,7 +114,7 @@ def _integrated(record: Record, count: int, structure: Structure) -> Record:
     u, steps = np.array(record.u), np.diff(record.t)[:, None]
     if structure.initial_state == "equilibrium":
         u = u - u[0]
-    held = record.intersample == "zoh"
+    held = record.behaviour == "zoh"
     for _ in range(count):
         areas = u[:-1] if held else 0.5 * (u[:-1] + u[1:])
         u = np.vstack([np.zeros(u.shape[1]), np.cumsum(areas * steps, axis=0)])

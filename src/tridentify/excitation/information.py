@@ -279,7 +279,7 @@ def _flown(model: TransferFunction, record: Record, nuisances: Nuisances) -> Rec
     t = record.t if record.dt is None else None
     zeros = np.zeros((record.n_samples, model.n_outputs))
     start = record.u[0] if nuisances.initial_state == "equilibrium" else 0.0
-    moved = Record(record.u - start, zeros, dt=record.dt, t=t, intersample=record.intersample)
+    moved = Record(record.u - start, zeros, dt=record.dt, t=t, intersample=record.behaviour)
     y = simulate(model, moved)
     if record.n_outputs == model.n_outputs:
         y = np.where(np.isnan(record.y), np.nan, y)
@@ -288,7 +288,7 @@ def _flown(model: TransferFunction, record: Record, nuisances: Nuisances) -> Rec
         y,
         dt=record.dt,
         t=t,
-        intersample=record.intersample,
+        intersample=record.behaviour,
         input_names=model.input_names,
         output_names=model.output_names,
     )

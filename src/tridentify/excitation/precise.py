@@ -395,7 +395,7 @@ def _shaped(records: Sequence[Record], like: TransferFunction) -> list[Record]:
         if record.n_outputs != like.n_outputs:
             y = np.zeros((record.n_samples, like.n_outputs))
             t = record.t if record.dt is None else None
-            record = Record(record.u, y, dt=record.dt, t=t, intersample=record.intersample)
+            record = Record(record.u, y, dt=record.dt, t=t, intersample=record.behaviour)
         found.append(record)
     return found
 

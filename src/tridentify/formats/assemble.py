@@ -64,7 +64,7 @@ class Wanted:
     outputs: Sequence[str]
     time: str | None = None
     dt: float | None = None
-    intersample: Intersample = "zoh"
+    intersample: Intersample = "auto"
     units: Mapping[str, str] | None = None
     start: float | None = None
     stop: float | None = None

@@ -121,7 +121,7 @@ def record_from_frame(
     dt: float | None = None,
     inputs: Sequence[str],
     outputs: Sequence[str],
-    intersample: Intersample = "zoh",
+    intersample: Intersample = "auto",
     units: Mapping[str, str] | None = None,
     start: float | None = None,
     stop: float | None = None,

@@ -88,7 +88,7 @@ def read_record(
     dt: float | None = None,
     inputs: Sequence[str],
     outputs: Sequence[str],
-    intersample: Intersample = "zoh",
+    intersample: Intersample = "auto",
     units: Mapping[str, str] | None = None,
     start: float | None = None,
     stop: float | None = None,
@@ -113,8 +113,9 @@ def read_record(
         which must then agree with it to 5 percent; without, time begins at zero.
     inputs, outputs : sequence of str
         Names of the channels, as `list_channels` gives them; the unit in brackets may be left out.
-    intersample : {"zoh", "foh"}
-        What the input does between samples.
+    intersample : {"auto", "zoh", "foh", "band-limited"}
+        What the input does between samples, as in `Record`; with "auto" `identify` takes what
+        explains the record best, and says so.
     units : mapping of str to str, optional
         Units by channel name, before those of the file.
     start, stop : float, optional

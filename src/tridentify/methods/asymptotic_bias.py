@@ -157,7 +157,7 @@ def _clean(model: TransferFunction, record: Record, nuisances: Nuisances) -> tup
         raise NonUniformTimeError(
             "found a record without a uniform step; expected one; resample it first"
         )
-    if record.intersample == "band-limited":
+    if record.behaviour == "band-limited":
         raise UnsupportedError(
             "found intersample='band-limited'; expected 'zoh' or 'foh'; state what the input does "
             "between its samples"
@@ -168,7 +168,7 @@ def _clean(model: TransferFunction, record: Record, nuisances: Nuisances) -> tup
             "model; select the channels"
         )
     zeros = [[num.size - 1 for num in row] for row in model.num]
-    clean = Record(record.u, simulate(model, record), dt=record.dt, intersample=record.intersample)
+    clean = Record(record.u, simulate(model, record), dt=record.dt, intersample=record.behaviour)
     problem = build([clean], Structure(den.size - 1, zeros), nuisances)
     truth = np.concatenate([den[1:], *(num for row in model.num for num in row)])
     return problem, truth

@@ -62,7 +62,7 @@ def refuse_unsupported(
                 f"found time steps between {steps.min():.6g} and {steps.max():.6g} s; {method} "
                 "expects a uniform step; use ThreeModel() or OutputError(), or resample the record"
             )
-        if record.intersample == "band-limited" and Capability.BAND_LIMITED not in can:
+        if record.behaviour == "band-limited" and Capability.BAND_LIMITED not in can:
             raise UnsupportedError(
                 f"found intersample='band-limited'; {method} expects 'zoh' (held) or 'foh' "
                 "(straight lines); use ThreeModel() or OutputError(), or state one of these"

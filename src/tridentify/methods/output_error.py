@@ -336,7 +336,7 @@ def _joined(record: Record) -> Record:
         record.u,
         np.nan_to_num(y),
         dt=record.dt,
-        intersample=record.intersample,
+        intersample=record.behaviour,
         input_names=record.input_names,
         output_names=record.output_names,
     )
@@ -349,7 +349,7 @@ def _even(record: Record, structure: Structure) -> list[Record]:
     delays its mean counts.
     """
     delays = np.mean(structure.delay_matrix(record.n_outputs, record.n_inputs), axis=0)
-    held = record.intersample != "band-limited"
+    held = record.behaviour != "band-limited"
     if record.dt is not None and not delays.any() and held:
         return [_joined(record)]
     steps = np.diff(record.t)
@@ -365,7 +365,7 @@ def _even(record: Record, structure: Structure) -> list[Record]:
         grid = own[0] + np.arange(count + 1) * (duration / count)
         u = np.empty((grid.size, record.n_inputs))
         for j, delay in enumerate(delays):
-            if record.intersample == "zoh":
+            if record.behaviour == "zoh":
                 last = np.searchsorted(record.t, grid - delay + 1e-9 * duration / count, "right")
                 u[:, j] = record.u[np.maximum(last - 1, 0), j]
             else:
@@ -381,7 +381,7 @@ def _even(record: Record, structure: Structure) -> list[Record]:
                 u,
                 y,
                 dt=duration / count,
-                intersample="zoh" if record.intersample == "zoh" else "foh",
+                intersample="zoh" if record.behaviour == "zoh" else "foh",
                 input_names=record.input_names,
                 output_names=record.output_names,
             )

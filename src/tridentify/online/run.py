@@ -115,7 +115,7 @@ def run(
     dt = float(np.median(np.diff(first.t))) if first.dt is None else first.dt
     state = method.init(
         structure, dt, input_names=list(first.input_names), output_names=list(first.output_names),
-        units=dict(first.units), intersample=first.intersample,
+        units=dict(first.units), intersample=first.behaviour,
     )  # fmt: skip
     u, y = first.u, first.y
     if len(listed) > 1:
@@ -166,8 +166,8 @@ def _checked(records: Record | Sequence[Record]) -> list[Record]:
         )
     first = listed[0]
     for one in listed:
-        same = (one.input_names, one.output_names, one.dt, one.intersample)
-        if same != (first.input_names, first.output_names, first.dt, first.intersample):
+        same = (one.input_names, one.output_names, one.dt, one.behaviour)
+        if same != (first.input_names, first.output_names, first.dt, first.behaviour):
             raise DataError(
                 "found records with different channels or sampling; expected parts of one stream; "
                 "run them one by one"

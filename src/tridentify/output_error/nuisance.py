@@ -183,7 +183,7 @@ def build(
                 np.ascontiguousarray(u - reference) if np.any(reference) else u,
                 explained(record, structure),
                 typical_step(record.t) if record.dt is None else record.dt,
-                record.intersample,
+                record.behaviour,
                 nuisances.initial_state == "free",
                 nuisances.offset,
                 nuisances.drift,

@@ -99,7 +99,7 @@ def estimate_from(
         input_names=first.input_names,
         output_names=first.output_names,
         units=dict(first.units),
-        intersample=first.intersample,
+        intersample=first.behaviour,
         dt=first.dt,
         record_fingerprint=fingerprint(records),
         noise_model=point.problem.noise,
@@ -482,7 +482,7 @@ def literal_estimate(
         input_names=first.input_names,
         output_names=first.output_names,
         units=dict(first.units),
-        intersample=first.intersample,
+        intersample=first.behaviour,
         dt=first.dt,
         record_fingerprint=fingerprint(records),
     )

@@ -126,6 +126,7 @@ def estimate_physical(
             f"found no covariance of the coefficients from {estimate.method}; expected one, which "
             "weighs them; use ThreeModel() or OutputError()"
         )
+    chosen = [record.settled(estimate.intersample) for record in chosen]
     with one_blas_thread():
         return _from_coefficients(model, chosen, estimate, held, fit, progress or (lambda _: None))
 

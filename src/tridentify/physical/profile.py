@@ -79,7 +79,7 @@ class Profile:
             # what a robust loss holds for outliers does not count here either
             _, outputs, samples = places[places[:, 0] == e].T
             y[samples, outputs] = np.nan
-            shifted.append(Record(moved, y, t=record.t, intersample=record.intersample))
+            shifted.append(Record(moved, y, t=record.t, intersample=record.behaviour))
         return cls(tuple(shifted), estimate)
 
     @property
@@ -171,7 +171,7 @@ def free_responses(den: Array, record: Record, after: float = 0.0) -> Array:
         np.zeros(record.n_samples),
         np.zeros((record.n_samples, n)),
         output_names=names,
-        intersample=record.intersample,
+        intersample=record.behaviour,
         t=record.t,
     )
     model = TransferFunction([[[0.0]]] * n, den, output_names=names)

@@ -43,7 +43,7 @@ def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> list[A
 
 def draw_inputs(record: Record, axes: Sequence[Axes]) -> None:
     """Draw the inputs as they stand between the samples: held, or joined by straight lines."""
-    held = record.intersample == "zoh"
+    held = record.behaviour == "zoh"
     for j, name in enumerate(record.input_names):
         axes[j].plot(
             *shorten(record.t, record.u[:, j]),

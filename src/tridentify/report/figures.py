@@ -259,7 +259,8 @@ def save_figures(
             f"found the figure format {unknown[0]!r}; expected one of {', '.join(FORMATS)}; "
             "choose one of them"
         )
-    records = (record,) if isinstance(record, Record) else tuple(record)
+    given = (record,) if isinstance(record, Record) else tuple(record)
+    records = tuple(one.settled(estimate.intersample) for one in given)
     written = []
     for drawing in draw_figures(estimate, records, with_record=True):
         for name in formats:

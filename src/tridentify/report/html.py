@@ -51,7 +51,8 @@ def write_report(
     """
     from jinja2 import Environment
 
-    records = (record,) if isinstance(record, Record) else tuple(record)
+    given = (record,) if isinstance(record, Record) else tuple(record)
+    records = tuple(one.settled(estimate.intersample) for one in given)
     named = dict.fromkeys(item.name for item in records if item.name)
     name = title or ", ".join(named) or "Identified model"
     checked, untested = checked_on(estimate, records)

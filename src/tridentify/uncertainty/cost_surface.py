@@ -220,7 +220,8 @@ def step_2_bowl(
 
 def problem_of(estimate: Estimate, records: Record | Sequence[Record]) -> Problem:
     """The records with the structure, nuisance terms, delays and noise of an estimate."""
-    several = (records,) if isinstance(records, Record) else tuple(records)
+    given = (records,) if isinstance(records, Record) else tuple(records)
+    several = tuple(one.settled(estimate.intersample) for one in given)
     wanted = len(estimate.input_names), len(estimate.output_names)
     for one in several:
         if (one.n_inputs, one.n_outputs) != wanted:

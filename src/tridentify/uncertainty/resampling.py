@@ -44,8 +44,9 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.estimate import Estimate
-from tridentify.identify import METHODS, identify
+from tridentify.identify import METHODS
 from tridentify.methods.base import Method, Progress
+from tridentify.numerics.threads import one_blas_thread
 from tridentify.output_error.result import fingerprint
 from tridentify.record import Record
 from tridentify.structure import Structure
@@ -288,7 +289,8 @@ def bootstrap(
     count, own_seed = checked_count("n_draws", n_draws, 2), checked_count("seed", seed, 0)
     listed = _listed(estimate, records)
     chosen = _held(estimate, _method_of(estimate) if method is None else _checked(method))
-    clean = tuple(_clean(estimate, record, e) for e, record in enumerate(listed))
+    settled = [record.settled(estimate.intersample) for record in listed]
+    clean = tuple(_clean(estimate, record, e) for e, record in enumerate(settled))
     noise = NoiseModel.of(estimate)
     tasks = [
         _Task(k, clean, noise, estimate.structure, chosen, own)
@@ -309,7 +311,9 @@ def identify_copy(task: _Task) -> _Outcome:
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            estimate = identify(copies, task.structure, task.method, throw=False)
+            # without the judgement of each: copies are of the model by construction
+            with one_blas_thread():
+                estimate = task.method.estimate(copies, task.structure)
     except (TridentifyError, ArithmeticError, ValueError) as error:
         return _Outcome(np.empty(0), np.empty(0), False, f"{type(error).__name__}: {error}")
     if not np.all(np.isfinite(estimate.theta)):
@@ -397,7 +401,7 @@ def _with(record: Record, y: Real) -> Record:
         record.u,
         y,
         t=record.t,
-        intersample=record.intersample,
+        intersample=record.behaviour,
         input_names=record.input_names,
         output_names=record.output_names,
         units=record.units,

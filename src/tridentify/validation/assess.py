@@ -113,7 +113,7 @@ def validate(
             f"found {type(estimate).__name__} in place of an estimate; expected what identify or "
             "Estimate.load gives, before the record; write validate(estimate, record)"
         )
-    records = _listed(record)
+    records = [one.settled(estimate.intersample) for one in _listed(record)]
     if not (isinstance(level, float) and 0.5 <= level < 1.0):
         raise OptionError(
             f"found level={level!r}; expected a probability from 0.5 to below 1; write level=0.99"

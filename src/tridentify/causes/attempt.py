@@ -1,0 +1,139 @@
+"""One explanation, fitted from given poles: Levenberg-Marquardt and the noise model in turn.
+
+Explanations are compared by ``-2 log L`` with a noise model of each one's own, of equal orders: a
+model that was fitted along with a wrong explanation has taken some of what it misses for noise,
+and would speak for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import TridentifyError
+from tridentify.numerics.autoregression import deviance, fit_autoregression
+from tridentify.numerics.realization import Complex
+from tridentify.output_error.finish import finish
+from tridentify.output_error.point import Point, evaluate
+from tridentify.output_error.problem import Problem
+
+Array = NDArray[np.float64]
+
+STEPS = 25
+"""Levenberg-Marquardt steps between two noise models: enough to see which explanation is best."""
+
+ROUNDS = 2
+"""Noise models: the first still carries what the start missed."""
+
+ROUNDING = 1e-20
+"""Mean square of a residual over that of the output, below which it is rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """Where an explanation ended.
+
+    Attributes
+    ----------
+    point : Point
+    deviance : float
+        ``-2 log L``, up to a constant that explanations of the same samples share.
+    unknowns : int
+        Coefficients, nuisance terms, and those of the noise.
+    """
+
+    point: Point
+    deviance: float
+    unknowns: int
+
+    @property
+    def count(self) -> float:
+        """Samples of all outputs."""
+        return float(self.point.counts.sum())
+
+    @property
+    def criterion(self) -> float:
+        """AICc."""
+        k = float(self.unknowns)
+        return self.deviance + 2.0 * k + 2.0 * k * (k + 1.0) / max(self.count - k - 1.0, 0.5)
+
+    @property
+    def fits(self) -> Array:
+        """(n_outputs,) NRMSE [percent], each experiment about its own mean."""
+        energy = spread = np.zeros(self.point.problem.n_outputs)
+        pairs = zip(self.point.problem.experiments, self.point.residuals(), strict=True)
+        for experiment, residual in pairs:
+            y = np.where(np.isfinite(residual), experiment.y, np.nan)
+            energy = energy + np.nansum(residual**2, axis=0)
+            spread = spread + np.nansum((y - np.nanmean(y, axis=0)) ** 2, axis=0)
+        ratio = np.sqrt(energy / np.where(spread > 0, spread, np.nan))
+        return np.asarray(100.0 * (1.0 - ratio))
+
+
+def attempt(
+    problem: Problem,
+    starts: Sequence[Complex],
+    orders: Sequence[int],
+    *,
+    steps: int = STEPS,
+    rounds: int = ROUNDS,
+) -> Attempt | None:
+    """Fit an explanation from the most promising of several starts.
+
+    Parameters
+    ----------
+    problem : Problem
+        Whitened by a first model of the noise, or not.
+    starts : sequence of (n_poles,) complex arrays
+        [rad/s].
+    orders : sequence of int
+        Of each output's autoregression; zero for white noise.
+    steps : int
+        Most Levenberg-Marquardt steps a round.
+    rounds : int
+        Noise models that are fitted.
+
+    Returns
+    -------
+    Attempt or None
+        None where the explanation cannot be had on these records.
+    """
+    try:
+        points = [evaluate(problem, problem.admissible(one)[0]) for one in starts]
+        start = min(points, key=lambda one: one.objective - one.step(0.0).decrease)
+        point = finish(partial(evaluate, problem), start, None, steps)[0]
+        noise = point.problem.noise
+        for _ in range(rounds if any(orders) else 0):
+            noise = tuple(
+                fit_autoregression(_series(point, i), p, p) if p else np.zeros(0)
+                for i, p in enumerate(orders)
+            )
+            whitened = point.problem.whitened(noise)
+            at = partial(evaluate, whitened)
+            point = finish(at, at(point.poles), None, steps)[0]
+    except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
+        return None
+    problem = point.problem
+    unknowns = problem.n_coefficients + problem.n_nuisance + problem.n_outputs + sum(orders)
+    return Attempt(point, _deviance(point, noise), unknowns)
+
+
+def _deviance(point: Point, noise: Sequence[Array]) -> float:
+    """``-2 log L``; a residual that is rounding counts as of one size."""
+    found = 0.0
+    for i in range(point.problem.n_outputs):
+        series = _series(point, i)
+        if noise and noise[i].size:
+            found += deviance(series, noise[i])
+            continue
+        n = float(point.counts[i])
+        found += n * float(np.log(point.rss[i] / n + ROUNDING * point.problem.size[i]))
+    return found
+
+
+def _series(point: Point, output: int) -> list[Array]:
+    return [np.ascontiguousarray(one[:, output]) for one in point.residuals()]
