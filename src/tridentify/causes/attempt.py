@@ -14,6 +14,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.causes.present import Present
 from tridentify.errors import TridentifyError
 from tridentify.numerics.autoregression import deviance, fit_autoregression
 from tridentify.numerics.realization import Complex
@@ -72,6 +73,19 @@ class Attempt:
             spread = spread + np.nansum((y - np.nanmean(y, axis=0)) ** 2, axis=0)
         ratio = np.sqrt(energy / np.where(spread > 0, spread, np.nan))
         return np.asarray(100.0 * (1.0 - ratio))
+
+
+def promise(present: Present, poles: Complex) -> float:
+    """``-2 log L`` a sample that a Gauss-Newton step leads to expect, the noise model held.
+
+    Infinite where the explanation cannot be had.
+    """
+    try:
+        problem = present.problem()
+        point = evaluate(problem, problem.admissible(poles)[0])
+        return (point.objective - point.step(0.0).decrease) / float(point.counts.sum())
+    except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
+        return float("inf")
 
 
 def attempt(
