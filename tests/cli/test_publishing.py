@@ -127,6 +127,25 @@ def test_what_is_written_while_the_folders_are_swapped_is_kept(tmp_path, monkeyp
     }  # fmt: skip
 
 
+@posix
+def test_a_file_system_without_swap_gets_the_files_one_by_one(tmp_path, monkeypatch):
+    target = tmp_path / "out"
+    publish(target, "old")
+    (target / "notes.txt").write_text("mine")
+    tried = []
+
+    def refused(one: Path, other: Path) -> None:
+        tried.append((one, other))
+        raise OSError(22, "Invalid argument")
+
+    monkeypatch.setattr(publishing, "_exchange_of_system", lambda: refused)
+    publish(target, "new")
+    assert tried
+    assert listing(target) == {"a.png": "new", "model.json": "new", "notes.txt": "mine"}
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+    assert len(list(target.iterdir())) == 3
+
+
 def test_the_folder_one_stands_in_stays_the_same_folder(tmp_path, monkeypatch):
     publish(tmp_path / "out", "old")
     monkeypatch.chdir(tmp_path / "out")
