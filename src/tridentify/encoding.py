@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from tridentify.errors import DataError, UnreadableFileError
-from tridentify.files import write_atomically
+from tridentify.files import published, write_atomically
 from tridentify.finding import Finding
 from tridentify.parameter import Nuisance
 from tridentify.structure import Structure
@@ -69,7 +69,7 @@ def load_document(
         It is of another schema version, or damaged.
     """
     try:
-        document = json.loads(Path(path).read_text(encoding="utf-8"))
+        document = json.loads(published(path).read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise UnreadableFileError(
             f"found no readable {what} in {path} ({error}); expected a JSON file written by "

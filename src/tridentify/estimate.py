@@ -35,6 +35,7 @@ from tridentify.text import (
     format_table,
     format_value,
     html_table,
+    short,
     unit_ratio,
 )
 from tridentify.trace import Pass, Start, Status, Step, Trace, freeze_arrays
@@ -464,7 +465,8 @@ class Estimate:
                 delay = f"exp(-{late} s) x"
                 fraction = [row.center(width) for row in top] + ["-" * width]
                 lines += [""] if lines else []
-                lines += [f"{output} / {input_} = {delay if self.model.delay[i, j] else ''}"]
+                names = " / ".join(short(name, _WIDTH // 3) for name in (output, input_))
+                lines += [f"{names} = {delay if self.model.delay[i, j] else ''}"]
                 lines += ["  " + row for row in fraction + [row.center(width) for row in bottom]]
         return "\n".join(line.rstrip() for line in lines)
 

@@ -1,13 +1,27 @@
-"""Files that are either complete or absent."""
+"""Files that are either complete or absent, also after a kill or a power cut."""
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import functools
 import os
-import tempfile
+import re
+import secrets
+import stat
+import time
 from pathlib import Path
 
 from tridentify.errors import OutputPathError
+
+DRAFT_AGE = 86_400.0
+"""After so long without a change a draft belongs to a run that was killed [s]: a day, longer than
+any file or folder takes to write."""
+PENDING = ".tridentify-publishing"
+"""Folder of files that replace those of the same names beside it: a set that was complete when its
+run was killed."""
+_SHOWN_NAME = 40
+"""Characters of a file's name in that of its draft: with its ending it stays a legal name."""
 
 
 def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> Path:
@@ -16,13 +30,14 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> Path
     Parameters
     ----------
     path : path-like
-        Missing folders are made; an existing file is replaced.
+        Missing folders are made; an existing file is replaced. A device or a pipe is written to.
     content : str or bytes
         Text is written as UTF-8.
 
     Returns
     -------
     Path
+        Of a file that is on the disk, with the permissions that the umask gives.
 
     Raises
     ------
@@ -31,30 +46,133 @@ def write_atomically(path: str | os.PathLike[str], content: str | bytes) -> Path
 
     Examples
     --------
+    >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     write_atomically(Path(folder) / "new" / "note.txt", "done").read_text()
     'done'
     """
     target = Path(path)
     data = content.encode("utf-8") if isinstance(content, str) else content
-    temporary: str | None = None
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        handle, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-        # mkstemp makes a private file; give it what an ordinary open() would have given
-        mask = os.umask(0)
-        os.umask(mask)
-        os.chmod(temporary, 0o666 & ~mask)
-        os.replace(temporary, target)
+        if _is_channel(target):
+            target.write_bytes(data)
+        else:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            _clear_drafts_of(target)
+            _replace(target, data)
     except OSError as error:
-        if temporary is not None:
-            with contextlib.suppress(OSError):
-                os.unlink(temporary)
         reason = error.strerror or str(error)
         raise OutputPathError(
             f"found no way to write {target} ({reason}); expected a folder that can be written; "
             "choose another output path"
         ) from error
     return target
+
+
+def _replace(target: Path, data: bytes) -> None:
+    draft = target.with_name(f".{target.name[:_SHOWN_NAME]}.{draft_ending()}")
+    # open() applies the umask itself; asking for the umask would change it for all threads
+    number = os.open(
+        draft, os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0), 0o666
+    )
+    try:
+        with os.fdopen(number, "wb") as stream:
+            stream.write(data)
+            stream.flush()
+            os.fsync(stream.fileno())
+        os.replace(draft, target)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(draft)
+        raise
+    with contextlib.suppress(OSError):
+        os.unlink(target.parent / PENDING / target.name)  # this one is newer
+    sync(target.parent)
+
+
+def sync(path: Path) -> None:
+    """Wait until a file, or the list of files in a folder, is on the disk.
+
+    Raises
+    ------
+    OSError
+        The disk failed. A system that cannot do it for this kind of file is no failure.
+    """
+    windows = os.name == "nt"
+    if windows and path.is_dir():
+        return
+    try:
+        number = os.open(path, os.O_RDWR if windows else os.O_RDONLY)
+    except PermissionError:
+        return
+    try:
+        os.fsync(number)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP, errno.EBADF):
+            raise
+    finally:
+        os.close(number)
+
+
+def draft_ending() -> str:
+    """Eight random characters, as all drafts end with."""
+    return secrets.token_hex(4)
+
+
+def outdated(path: Path) -> bool:
+    """Whether a draft is this user's own and has not changed for a day.
+
+    Parameters
+    ----------
+    path : Path
+        File or folder.
+
+    Returns
+    -------
+    bool
+    """
+    try:
+        found = os.lstat(path)
+        changed = found.st_mtime
+        if stat.S_ISDIR(found.st_mode):
+            changed = max(changed, *(item.lstat().st_mtime for item in path.iterdir()), 0.0)
+    except OSError:
+        return False
+    ours = not hasattr(os, "geteuid") or found.st_uid == os.geteuid()
+    return ours and time.time() - changed > DRAFT_AGE
+
+
+def published(path: str | os.PathLike[str]) -> Path:
+    """Where the newest whole version of a file lies.
+
+    Parameters
+    ----------
+    path : path-like
+
+    Returns
+    -------
+    Path
+        The file itself, or its successor if a run was killed while it put a set in its place.
+    """
+    here = Path(path)
+    waiting = here.parent / PENDING / here.name
+    return waiting if waiting.is_file() else here
+
+
+@functools.cache
+def _clear_drafts_of(target: Path) -> None:
+    """Remove what killed runs left of a file; once a process, as checkpoints are written often."""
+    pattern = re.compile(re.escape(f".{target.name[:_SHOWN_NAME]}.") + "[a-z0-9_]{8}")
+    with contextlib.suppress(OSError):
+        for name in filter(pattern.fullmatch, os.listdir(target.parent)):
+            draft = target.parent / name
+            if stat.S_ISREG(draft.lstat().st_mode) and outdated(draft):
+                draft.unlink()
+
+
+def _is_channel(target: Path) -> bool:
+    try:
+        mode = target.stat().st_mode
+    except OSError:
+        return False
+    return stat.S_ISCHR(mode) or stat.S_ISFIFO(mode)

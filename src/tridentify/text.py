@@ -89,6 +89,27 @@ def format_sum(weights: Mapping[str, float]) -> str:
     return text
 
 
+IN_PICTURES = 40
+"""Characters of a name in a picture: two beside each other fill a title of two lines."""
+IN_TABLES = 60
+"""Characters of a name in a table: beside it the numbers still stand on the page."""
+
+
+def short(text: str, most: int) -> str:
+    """Text of at most so many characters, its middle left out where it is longer.
+
+    Examples
+    --------
+    >>> short("elevator", 10), short("elevator deflection", 10)
+    ('elevator', 'elev...ion')
+    """
+    if len(text) <= most:
+        return text
+    tail = max((most - 3) // 2, 1)
+    head = max(most - 3 - tail, 1)
+    return f"{text[:head].rstrip()}...{text[-tail:].lstrip()}"
+
+
 def format_table(
     titles: Sequence[str], rows: Sequence[Sequence[str]], *, width: int = 78
 ) -> list[str]:

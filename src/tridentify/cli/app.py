@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -26,17 +25,12 @@ from tridentify.cli import (
     terminal,
     validate_command,
 )
+from tridentify.cli.codes import BAD_INPUT, DONE, FAULT, INTERRUPTED, NO_ANSWER
 from tridentify.errors import (
     ConvergenceError,
     IdentifiabilityError,
     TridentifyError,
 )
-
-DONE = 0
-NO_ANSWER = 1
-BAD_INPUT = 2
-FAULT = 70
-INTERRUPTED = 130
 
 EXIT_CODES = (
     "Exit codes: 0 done; 1 the data do not allow an answer; 2 bad input or usage; 70 a fault of "
@@ -89,42 +83,47 @@ def start(
         raise typer.Exit(BAD_INPUT)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
+def run(arguments: Sequence[str]) -> int:
     """Run the command line.
 
     Parameters
     ----------
-    arguments : sequence of str, optional
-        What stands after the name of the program; by default that of this process.
+    arguments : sequence of str
+        What stands after the name of the program.
 
     Returns
     -------
     int
-        0 done; 1 the data do not allow an answer; 2 bad input or usage; 70 a fault of the program;
-        130 interrupted.
+        As `tridentify.cli.main`.
 
     Examples
     --------
-    >>> main(["--version"])
+    >>> run(["--version"])
     tridentify ...
     0
     """
-    given = list(sys.argv[1:] if arguments is None else arguments)
+    given = list(arguments)
     options = given[: given.index("--")] if "--" in given else given
     debug = "--debug" in options
     if debug:
         given.remove("--debug")
     with terminal.patient_streams(), _termination_as_interrupt():
         try:
+            terminal.check_output()
             code = get_command(app).main(given, prog_name=terminal.PROGRAM, standalone_mode=False)
-        except terminal.ReaderGoneError:
+            if code == INTERRUPTED:  # newer versions of typer turn an interrupt into this code
+                raise KeyboardInterrupt
+            terminal.see_off()
+        except (
+            terminal.ReaderGoneError,
+            SystemExit,
+        ):  # typer ends so when a reader of help is gone
+            terminal.give_up_output()
             return DONE
         except (Exception, KeyboardInterrupt) as error:
             if debug:
                 terminal.complain_in_full(error)
             return _explain(error)
-    if code == INTERRUPTED:  # newer versions of typer turn an interrupt into this code themselves
-        return _explain(KeyboardInterrupt())
     return code if isinstance(code, int) else DONE
 
 

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import shutil
-import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 
+from tridentify.cli import publishing
 from tridentify.errors import OutputPathError
+from tridentify.files import sync
 
 
 class ResultFolder:
-    """Collects files in a temporary folder beside the target and moves them there at the end.
+    """Collects files in a hidden draft of the folder and puts them in its place at the end.
 
     Opening it is the proof that the target can be written, before any long work. Leaving the
-    ``with`` block through an exception, or without `publish`, leaves the disk as it was.
+    ``with`` block through an exception, or without `publish`, leaves the disk as it was. A run that
+    is killed leaves the old files or the new ones, and at worst a hidden draft, which the first run
+    a day later removes.
 
     Parameters
     ----------
@@ -30,6 +36,7 @@ class ResultFolder:
 
     Examples
     --------
+    >>> import tempfile
     >>> with tempfile.TemporaryDirectory() as place, ResultFolder(Path(place, "new")) as results:
     ...     _ = (results.draft / "note.txt").write_text("done")
     ...     [path.name for path in results.publish()]
@@ -38,7 +45,9 @@ class ResultFolder:
 
     def __init__(self, target: Path) -> None:
         self.target = target
+        self._place = Path(os.path.realpath(target))
         self._draft: Path | None = None
+        self._open = contextlib.ExitStack()
 
     @property
     def draft(self) -> Path:
@@ -49,8 +58,11 @@ class ResultFolder:
     def __enter__(self) -> ResultFolder:
         try:
             existing = self._existing_part()
-            # inside an existing target, so that its parent need not be writable
-            self._draft = Path(tempfile.mkdtemp(prefix=".tridentify-", dir=existing))
+            for folder in {existing, self._place.parent}:
+                publishing.clear_drafts(folder)
+            self._draft = self._draft_beside() or publishing.make_draft(existing)
+            # so that no other run takes it for one that was left behind
+            self._open.enter_context(publishing.lock(self._draft))
         except OSError as error:
             raise self._refusal(error) from error
         return self
@@ -63,11 +75,12 @@ class ResultFolder:
     ) -> None:
         draft, self._draft = self.draft, None
         shutil.rmtree(draft, ignore_errors=True)
+        self._open.close()
         if isinstance(error, OSError) and str(draft) in str(error):
             raise self._refusal(error) from error
 
     def publish(self) -> tuple[Path, ...]:
-        """Move every file into the target, or none.
+        """Put every file into the target, or none.
 
         Returns
         -------
@@ -75,53 +88,78 @@ class ResultFolder:
             The files in their places, in the order of their names.
         """
         names = sorted(path.name for path in self.draft.iterdir())
-        moved: list[tuple[Path, Path | None]] = []
         made = self._missing_part()
         try:
-            self.target.mkdir(parents=True, exist_ok=True)
-            replaced = Path(tempfile.mkdtemp(prefix="replaced-", dir=self.draft))
-            for name in names:
-                moved.append(self._move(name, replaced))
+            for path in (*(self.draft / name for name in names), self.draft):
+                sync(path)
+            with publishing.lock(self._folder_to_lock()):
+                self._put_in_place(names)
+            for folder in made:
+                sync(folder.parent)
         except BaseException as error:
-            self._restore(moved, made)
+            for folder in made:
+                with contextlib.suppress(OSError):
+                    folder.rmdir()
             if isinstance(error, OSError):
                 raise self._refusal(error) from error
             raise
         return tuple(self.target / name for name in names)
 
-    def _move(self, name: str, replaced: Path) -> tuple[Path, Path | None]:
-        place, kept = self.target / name, None
-        if place.is_dir():
-            raise IsADirectoryError(f"{name} is a folder there")
-        if place.exists():
-            kept = replaced / name
-            shutil.copy2(place, kept)
-        os.replace(self.draft / name, place)
-        return place, kept
+    def _put_in_place(self, names: Sequence[str]) -> None:
+        place = self._place
+        place.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            if not place.exists():
+                os.rename(self.draft, place)
+                return
+        except OSError as error:  # another run made it just now
+            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY):
+                raise
+        for name in names:
+            if (place / name).is_dir():
+                raise IsADirectoryError(f"{name} is a folder there")
+        publishing.finish(place)
+        if self.draft.parent == place.parent and publishing.can_swap(place):
+            try:
+                publishing.swap(self.draft, place, names)
+                return
+            except OSError:  # a file system that has no swap, or a file that takes no second name
+                pass
+        if self.draft.parent != place:
+            self._draft = self.draft.rename(place / self.draft.name)
+        publishing.move_in(self.draft, place, names)
 
-    def _restore(self, moved: list[tuple[Path, Path | None]], made: list[Path]) -> None:
-        for place, kept in reversed(moved):
-            if kept is None:
-                place.unlink(missing_ok=True)
-            else:
-                os.replace(kept, place)
-        for folder in made:
-            if folder.is_dir() and not any(folder.iterdir()):
-                folder.rmdir()
+    def _draft_beside(self) -> Path | None:
+        """A draft in the parent of an existing target, if it may take the target's place."""
+        if not self._place.is_dir() or not publishing.can_swap(self._place):
+            return None
+        draft = None
+        try:
+            draft = publishing.make_draft(self._place.parent)
+            publishing.make_like(draft, self._place)
+        except OSError:
+            if draft is not None:
+                draft.rmdir()
+            return None
+        return draft
 
     def _existing_part(self) -> Path:
         """The target, or the nearest folder above it that exists."""
-        for folder in (self.target.absolute(), *self.target.absolute().parents):
+        for folder in (self._place, *self._place.parents):
             if os.path.lexists(folder):
                 break
         if not folder.is_dir():
             raise NotADirectoryError(f"{folder} is no folder")
         return folder
 
+    def _folder_to_lock(self) -> Path:
+        # the target itself may be another folder in a moment
+        parent = self._place.parent
+        return parent if os.access(parent, os.R_OK) else self._existing_part()
+
     def _missing_part(self) -> list[Path]:
         """Folders that have to be made, the innermost first."""
-        chain = (self.target.absolute(), *self.target.absolute().parents)
-        return [folder for folder in chain if not folder.exists()]
+        return [folder for folder in (self._place, *self._place.parents) if not folder.exists()]
 
     def _refusal(self, error: OSError) -> OutputPathError:
         cause = error.__cause__ if isinstance(error.__cause__, OSError) else error

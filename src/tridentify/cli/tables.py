@@ -14,7 +14,7 @@ from rich.table import Table
 from tridentify.cli.terminal import paragraph
 from tridentify.estimate import Estimate, Parameter
 from tridentify.record import Record
-from tridentify.text import format_std, format_value
+from tridentify.text import IN_TABLES, format_std, format_value, short
 from tridentify.uncertainty import DerivedQuantity, derived
 
 HELD = {
@@ -74,7 +74,12 @@ def coefficient_table(estimate: Estimate) -> Table:
 def fit_table(estimate: Estimate) -> Table:
     """Fit and noise of every output."""
     rows = [
-        (item["output"], f"{item['fit']:.2f}", f"{item['noise_std']:.4g}", item["unit"])
+        (
+            short(item["output"], IN_TABLES),
+            f"{item['fit']:.2f}",
+            f"{item['noise_std']:.4g}",
+            short(item["unit"], IN_TABLES),
+        )
         for item in fits(estimate)
     ]
     return make_table(("output", "fit [%]", "noise std", "unit"), [rows])
@@ -233,7 +238,7 @@ def _outliers(estimate: Estimate) -> dict[str, Any]:
 def _row(item: Parameter, held: str = "") -> tuple[str, ...]:
     ends = [format_value(end, item.std) for end in item.interval()] if item.std > 0 else ["", ""]
     value, std = format_value(item.value, item.std), format_std(item.std) or held
-    return item.name, value, std, *ends, item.unit
+    return short(item.name, IN_TABLES), value, std, *ends, short(item.unit, IN_TABLES)
 
 
 def entry(item: Parameter) -> dict[str, Any]:

@@ -14,17 +14,17 @@ import time
 import traceback
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, redirect_stderr
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TextIO
+from typing import Any, TextIO, cast
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.progress import TimeElapsedColumn as Elapsed
 from rich.table import Table
 
-from tridentify.errors import DataWarning
+from tridentify.errors import DataWarning, OutputPathError
 
 PROGRAM = "tridentify"
 TEXT_WIDTH = 78
@@ -155,21 +155,78 @@ def _to_the_reader() -> Iterator[None]:
         yield
         sys.stdout.flush()
     except BrokenPipeError as error:
-        _close_stdout()
+        give_up_output()
         raise ReaderGoneError from error
     except OSError:
-        _close_stdout()
+        give_up_output()
         raise
 
 
-def _close_stdout() -> None:
+def check_output() -> None:
+    """Refuse to work without a standard output.
+
+    Raises
+    ------
+    OutputPathError
+    """
+    if sys.stdout is None:
+        raise OutputPathError(
+            "found standard output closed; expected somewhere to write results to; redirect it to "
+            "/dev/null if they are not wanted"
+        )
+
+
+def see_off() -> None:
+    """Write what standard output still holds back.
+
+    Raises
+    ------
+    ReaderGoneError
+    OSError
+    """
+    with _to_the_reader():
+        pass
+
+
+def give_up_output() -> None:
+    """Send what standard output still holds, and what follows, nowhere."""
+    _to_nowhere(sys.stdout)
+
+
+def _to_nowhere(stream: TextIO) -> None:
     try:
-        number = sys.stdout.fileno()
+        number = stream.fileno()
     except (OSError, ValueError):
         return
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, number)
     os.close(nowhere)
+
+
+class _Forgiving:
+    """Standard error that drops what can no longer be written: no reason to lose the results."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with self._or_nowhere():
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with self._or_nowhere():
+            self._stream.flush()
+
+    @contextmanager
+    def _or_nowhere(self) -> Iterator[None]:
+        try:
+            yield
+        except (OSError, ValueError):
+            _to_nowhere(self._stream)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
 
 
 def plain(value: Any) -> Any:
@@ -300,12 +357,18 @@ def patient_streams() -> Iterator[None]:
     """Let no character and no warning of a library break or soil the output while this lasts.
 
     What a terminal cannot show is replaced by its escape; a `DataWarning` becomes a line on
-    standard error, and other warnings, which only developers can act on, are dropped.
+    standard error, and other warnings, which only developers can act on, are dropped. Where
+    standard error is closed or full, what goes there is dropped.
     """
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="backslashreplace")
-    with warnings.catch_warnings():
+    with ExitStack() as stack:
+        errors = sys.stderr
+        if errors is None:
+            errors = stack.enter_context(Path(os.devnull).open("w", encoding="utf-8"))
+        stack.enter_context(redirect_stderr(cast("TextIO", _Forgiving(errors))))
+        stack.enter_context(warnings.catch_warnings())
         warnings.simplefilter("ignore")
         warnings.simplefilter("always", DataWarning)
         warnings.showwarning = lambda message, *_args, **_options: say(f"warning: {message}")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from tridentify.errors import DataError, StructureError
 from tridentify.estimate import Estimate
-from tridentify.files import write_atomically
+from tridentify.files import published, write_atomically
 from tridentify.transfer_function import TransferFunction
 
 SCHEMA = 1
@@ -70,7 +70,7 @@ def read_json(path: str | os.PathLike[str]) -> TransferFunction | Estimate:
         It holds neither, is damaged, or of another schema version.
     """
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
+        content = json.loads(published(path).read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return Estimate.load(path)  # which says what is the matter
     if not isinstance(content, dict) or "model_schema" not in content:

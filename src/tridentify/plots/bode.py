@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from tridentify.estimate import Estimate
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import BLUE, dress, legend, literal, make_axes
-from tridentify.text import unit_ratio
+from tridentify.plots.style import BLUE, channel, dress, legend, literal, make_axes
+from tridentify.text import IN_PICTURES, short, unit_ratio
 from tridentify.uncertainty import response_band, sample, sampled_response_band
 
 if TYPE_CHECKING:
@@ -72,10 +72,10 @@ def plot_bode(
         unit = ""
         if output in estimate.units and input_ in estimate.units:
             unit = unit_ratio(estimate.units[output], estimate.units[input_])
-        reference = f" re {unit}" if unit not in ("", "-") else ""
+        reference = f" re {short(unit, IN_PICTURES)}" if unit not in ("", "-") else ""
         dress(
             magnitude,
-            title=literal(wrapped(f"{output} / {input_}")),
+            title=literal(wrapped(channel(estimate, i, j))),
             ylabel=literal(f"magnitude\n[dB{reference}]"),
         )
         _degree_ticks(phase)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tridentify.estimate import Estimate
-from tridentify.plots.style import BLUE, CYCLE, GREEN, ORANGE, dress, literal, make_axes, short
+from tridentify.plots.style import BLUE, CYCLE, GREEN, ORANGE, dress, literal, make_axes
+from tridentify.text import short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

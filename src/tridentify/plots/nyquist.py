@@ -13,7 +13,17 @@ from tridentify.estimate import Estimate
 from tridentify.numerics.delta_method import confidence_ellipse
 from tridentify.plots.bode import default_frequencies
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import BLACK, BLUE, ORANGE, WIDTH, dress, literal, make_axes
+from tridentify.plots.style import (
+    BLACK,
+    BLUE,
+    ORANGE,
+    WIDTH,
+    channel,
+    dress,
+    in_brackets,
+    literal,
+    make_axes,
+)
 from tridentify.text import unit_ratio
 from tridentify.uncertainty import response_covariance
 from tridentify.uncertainty.checks import checked_level
@@ -281,11 +291,11 @@ def _name(ax: Axes, estimate: Estimate, output: int, input_: int, exponent: int)
     unit = ""
     if all(name in estimate.units for name in names):
         unit = unit_ratio(estimate.units[names[0]], estimate.units[names[1]])
-    unit = f" [{unit}]" if unit else ""
+    unit = in_brackets(unit)
     scale = f"1e{exponent} " if exponent else ""
     dress(
         ax,
-        title=literal(wrapped(f"{names[0]} / {names[1]}   (numbers: {scale}rad/s)")),
+        title=literal(wrapped(f"{channel(estimate, output, input_)}   (numbers: {scale}rad/s)")),
         xlabel=literal(f"real part{unit}"),
         ylabel=literal(f"imaginary part{unit}"),
     )

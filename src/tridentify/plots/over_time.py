@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.estimate import Estimate
-from tridentify.plots.style import BLUE, dress, literal
+from tridentify.plots.style import BLUE, channel, dress, in_brackets, literal
 from tridentify.text import unit_ratio
 
 if TYPE_CHECKING:
@@ -136,8 +136,8 @@ def name_channel(ax: Axes, estimate: Estimate, output: int, input_: int, power: 
         unit = unit_ratio(estimate.units[names[0]], estimate.units[names[1]], power)
     dress(
         ax,
-        title=literal(wrapped(f"{names[0]} / {names[1]}")),
-        ylabel=literal(f"response [{unit}]" if unit else "response"),
+        title=literal(wrapped(channel(estimate, output, input_))),
+        ylabel=literal(f"response{in_brackets(unit)}"),
     )
     ax.ticklabel_format(axis="both", style="sci", scilimits=(-3, 4), useOffset=False)
     for axis in (ax.xaxis, ax.yaxis):

@@ -8,8 +8,8 @@ import numpy as np
 
 from tridentify.estimate import Estimate
 from tridentify.numerics.root_draws import stacked_roots
-from tridentify.plots.style import BLACK, CYCLE, WIDTH, dress, literal, make_axes, short
-from tridentify.text import format_std
+from tridentify.plots.style import BLACK, CYCLE, WIDTH, dress, literal, make_axes
+from tridentify.text import format_std, short
 from tridentify.uncertainty import RootUncertainty, poles, zeros
 
 if TYPE_CHECKING:

@@ -22,9 +22,9 @@ from tridentify.plots.style import (
     literal,
     make_axes,
     outliers_of,
-    short,
 )
 from tridentify.record import Record
+from tridentify.text import short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -73,8 +73,7 @@ def plot_excitation(
         title = literal(excitation.what) if j == 0 else ""
         dress(course, title=title, xlabel="time [s]", ylabel=labelled(name, units))
         _draw_lines(spectrum, omega[1:], lines[1:, j], excitation.period > 0)
-        unit = f" [{units[name]}]" if units.get(name) else ""
-        label = literal(f"amplitude of\n{name}{unit}")
+        label = f"amplitude of\n{labelled(name, units)}"
         dress(spectrum, xlabel="angular frequency [rad/s]", ylabel=label)
         if plant is not None and j < plant.n_inputs:
             _draw_plant(spectrum, plant, j)

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from tridentify.estimate import Estimate
 from tridentify.record import Record
+from tridentify.text import IN_PICTURES, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -97,21 +98,6 @@ def _stacked(ax: Axes, label: str) -> str:
     return "\n".join(textwrap.wrap(short(label, 3 * room - 6), room)[:3])
 
 
-def short(text: str, most: int) -> str:
-    """Text of at most so many characters, its middle left out where it is longer.
-
-    Examples
-    --------
-    >>> short("elevator", 10), short("elevator deflection", 10)
-    ('elevator', 'elev...ion')
-    """
-    if len(text) <= most:
-        return text
-    tail = max((most - 3) // 2, 1)
-    head = max(most - 3 - tail, 1)
-    return f"{text[:head].rstrip()}...{text[-tail:].lstrip()}"
-
-
 def legend(ax: Axes, *, columns: int = 3) -> None:
     """Legend above the axes on the right, where it covers no data; a long title moves up."""
     handles, labels = ax.get_legend_handles_labels()
@@ -160,14 +146,42 @@ def outliers_of(
 
 
 def labelled(name: str, units: Mapping[str, str]) -> str:
-    """Name of a channel with its unit, as in ``alpha [rad]``.
+    """Name of a channel with its unit, as in ``alpha [rad]``, long ones without their middles.
 
     Examples
     --------
     >>> labelled("alpha", {"alpha": "rad"}), labelled("q", {})
     ('alpha [rad]', 'q')
     """
-    return literal(f"{name} [{units[name]}]" if units.get(name) else name)
+    unit = in_brackets(units.get(name, ""))
+    return literal(short(name, IN_PICTURES) + unit)
+
+
+def in_brackets(unit: str) -> str:
+    """A unit behind what it is the unit of; empty where there is none.
+
+    Examples
+    --------
+    >>> in_brackets("rad/s"), in_brackets("")
+    (' [rad/s]', '')
+    """
+    return f" [{short(unit, IN_PICTURES)}]" if unit else ""
+
+
+def channel(estimate: Estimate, output: int, input_: int) -> str:
+    """Names of an output and an input in a title, long ones without their middles.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    output, input_ : int
+
+    Returns
+    -------
+    str
+    """
+    names = estimate.output_names[output], estimate.input_names[input_]
+    return " / ".join(short(name, IN_PICTURES) for name in names)
 
 
 def literal(text: str) -> str:

@@ -18,6 +18,7 @@ from tridentify.record import Record
 from tridentify.report.figures import draw_diagrams, draw_figures, inline_svg
 from tridentify.report.settings import code_again, settings_table
 from tridentify.report.tables import course_tables, result_tables, validation_tables
+from tridentify.text import IN_TABLES, short
 from tridentify.validation import Validation, validate
 
 
@@ -95,7 +96,10 @@ def _part(name: str) -> str:
 
 def subtitle(estimate: Estimate) -> str:
     """What was identified from what, in one line."""
-    outputs, inputs = ", ".join(estimate.output_names), ", ".join(estimate.input_names)
+    outputs, inputs = (
+        ", ".join(short(name, IN_TABLES) for name in names)
+        for names in (estimate.output_names, estimate.input_names)
+    )
     several = len(estimate.nuisance)
     where = f" in {several} experiments" if several > 1 else ""
     return f"{outputs} from {inputs}: {estimate.n_samples:,} samples{where}, {estimate.method}"

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.estimate import Estimate, Parameter, Start
-from tridentify.text import format_std, format_value
+from tridentify.text import IN_TABLES, format_std, format_value, short
 from tridentify.uncertainty import DerivedQuantity, derived
 from tridentify.validation import Validation
 
@@ -50,7 +50,10 @@ def result_tables(estimate: Estimate) -> list[Table]:
     ]
     spread = np.sqrt(estimate.noise_variance)
     outputs = zip(estimate.output_names, estimate.fit, spread, strict=True)
-    rows = [(n, f"{f:.2f}", f"{s:.4g}", estimate.units.get(n, "")) for n, f, s in outputs]
+    rows = [
+        (short(n, IN_TABLES), f"{f:.2f}", f"{s:.4g}", short(estimate.units.get(n, ""), IN_TABLES))
+        for n, f, s in outputs
+    ]
     note = "Fit 100 % is a residual of zero, 0 % is no better than the mean of the output."
     tables.append(Table("Fit", ("output", "fit [%]", "noise std", "unit"), rows, note=note))
     return tables
@@ -58,12 +61,13 @@ def result_tables(estimate: Estimate) -> list[Table]:
 
 def _quantity_row(estimate: Estimate, item: Parameter) -> Row:
     value, std = item.value, item.std
+    name, unit = short(item.name, IN_TABLES), short(item.unit, IN_TABLES)
     if not std > 0:
         held = estimate.held_note(item.name) if item.name in estimate.names else ""
-        return (item.name, format_value(value), held, "", "", "", item.unit)
+        return (name, format_value(value), held, "", "", "", unit)
     ends = [format_value(end, std) for end in item.interval()]
     relative = f"{100 * item.relative_std:.2g} %"
-    return (item.name, format_value(value, std), format_std(std), relative, *ends, item.unit)
+    return (name, format_value(value, std), format_std(std), relative, *ends, unit)
 
 
 def course_tables(estimate: Estimate) -> list[Table]:
@@ -77,7 +81,7 @@ def course_tables(estimate: Estimate) -> list[Table]:
         steps.append((str(item.number), "pass ends", *numbers, item.note))
         after.append((str(item.number), *_filled(item.theta.tolist(), len(estimate.names))))
     measures = ("cost", "condition", "beta distance", "gradient")
-    names = estimate.names
+    names = [short(name, IN_TABLES) for name in estimate.names]
     starts = [
         (s.name, f"{s.cost:.6g}", *_filled(s.theta.tolist(), len(names))) for s in _ranked(estimate)
     ]
@@ -102,7 +106,12 @@ def _ranked(estimate: Estimate) -> list[Start]:
 def validation_tables(checked: Validation) -> list[Table]:
     """The tests of the residual; fit and R2_T, beside what is to be expected of another record."""
     found = [
-        (test.name, test.output, measured(test.p_value), "rejected" if test.rejected else "")
+        (
+            test.name,
+            short(test.output, IN_TABLES),
+            measured(test.p_value),
+            "rejected" if test.rejected else "",
+        )
         for test in checked.tests
     ]
     note = (
@@ -112,7 +121,7 @@ def validation_tables(checked: Validation) -> list[Table]:
     tables = [Table("Tests of the residual", ("test", "output", "p-value", ""), found, 2, note)]
     if checked.transfer is not None:
         fits = zip(checked.output_names, checked.fit, checked.transfer.expected_fit, strict=True)
-        rows = [(name, f"{fit:.2f}", f"{best:.2f}", "") for name, fit, best in fits]
+        rows = [(short(n, IN_TABLES), f"{fit:.2f}", f"{best:.2f}", "") for n, fit, best in fits]
         titles = ("output", "fit [%]", "as good as can be [%]", "")
         tables.append(Table("Carried over to this record", titles, rows))
     return tables

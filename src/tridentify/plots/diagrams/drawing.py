@@ -24,6 +24,8 @@ SIZE = 13.0
 LINE = 1.36
 """Distance of lines over the size of the font."""
 WIDE, BOLD = 1.0, 1.14
+NARROWEST = 0.2
+"""Of a letter, in its height: so many at most are tried in a place."""
 RADIUS = 11.0
 HEAD = 9.0
 
@@ -69,7 +71,8 @@ def fitted(text: str, width: float, size: float = SIZE, *, bold: bool = False) -
     """
     if text_width(text, size, bold=bold) <= width:
         return text
-    for count in range(len(text) - 1, 1, -1):
+    most = int(width / (NARROWEST * size * WIDE)) + 1
+    for count in range(min(len(text) - 1, most), 1, -1):
         short = f"{text[: (count + 1) // 2].rstrip()}…{text[len(text) - count // 2 :].lstrip()}"
         if text_width(short, size, bold=bold) <= width:
             return short

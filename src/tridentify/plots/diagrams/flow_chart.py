@@ -19,7 +19,7 @@ from tridentify.plots.diagrams.drawing import (
     wrapped,
 )
 from tridentify.plots.diagrams.words import FINE, elided, number
-from tridentify.text import format_std, format_value
+from tridentify.text import IN_PICTURES, format_std, format_value, short
 from tridentify.trace import Pass, Step
 
 MOST_PASSES = 12
@@ -78,7 +78,10 @@ def draw_flow_chart(estimate: Estimate) -> Diagram:
 
 def _chart(board: Board, estimate: Estimate, y: float) -> float:
     """The boxes of the flow chart, one below the other; the height below them."""
-    inputs, outputs = ", ".join(estimate.input_names), ", ".join(estimate.output_names)
+    inputs, outputs = (
+        ", ".join(short(name, IN_PICTURES) for name in names)
+        for names in (estimate.input_names, estimate.output_names)
+    )
     record = [
         "Record",
         *wrapped(
@@ -115,7 +118,8 @@ def _chart(board: Board, estimate: Estimate, y: float) -> float:
     box = _next(board, box, end, JUDGE)
     lines = ["Result", *_coefficients(estimate)]
     fits = ", ".join(
-        f"{name} {fit:.1f} %" for name, fit in zip(estimate.output_names, estimate.fit, strict=True)
+        f"{short(name, IN_PICTURES)} {fit:.1f} %"
+        for name, fit in zip(estimate.output_names, estimate.fit, strict=True)
     )
     lines += wrapped(f"fit {fits}".split(), WIDTH - 16.0, SMALL)
     box = _next(board, box, lines, OBJECT)

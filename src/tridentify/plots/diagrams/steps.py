@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from tridentify.errors import OptionError, StepNotTakenError, shown
 from tridentify.estimate import Estimate
+from tridentify.text import IN_PICTURES, short
 from tridentify.trace import Pass, Step
 
 Real = npt.NDArray[np.float64]
@@ -41,9 +42,10 @@ class Taken:
 
     @property
     def names(self) -> tuple[str, str]:
-        """Of the output and the input."""
+        """Of the output and the input, long ones without their middles."""
         estimate = self.estimate
-        return estimate.output_names[self.output], estimate.input_names[self.input_]
+        output, input_ = estimate.output_names[self.output], estimate.input_names[self.input_]
+        return short(output, IN_PICTURES), short(input_, IN_PICTURES)
 
     @property
     def where(self) -> str:
@@ -61,7 +63,7 @@ class Taken:
     def other_inputs(self) -> tuple[str, ...]:
         """Names of the inputs that add to the same output."""
         names = self.estimate.input_names
-        return tuple(name for k, name in enumerate(names) if k != self.input_)
+        return tuple(short(name, IN_PICTURES) for k, name in enumerate(names) if k != self.input_)
 
     def polynomials(self) -> tuple[Real, Real]:
         """Numerator and denominator of the channel that the step found, descending powers.

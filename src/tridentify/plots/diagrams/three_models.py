@@ -8,6 +8,7 @@ from tridentify.plots.diagrams.parallel import parallel_board
 from tridentify.plots.diagrams.series import series_board
 from tridentify.plots.diagrams.series_parallel import series_parallel_board
 from tridentify.plots.diagrams.steps import taken
+from tridentify.plots.style import channel
 
 
 def draw_three_models(estimate: Estimate, *, output: int = 0, input_: int = 0) -> Diagram:
@@ -43,9 +44,8 @@ def draw_three_models(estimate: Estimate, *, output: int = 0, input_: int = 0) -
     for board in boards:
         whole.put(board, down)
         down = whole.height + 16.0
-    channel = f"{estimate.output_names[output]} / {estimate.input_names[input_]}"
     return whole.svg(
-        f"The three models of {channel}",
+        f"The three models of {channel(estimate, output, input_)}",
         "From above: the parallel model of Step 1, the series-parallel model of Step 2 and the "
         "series model of Step 3, each with the numbers of the last pass that fitted it.",
     )

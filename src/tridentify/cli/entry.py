@@ -1,0 +1,78 @@
+"""The way in: light, so that the program can be interrupted from its first moment."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+
+from tridentify.cli.codes import INTERRUPTED
+
+_NOTICE = b"tridentify: interrupted\n"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        What stands after the name of the program; by default this process is the program.
+
+    Returns
+    -------
+    int
+        0 done; 1 the data do not allow an answer; 2 bad input or usage; 70 a fault of the program;
+        130 interrupted.
+
+    Examples
+    --------
+    >>> main(["--version"])
+    tridentify ...
+    0
+    """
+    if arguments is not None:
+        from tridentify.cli.app import run
+
+        return run(arguments)
+    # an interrupted import leaves half a module, and some libraries take it for a missing one;
+    # one that is ignored, as in the background of a script, stays ignored
+    interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if interruptible:
+        signal.signal(signal.SIGINT, _end_at_once)
+    _fill_closed_descriptors()
+    from tridentify.cli.app import run
+
+    try:
+        if interruptible:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+        return run(sys.argv[1:])
+    except KeyboardInterrupt:  # a second one, while the first was being answered
+        _notify()
+        return INTERRUPTED
+    finally:
+        if interruptible:
+            signal.signal(signal.SIGINT, _end_at_once)
+
+
+def _end_at_once(_number: int, _frame: FrameType | None) -> None:
+    _notify()
+    os._exit(INTERRUPTED)
+
+
+def _notify() -> None:
+    with contextlib.suppress(OSError):
+        os.write(2, _NOTICE)
+
+
+def _fill_closed_descriptors() -> None:
+    """Let no file that is opened later become standard input, output or error by its number."""
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            opened = os.open(os.devnull, os.O_RDWR)  # the lowest number that is free
+            os.set_inheritable(opened, True)
