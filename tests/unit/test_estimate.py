@@ -198,8 +198,8 @@ def test_estimates_can_be_pickled(double):
         ("", UnreadableFileError, "no readable estimate"),
         ("[1, 2]", DataError, "found schema None"),
         ('{"schema": 99}', DataError, "found schema 99"),
-        ('{"schema": 1, "theta": [1]}', DataError, "damaged"),
-        ('{"schema": 1, "surprise": 1}', DataError, "damaged"),
+        ('{"schema": 2, "theta": [1]}', DataError, "damaged"),
+        ('{"schema": 2, "surprise": 1}', DataError, "damaged"),
     ],
 )
 def test_other_files_are_refused(tmp_path, content, error, words):
