@@ -34,6 +34,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable
 from functools import cache
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -92,6 +93,8 @@ class EquationError(Estimator):
     start: TransferFunction | None
     on_change: str
 
+    one_triangle: ClassVar[bool] = True
+
     @staticmethod
     @cache
     def kernels() -> Kernels:
@@ -137,16 +140,21 @@ class EquationError(Estimator):
         """Samples from the beginning of the equation to its first tick; 0 for none."""
         return 0.0
 
-    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
-        """Length of the vector that goes with a blueprint."""
-        if not blueprint.poles.size:
-            return collecting(setting).size
-        filtering = bool(blueprint.ints[slots.FILTERING])
-        weights = np.ones(setting.n_outputs)
-        restarted = blueprint.nuisance.free
+    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
+        """The plan of a blueprint from a file, made again."""
+        poles, ints = blueprint.poles, blueprint.ints
+        if not poles.size:
+            return collecting(setting)
+        degree = setting.n_poles if self.filter is None else len(self.filter) - 1
+        if not poles.size == degree >= setting.n_poles:
+            raise ValueError(f"a filter of degree {poles.size} in place of {degree}")
+        # the weights were learnt: they are taken as they are
+        at, p = int(ints[slots.C_MONIC]) + degree + 1, setting.n_outputs
+        weights = np.resize(blueprint.constants[at : at + p], p)
         return self.plan(
-            setting, blueprint.poles, weights, restarted=restarted, filtering=filtering
-        ).size
+            setting, poles, weights, restarted=blueprint.nuisance.free,
+            filtering=bool(ints[slots.FILTERING]),
+        )  # fmt: skip
 
     def is_ready(self, state: State) -> bool:
         """Whether `estimate` would answer."""

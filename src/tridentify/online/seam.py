@@ -81,6 +81,8 @@ class Estimator(ABC):
     """What all on-line estimators have in common."""
 
     name: ClassVar[str]
+    one_triangle: ClassVar[bool] = False
+    """Whether all outputs share one triangle, whose columns end with the coefficients."""
 
     def __init_subclass__(cls) -> None:
         if "name" in cls.__dict__:
@@ -123,8 +125,16 @@ class Estimator(ABC):
         """(k, ...) ``c`` of the kernels for samples that come after other intervals [s]."""
 
     @abstractmethod
-    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
-        """Length of the vector that goes with a blueprint."""
+    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
+        """The plan of a blueprint from a file, made again from the settings and its poles alone.
+
+        What an estimator has learnt, and keeps among the constants, is not in it.
+
+        Raises
+        ------
+        ValueError
+            The poles are none of this estimator's.
+        """
 
     # ---------------------------------------------------------------------------- the seam
     def init(
@@ -163,6 +173,20 @@ class Estimator(ABC):
         ChannelCountError, UnsupportedError
             About the structure.
         """
+        return self.begin(
+            self.setting(structure, dt, input_names, output_names, units, intersample)
+        )
+
+    def setting(
+        self,
+        structure: Structure,
+        dt: float,
+        input_names: Sequence[str],
+        output_names: Sequence[str],
+        units: Mapping[str, str] | None,
+        intersample: str,
+    ) -> Setting:
+        """What `init` was told, checked; parameters and errors are those of `init`."""
         if not isinstance(structure, Structure):
             raise OptionError(
                 f"found structure={type(structure).__name__}; expected a Structure; write for "
@@ -202,11 +226,10 @@ class Estimator(ABC):
                 "intersample='foh'; expected initial_state='free' or 'auto', since the line on "
                 "which the input began is not known; leave it out"
             )
-        setting = Setting(
+        return Setting(
             structure, float(dt), tuple(probe.input_names), tuple(probe.output_names),
             tuple(probe.units.items()), intersample,
         )  # fmt: skip
-        return self.begin(setting)
 
     def step(
         self, state: State, u: ArrayLike, y: ArrayLike, *, interval: float | None = None
