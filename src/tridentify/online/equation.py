@@ -33,7 +33,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from typing import ClassVar
 
 import numpy as np
@@ -261,7 +261,7 @@ class EquationError(Estimator):
             raise not_ready(count, "are still searched for a filter")
         k = int(blueprint.ints[slots.COEFFICIENTS])
         unknowns, root, noise = unknowns_of(blueprint, x, setting.n_outputs)
-        if not np.all(np.isfinite(root[-k:])):
+        if not np.all(np.isfinite(root[-k:])) or not np.all(np.isfinite(unknowns[-k:])):
             raise not_ready(count, "do not determine the coefficients")
         maps = maps_of(setting, blueprint.bank)
         theta = maps.constant + maps.matrix @ unknowns[-k:]
@@ -324,10 +324,11 @@ def unknowns_of(blueprint: Blueprint, x: Array, n_outputs: int) -> tuple[Array, 
     unit = np.eye(n)
     unit[np.triu_indices(n, 1)] = x[at + 4 * n : at + int(ints[slots.FACTOR])]
     live = d > 0
-    unknowns = scipy.linalg.solve_triangular(unit, x[at + n : at + 2 * n], unit_diagonal=True)
+    solved = partial(scipy.linalg.solve_triangular, unit_diagonal=True, check_finite=False)
+    unknowns = solved(unit, x[at + n : at + 2 * n])
     common = float(squares.sum() / max(weight.sum() - n, 1.0))
     share = float(weight2.sum() / max(weight.sum(), 1.0))
-    inverse = scipy.linalg.solve_triangular(unit, np.eye(n), unit_diagonal=True)
+    inverse = solved(unit, np.eye(n))
     width = np.where(live, np.sqrt(common * share / np.where(live, d, 1.0)), np.nan)
     if taken.sum() <= n:
         width = np.full(n, np.nan)

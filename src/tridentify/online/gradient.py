@@ -613,11 +613,14 @@ class Gradient(Estimator):
             raise not_ready(count, "are too few for the gradient rule to come to rest")
         used = used_of(batches)
         theta = average(batches)
-        with one_blas_thread():
-            cov, condition = expected_covariance(
-                basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x),
-                noise_of(blueprint, x), float(used[:, 0].sum()),
-            )  # fmt: skip
+        try:
+            with one_blas_thread():
+                cov, condition = expected_covariance(
+                    basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x),
+                    noise_of(blueprint, x), float(used[:, 0].sum()),
+                )  # fmt: skip
+        except np.linalg.LinAlgError as error:
+            raise not_ready(count, "do not determine the coefficients") from error
         if not np.all(np.isfinite(cov)) or not np.all(np.isfinite(theta)):
             raise not_ready(count, "do not determine the coefficients")
         if len(used) >= SCATTERED:

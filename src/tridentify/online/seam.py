@@ -23,6 +23,8 @@ from tridentify.errors import (
     OptionError,
     SampleTypeError,
     SamplingError,
+    ScaleError,
+    TridentifyError,
     UndeterminedError,
     UnsupportedError,
     shown,
@@ -380,11 +382,18 @@ class Estimator(ABC):
             chunk = x[at : at + int(x[slots.FILLED]) * width].reshape(-1, width).copy()
             x[slots.FILLED] = 0.0
             state = State(x, stage.but(past=(*stage.past, chunk)))
-        if event & slots.ALARMED:
-            return self.alarmed(state)
-        if event & slots.TICKED:
-            return self.tick(state)
-        return state
+        try:
+            if event & slots.ALARMED:
+                return self.alarmed(state)
+            return self.tick(state) if event & slots.TICKED else state
+        except TridentifyError:
+            raise
+        except (ArithmeticError, ValueError) as error:
+            raise ScaleError(
+                f"found numbers out of the range of a float after {state.n_samples} samples "
+                f"({shown(str(error), 80)}); expected products of samples within it; begin anew, "
+                "with channels in other units if it comes again"
+            ) from error
 
     # ------------------------------------------------------------------------------- as a value
     def to_dict(self) -> dict[str, Any]:

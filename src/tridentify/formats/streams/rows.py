@@ -159,7 +159,7 @@ class RowReader:
         check_keys(document, _PARTS)
         self.lines = whole_number(document["lines"])
         self._form, self._separator = document["form"], document["separator"]
-        csv_lines = self._form == "csv" and self._separator in SEPARATORS
+        csv_lines = self._form == "csv" and self._separator in tuple(SEPARATORS)
         if not csv_lines and (self._form, self._separator) != ("json", ""):
             raise ValueError("lines that are neither CSV nor JSON")
         self._names = texts(document["names"])
