@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from tridentify.errors import DataError, UnreadableFileError
+from tridentify.errors import DataError, UnreadableFileError, shown
 from tridentify.files import published, write_atomically
 from tridentify.finding import Finding
 from tridentify.parameter import Nuisance
@@ -21,6 +21,11 @@ from tridentify.trace import Pass, Start, Status, Step, Trace
 from tridentify.transfer_function import TransferFunction
 
 T = TypeVar("T")
+
+MOST_BYTES = 1 << 27
+"""Of a file: some million samples that an on-line estimator keeps."""
+MOST_VALUES = 4_000_000
+"""Of a file; each takes some hundred bytes of memory."""
 
 
 def save_document(path: str | os.PathLike[str], key: str, schema: int, value: object) -> Path:
@@ -69,7 +74,7 @@ def load_document(
         It is of another schema version, or damaged.
     """
     try:
-        document = json.loads(published(path).read_text(encoding="utf-8"))
+        document = read_json(published(path))
     except (OSError, ValueError) as error:
         raise UnreadableFileError(
             f"found no readable {what} in {path} ({error}); expected a JSON file written by "
@@ -78,8 +83,8 @@ def load_document(
     found = document.pop(key, None) if isinstance(document, dict) else None
     if found != schema:
         raise DataError(
-            f"found {key.replace('_', ' ')} {found!r} in {path}; expected {schema}; identify the "
-            "record again with this version and save it"
+            f"found {key.replace('_', ' ')} {shown(found)} in {path}; expected {schema}; "
+            "identify the record again with this version and save it"
         )
     try:
         return build(document)
@@ -88,6 +93,40 @@ def load_document(
             f"found a damaged {what} in {path} ({error!r}); expected the fields that {writer}.save "
             "wrote; identify the record again and save it"
         ) from error
+
+
+def read_json(path: str | os.PathLike[str]) -> Any:
+    """What a JSON file of any origin holds: numbers that are finite, and an end to its depth.
+
+    Raises
+    ------
+    OSError
+        It cannot be read.
+    ValueError
+        It is no JSON, or too large or too deep to be one that was written by this package.
+    """
+    with Path(path).open("rb") as stream:
+        data = stream.read(MOST_BYTES + 1)
+    if len(data) > MOST_BYTES:
+        raise ValueError(f"more than {MOST_BYTES >> 20} MiB")
+    values = sum(map(data.count, (b",", b"[", b"{")))
+    if values > MOST_VALUES:
+        raise ValueError(f"{values} values; at most {MOST_VALUES} can be")
+    try:
+        return json.loads(data.decode("utf-8"), parse_constant=_no_number, parse_float=_finite)
+    except RecursionError as error:
+        raise ValueError("values nested too deeply") from error
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} in place of a number")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]}, which is out of the range of a float")
+    return value
 
 
 def encode(value: Any) -> Any:

@@ -483,6 +483,46 @@ def test_a_checkpoint_with_a_part_missing_is_refused_in_one_line(run, file, tmp_
         assert len(outcome.error_lines) == 1
 
 
+def test_a_checkpoint_of_numbers_that_do_not_fit_is_refused_in_one_line(run, file, tmp_path):
+    """Columns that are not there, clocks that run away, a state of something else."""
+    kept = tmp_path / "kept.json"
+    run(*checkpointed(file, kept))
+    document = json.loads(kept.read_text())
+    columns = document["reader"]["columns"]
+    other = {**document["state"], "input_names": ["another"]}
+    for part, changes in (
+        ("reader", {"columns": {**columns, "places": [0, 1, 9]}}),
+        ("reader", {"columns": {**columns, "width": 10**30}}),
+        ("reader", {"columns": None}),
+        ("reader", {"separator": ""}),
+        ("reader", {"names": [1, 2, 3]}),
+        ("reader", {"more": 1}),
+        ("timeline", {"dt": 1e-3}),
+        ("timeline", {"count": 10**30}),
+        ("timeline", {"anchor": -1e300}),
+        ("timeline", {"behind": 10**9}),
+        ("timeline", {"whole": True}),
+        ("counts", {"flags": 1 << 40}),
+        ("counts", {"line": -1}),
+        ("counts", {"line": 10**30}),
+        ("counts", {"elapsed": "3"}),
+        ("state", other),
+        ("state", {"ints": [10**30] * 72}),
+    ):
+        damaged = {**document, part: {**document[part], **changes}}
+        kept.write_text(json.dumps(damaged))
+        outcome = run(*checkpointed(file, kept, "--resume"))
+        assert (outcome.code, len(outcome.error_lines)) == (2, 1), (part, changes, outcome.err)
+        assert "damaged checkpoint" in outcome.error_lines[0]
+    for mark in ([1.5, 0, 0], [10**30, 0, 0], [-1, 0, 0], [0, 0], "mark"):
+        kept.write_text(json.dumps({**document, "mark": mark}))
+        assert run(*checkpointed(file, kept, "--resume")).code == 2
+    for text in ("[" * 200_000, json.dumps({**document, "mark": "x"}).replace('"x"', "1e999")):
+        kept.write_text(text)
+        outcome = run(*checkpointed(file, kept, "--resume"))
+        assert (outcome.code, len(outcome.error_lines)) == (2, 1)
+
+
 def test_a_folder_that_cannot_be_written_is_refused_at_once(run, file, tmp_path):
     (tmp_path / "file").write_text("")
     outcome = run(*checkpointed(file, tmp_path / "file" / "kept.json"))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 import math
 import os
@@ -25,6 +26,8 @@ from tridentify import (
     simulate,
 )
 from tridentify import errors as err
+from tridentify.online.kernels import slots
+from tridentify.online.state import packed
 
 DT = 0.05
 ASKED = Structure(2, 1, offset=True, initial_state="free")
@@ -366,6 +369,111 @@ def test_lists_of_the_wrong_length_are_refused(document, tmp_path):
             told.append(str(refusal))
     assert told
     assert not [text for text in told if "\n" in text]
+
+
+def numbers(text):
+    return np.frombuffer(base64.b64decode(text)).copy()
+
+
+def with_number(found, key, at, value):
+    changed = numbers(found[key])
+    changed[at] = value
+    return {**found, key: base64.b64encode(changed.tobytes()).decode("ascii")}
+
+
+def watched(found, slot):
+    return found["ints"][slots.AT_WATCH] + slot
+
+
+def in_constants(found, place):
+    return found["ints"][place]
+
+
+HUGE = 1e18
+FATAL = {
+    "another plan": lambda d: {**d, "ints": [x + 51 * (k == 1) for k, x in enumerate(d["ints"])]},
+    "a plan of floats": lambda d: {**d, "ints": [float(x) for x in d["ints"]]},
+    "a column far before": lambda d: with_number(d, "values", slots.FIRST, -HUGE),
+    "a column far behind": lambda d: with_number(d, "values", slots.FIRST, HUGE),
+    "half a column": lambda d: with_number(d, "values", slots.FIRST, 0.5),
+    "a full chunk": lambda d: with_number(d, "values", slots.FILLED, 1e6),
+    "a chunk below nothing": lambda d: with_number(d, "values", slots.FILLED, -1e6),
+    "a block beyond its end": lambda d: with_number(d, "values", watched(d, slots.INSIDE), HUGE),
+    "an alarm for ever": lambda d: with_number(d, "values", slots.ALARM, 1e300),
+    "a count below zero": lambda d: with_number(d, "values", slots.COUNT, -1.0),
+    "no count": lambda d: with_number(d, "values", slots.COUNT, np.nan),
+    "another time": lambda d: with_number(d, "values", slots.TIME, 1e6),
+    "flags that are none": lambda d: with_number(d, "values", slots.SEEN, 2.0**62),
+    "a scale below zero": lambda d: with_number(d, "values", watched(d, slots.WEIGHT), -1.0),
+    "minus one sample": lambda d: with_number(d, "values", watched(d, slots.SCALED), -1.0),
+    "no scale": lambda d: with_number(d, "values", watched(d, slots.SCALE), np.inf),
+    "a negative triangle": lambda d: with_number(d, "values", d["ints"][slots.AT_FACTOR], -1.0),
+    "a delay": lambda d: with_number(d, "constants", in_constants(d, slots.C_EXTRA), 1e9),
+    "another transition": lambda d: with_number(d, "constants", in_constants(d, slots.C_STEP), 9.0),
+    "a pole to the right": lambda d: with_number(d, "bank", 0, 1.0),
+    "one number more": lambda d: {**d, "values": packed(np.append(numbers(d["values"]), 0.0))},
+    "a bank for the memory": lambda d: {**d, "bank": packed(-np.ones(40_000))},
+    "poles for the memory": lambda d: {**d, "structure": {**d["structure"], "poles": 10**9}},
+    "zeros for the memory": lambda d: {**d, "structure": {**d["structure"], "zeros": 10**9}},
+    "a part more": lambda d: {**d, "more": 1},
+    "an option more": lambda d: {**d, "method": {**d["method"], "more": 1}},
+    "a number for a truth": lambda d: {**d, "searching": 0},
+    "changes to come": lambda d: {**d, "changes": [10**6]},
+    "a huge change": lambda d: {**d, "changes": [10**30]},
+    "samples of nobody": lambda d: {**d, "past": [packed(np.ones(3 * 10**4))]},
+}
+
+
+@pytest.mark.parametrize("change", FATAL.values(), ids=FATAL)
+def test_what_no_estimator_can_have_come_to_is_refused(document, change, tmp_path):
+    """Each of these made a compiled loop write beyond its arrays, not end, or fill the memory."""
+    path = tmp_path / "state.json"
+    path.write_text(json.dumps(change(json.loads(document))), encoding="utf-8")
+    assert len(refused(err.DataError, path)) < 500 + len(str(path))
+
+
+@pytest.mark.parametrize("part", ["[" * 200_000, '{"a":' * 200_000, "1e999", "-Infinity", "NaN"])
+def test_values_that_have_no_end_are_refused(document, part, tmp_path):
+    path = tmp_path / "state.json"
+    path.write_text(document.replace('"ints": [', f'"ints": [{part}', 1), encoding="utf-8")
+    refused(err.UnreadableFileError, path)
+
+
+def test_a_long_file_is_not_taken_into_the_memory(tmp_path):
+    path = tmp_path / "state.json"
+    with path.open("wb") as stream:
+        stream.truncate(1 << 40)
+    refused(err.UnreadableFileError, path)
+    path.write_bytes(b"[" + b"1," * 5_000_000 + b"1]")
+    refused(err.UnreadableFileError, path)
+
+
+def test_numbers_that_overflow_later_end_in_an_error_of_ours(tmp_path):
+    """Every number is finite, but their products are not."""
+    method = METHODS["least squares, filter"]
+    u, y = signals(400)
+    state, _ = stepped(method, method.init(ASKED, DT), u, y)
+    x, ints = state.values.copy(), state.stage.blueprint.ints
+    n, at = state.stage.blueprint.n_columns, int(ints[slots.AT_FACTOR])
+    x[at + n : at + 2 * n] = 1e240
+    x[at + 4 * n : at + int(ints[slots.FACTOR])] = 1e240
+    state._replace(values=x).save(tmp_path / "state.json")
+    again = online.State.load(tmp_path / "state.json")
+    with pytest.raises(online.NotReadyError):
+        method.estimate(again)
+
+
+def test_arithmetic_that_fails_on_the_slow_clock_is_told_in_one_line(monkeypatch):
+    method = METHODS["three-model"]
+
+    def fails(*_):
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(online.ThreeModel, "tick", fails)
+    u, y = signals(100)
+    with pytest.raises(err.ScaleError) as caught:
+        stepped(method, method.init(ASKED, DT), u, y)
+    assert "\n" not in str(caught.value)
 
 
 def test_a_place_that_cannot_be_written(document, tmp_path):

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import time
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -41,3 +46,40 @@ class Seeds:
 def seeds() -> Seeds:
     """Seeds to try: a test names the seed in the message of every assertion."""
     return Seeds(float(os.environ.get("TRIDENTIFY_FUZZ_SECONDS", "0")))
+
+
+BATCH = 250
+"""Seeds for one process."""
+SECONDS = 250.0
+"""For one process."""
+
+
+@pytest.fixture
+def mutants() -> Callable[[str, Path, Seeds, int], Counter[str]]:
+    """Damage files, resume from them in processes of their own, and count how that ended.
+
+    Whatever is no refusal of the package's own, in one line, is told with its seed.
+    """
+
+    def outcomes(kind: str, folder: Path, seeds: Seeds, count: int) -> Counter[str]:
+        found: Counter[str] = Counter()
+        taken = seeds.take(count)
+        while batch := [str(seed) for seed, _ in islice(taken, BATCH)]:
+            script = Path(__file__).with_name("mutants.py")
+            done = subprocess.run(
+                [sys.executable, script, kind, folder, *batch], capture_output=True, text=True,
+                timeout=SECONDS, check=False,
+            )  # fmt: skip
+            lines = done.stdout.splitlines()
+            last = lines[-1] if lines else ""
+            assert done.returncode == 0, f"seed {last}: {done.returncode} {done.stderr[-2000:]}"
+            told = [line.partition(" ") for line in lines]
+            wrong = [line for line in told if line[2] not in EXPECTED]
+            assert not wrong, f"seeds and errors: {wrong}"
+            found.update(line[2] for line in told)
+        return found
+
+    return outcomes
+
+
+EXPECTED = ("refused", "not ready", "ran on")

@@ -7,7 +7,6 @@ stopped at any point and resumed ends with the numbers of one that was not.
 from __future__ import annotations
 
 import json
-import os
 import tempfile
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -15,6 +14,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from tridentify.checks.values import check_keys, checked, whole_number
+from tridentify.encoding import read_json
 from tridentify.errors import (
     DataError,
     OptionError,
@@ -31,6 +32,9 @@ if TYPE_CHECKING:
 
 KEY = "stream_checkpoint"
 SCHEMA = 1
+CHECKSUMS = (1 << 32) - 1
+"""The largest there is."""
+PARTS = (KEY, "question", "reader", "timeline", "counts", "mark", "state")
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,7 @@ def write_checkpoint(path: Path, snapshot: Snapshot) -> None:
         "timeline": snapshot.timeline,
         "counts": snapshot.counts,
         "mark": None if mark is None else [mark.position, mark.head, mark.tail],
-        "state": _document_of(snapshot.state),
+        "state": snapshot.state.to_dict(),
     }
     write_atomically(path, json.dumps(document, allow_nan=False) + "\n")
 
@@ -117,7 +121,7 @@ def read_checkpoint(path: Path, question: Mapping[str, Any]) -> Snapshot:
         Something else was asked then.
     """
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = read_json(path)
     except (OSError, ValueError) as error:
         raise UnreadableFileError(
             f"found no readable checkpoint in {path} ({error}); expected a file written by "
@@ -128,15 +132,18 @@ def read_checkpoint(path: Path, question: Mapping[str, Any]) -> Snapshot:
             f"found no checkpoint of version {SCHEMA} in {path}; expected a file written by this "
             "version of tridentify stream; begin anew with another --checkpoint"
         )
+    from tridentify.online import State
+
     with undamaged(path):
+        check_keys(document, PARTS)
         _compare(path, question, document["question"])
         return Snapshot(
             question,
             document["reader"],
             document["timeline"],
             document["counts"],
-            None if document["mark"] is None else Mark(*map(int, document["mark"])),
-            _state_of(document["state"]),
+            None if document["mark"] is None else _mark_of(document["mark"]),
+            State.from_dict(document["state"]),
         )
 
 
@@ -152,15 +159,16 @@ def undamaged(path: Path) -> Iterator[None]:
         yield
     except TridentifyError:
         raise
-    except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise DataError(
-            f"found a damaged checkpoint in {path} ({error!r}); expected the fields that "
+            f"found a damaged checkpoint in {path} ({shown(error, 300)}); expected the fields that "
             "tridentify stream wrote; begin anew with another --checkpoint"
         ) from error
 
 
 def _compare(path: Path, question: Mapping[str, Any], before: Mapping[str, Any]) -> None:
     asked = json.loads(json.dumps(question))
+    check_keys(before, asked)
     for key, value in asked.items():
         if value != before[key]:
             raise OptionError(
@@ -170,20 +178,8 @@ def _compare(path: Path, question: Mapping[str, Any], before: Mapping[str, Any])
             )
 
 
-def _document_of(state: State) -> Any:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "state.json")
-        state.save(file)
-        return json.loads(file.read_bytes())
-
-
-def _state_of(document: Any) -> State:
-    from tridentify import online
-
-    handle, name = tempfile.mkstemp(suffix=".json")
-    try:
-        with os.fdopen(handle, "w", encoding="utf-8") as stream:
-            json.dump(document, stream)
-        return online.State.load(name)
-    finally:
-        os.unlink(name)
+def _mark_of(document: object) -> Mark:
+    position, head, tail = checked(document, list)
+    return Mark(
+        whole_number(position), whole_number(head, CHECKSUMS), whole_number(tail, CHECKSUMS)
+    )

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.checks.values import check_keys, finite_number, whole_number
 from tridentify.cli.load import COMPARE, Rule
 from tridentify.cli.stream_show import Remarks, line_of
 from tridentify.errors import EmptyFileError, OptionError, TooFewSamplesError
@@ -169,18 +170,50 @@ class Session:
         counts: Mapping[str, Any],
         position: int,
     ) -> None:
-        """Take up what a checkpoint kept."""
+        """Take up what a checkpoint kept.
+
+        Raises
+        ------
+        AttributeError, LookupError, TypeError, ValueError, OverflowError
+            No session of this question can have kept that.
+        """
+        from tridentify import online
+
+        self._check_state(state)
         self.state = state
         self.timeline = Timeline.from_dict(timeline)
-        self._flags = int(counts["flags"])
+        if (self.timeline.dt, self.timeline.whole) != (state.dt, self._with_delays):
+            raise ValueError("a timeline of another step")
+        check_keys(counts, self.counts())
+        every = online.Flag(0)
+        for flag in online.Flag:
+            every |= flag
+        self._flags = whole_number(counts["flags"], every.value)
+        line = whole_number(counts["line"])
         self.place = Place(
             position,
-            int(counts["line"]),
-            int(counts["malformed"]),
-            float(counts["time"]),
-            float(counts["elapsed"]),
+            line,
+            whole_number(counts["malformed"], line),
+            finite_number(counts["time"]),
+            finite_number(counts["elapsed"], 0.0),
         )
         self.reader.go_on_from({**reader, "lines": self.place.line})
+
+    def _check_state(self, state: State) -> None:
+        """Whether a state is one of this question."""
+        question, asked = self.question, self.question.asked
+        found = state.method.to_dict(), state.structure.to_dict()
+        told = question.method.to_dict(), question.structure.to_dict()
+        names = state.input_names, state.output_names, state.stage.setting.intersample
+        same = found == told and names == (asked.inputs, asked.outputs, question.intersample)
+        if not same or question.dt not in (None, state.dt):
+            raise ValueError("a state of another question")
+
+    @property
+    def _with_delays(self) -> bool:
+        asked = self.question.asked
+        delays = self.question.structure.delay_matrix(len(asked.outputs), len(asked.inputs))
+        return bool(np.any(delays))
 
     # ------------------------------------------------------------------------------------- onward
     def begin_at(self, position: int) -> None:
@@ -234,8 +267,7 @@ class Session:
                 f"found {len(rows.lines)} sample of {asked.name}; expected at least 2 to know the "
                 "step; state it with --dt SECONDS, or record longer"
             )
-        shape = len(asked.outputs), len(asked.inputs)
-        self.timeline = Timeline(step, whole=bool(np.any(question.structure.delay_matrix(*shape))))
+        self.timeline = Timeline(step, whole=self._with_delays)
         self.state = question.method.init(
             question.structure,
             step,
@@ -314,10 +346,10 @@ class Session:
     def _filled(self, block: _Block) -> _Block:
         """Put missing samples into gaps of several steps, at the place of the row before."""
         assert self.timeline is not None
-        missing = np.round(block.interval / self.timeline.dt).astype(np.int64) - 1
+        steps = np.minimum(np.round(block.interval / self.timeline.dt), LONGEST_GAP + 1.0)
+        missing = steps.astype(np.int64) - 1
         if not missing.any():
             return block
-        missing = np.minimum(missing, LONGEST_GAP)
         row = np.repeat(np.arange(len(missing)), missing + 1)
         real = np.diff(row, append=len(missing)) > 0
         u, y = block.u[row], block.y[row]

@@ -33,7 +33,8 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
+from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
@@ -92,6 +93,8 @@ class EquationError(Estimator):
     start: TransferFunction | None
     on_change: str
 
+    one_triangle: ClassVar[bool] = True
+
     @staticmethod
     @cache
     def kernels() -> Kernels:
@@ -137,16 +140,21 @@ class EquationError(Estimator):
         """Samples from the beginning of the equation to its first tick; 0 for none."""
         return 0.0
 
-    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
-        """Length of the vector that goes with a blueprint."""
-        if not blueprint.poles.size:
-            return collecting(setting).size
-        filtering = bool(blueprint.ints[slots.FILTERING])
-        weights = np.ones(setting.n_outputs)
-        restarted = blueprint.nuisance.free
+    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
+        """The plan of a blueprint from a file, made again."""
+        poles, ints = blueprint.poles, blueprint.ints
+        if not poles.size:
+            return collecting(setting)
+        degree = setting.n_poles if self.filter is None else len(self.filter) - 1
+        if not poles.size == degree >= setting.n_poles:
+            raise ValueError(f"a filter of degree {poles.size} in place of {degree}")
+        # the weights were learnt: they are taken as they are
+        at, p = int(ints[slots.C_MONIC]) + degree + 1, setting.n_outputs
+        weights = np.resize(blueprint.constants[at : at + p], p)
         return self.plan(
-            setting, blueprint.poles, weights, restarted=restarted, filtering=filtering
-        ).size
+            setting, poles, weights, restarted=blueprint.nuisance.free,
+            filtering=bool(ints[slots.FILTERING]),
+        )  # fmt: skip
 
     def is_ready(self, state: State) -> bool:
         """Whether `estimate` would answer."""
@@ -253,7 +261,7 @@ class EquationError(Estimator):
             raise not_ready(count, "are still searched for a filter")
         k = int(blueprint.ints[slots.COEFFICIENTS])
         unknowns, root, noise = unknowns_of(blueprint, x, setting.n_outputs)
-        if not np.all(np.isfinite(root[-k:])):
+        if not np.all(np.isfinite(root[-k:])) or not np.all(np.isfinite(unknowns[-k:])):
             raise not_ready(count, "do not determine the coefficients")
         maps = maps_of(setting, blueprint.bank)
         theta = maps.constant + maps.matrix @ unknowns[-k:]
@@ -316,10 +324,11 @@ def unknowns_of(blueprint: Blueprint, x: Array, n_outputs: int) -> tuple[Array, 
     unit = np.eye(n)
     unit[np.triu_indices(n, 1)] = x[at + 4 * n : at + int(ints[slots.FACTOR])]
     live = d > 0
-    unknowns = scipy.linalg.solve_triangular(unit, x[at + n : at + 2 * n], unit_diagonal=True)
+    solved = partial(scipy.linalg.solve_triangular, unit_diagonal=True, check_finite=False)
+    unknowns = solved(unit, x[at + n : at + 2 * n])
     common = float(squares.sum() / max(weight.sum() - n, 1.0))
     share = float(weight2.sum() / max(weight.sum(), 1.0))
-    inverse = scipy.linalg.solve_triangular(unit, np.eye(n), unit_diagonal=True)
+    inverse = solved(unit, np.eye(n))
     width = np.where(live, np.sqrt(common * share / np.where(live, d, 1.0)), np.nan)
     if taken.sum() <= n:
         width = np.full(n, np.nan)

@@ -102,12 +102,7 @@ from tridentify.online.gradient_periods import (
     stable_poles,
     used_of,
 )
-from tridentify.online.gradient_plan import (
-    Basis,
-    Tables,
-    plan,
-    size_of,
-)
+from tridentify.online.gradient_plan import Basis, Tables, plan
 from tridentify.online.gradient_vector import (
     as_expected,
     models_of,
@@ -293,9 +288,19 @@ class Gradient(Estimator):
         stage = Stage(self, setting, blueprint, basis.filter_poles, searching=False)
         return State(x, stage.but(extra=_extra(np.zeros((0, 0)), rate, 0)))
 
-    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
-        """Length of the vector that goes with a blueprint."""
-        return size_of(blueprint) if blueprint.poles.size else collecting(setting).size
+    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
+        """The plan of a blueprint from a file, made again."""
+        bank, keep = blueprint.poles, bool(blueprint.ints[slots.CHUNK])
+        if not bank.size:
+            return collecting(setting)
+        nuisance = _nuisance(setting, blueprint.nuisance.free)
+        basis = Basis.on_model(setting, nuisance, bank[: setting.n_poles])
+        if not blueprint.ints[places.SERIES]:
+            kept = self.n_operators if self.fixed else bank.size
+            basis = Basis(setting, nuisance, bank, bank[kept:], kept, False)
+        if not np.array_equal(bank, basis.poles) or basis.filter_poles.size < setting.n_poles:
+            raise ValueError("a bank that is not of this estimator")
+        return plan(basis, keep)
 
     def is_ready(self, state: State) -> bool:
         """Whether the coefficients have been averaged, or are at least known in part."""
@@ -608,11 +613,14 @@ class Gradient(Estimator):
             raise not_ready(count, "are too few for the gradient rule to come to rest")
         used = used_of(batches)
         theta = average(batches)
-        with one_blas_thread():
-            cov, condition = expected_covariance(
-                basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x),
-                noise_of(blueprint, x), float(used[:, 0].sum()),
-            )  # fmt: skip
+        try:
+            with one_blas_thread():
+                cov, condition = expected_covariance(
+                    basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x),
+                    noise_of(blueprint, x), float(used[:, 0].sum()),
+                )  # fmt: skip
+        except np.linalg.LinAlgError as error:
+            raise not_ready(count, "do not determine the coefficients") from error
         if not np.all(np.isfinite(cov)) or not np.all(np.isfinite(theta)):
             raise not_ready(count, "do not determine the coefficients")
         if len(used) >= SCATTERED:

@@ -334,11 +334,6 @@ def plan(basis: Basis, keep: bool = False) -> Blueprint:
     return replace(base, constants=constants, size=_size(ints))
 
 
-def size_of(blueprint: Blueprint) -> int:
-    """Length of the vector that goes with a blueprint."""
-    return _size(blueprint.ints)
-
-
 def _size(ints: NDArray[np.int64]) -> int:
     channels = int(ints[slots.INPUTS] + ints[slots.FREE])
     unknowns = int(ints[places.POLES] + ints[slots.OUTPUTS] * ints[places.OWN])

@@ -23,6 +23,8 @@ from tridentify.errors import (
     OptionError,
     SampleTypeError,
     SamplingError,
+    ScaleError,
+    TridentifyError,
     UndeterminedError,
     UnsupportedError,
     shown,
@@ -81,6 +83,8 @@ class Estimator(ABC):
     """What all on-line estimators have in common."""
 
     name: ClassVar[str]
+    one_triangle: ClassVar[bool] = False
+    """Whether all outputs share one triangle, whose columns end with the coefficients."""
 
     def __init_subclass__(cls) -> None:
         if "name" in cls.__dict__:
@@ -123,8 +127,16 @@ class Estimator(ABC):
         """(k, ...) ``c`` of the kernels for samples that come after other intervals [s]."""
 
     @abstractmethod
-    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
-        """Length of the vector that goes with a blueprint."""
+    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
+        """The plan of a blueprint from a file, made again from the settings and its poles alone.
+
+        What an estimator has learnt, and keeps among the constants, is not in it.
+
+        Raises
+        ------
+        ValueError
+            The poles are none of this estimator's.
+        """
 
     # ---------------------------------------------------------------------------- the seam
     def init(
@@ -163,6 +175,20 @@ class Estimator(ABC):
         ChannelCountError, UnsupportedError
             About the structure.
         """
+        return self.begin(
+            self.setting(structure, dt, input_names, output_names, units, intersample)
+        )
+
+    def setting(
+        self,
+        structure: Structure,
+        dt: float,
+        input_names: Sequence[str],
+        output_names: Sequence[str],
+        units: Mapping[str, str] | None,
+        intersample: str,
+    ) -> Setting:
+        """What `init` was told, checked; parameters and errors are those of `init`."""
         if not isinstance(structure, Structure):
             raise OptionError(
                 f"found structure={type(structure).__name__}; expected a Structure; write for "
@@ -202,11 +228,10 @@ class Estimator(ABC):
                 "intersample='foh'; expected initial_state='free' or 'auto', since the line on "
                 "which the input began is not known; leave it out"
             )
-        setting = Setting(
+        return Setting(
             structure, float(dt), tuple(probe.input_names), tuple(probe.output_names),
             tuple(probe.units.items()), intersample,
         )  # fmt: skip
-        return self.begin(setting)
 
     def step(
         self, state: State, u: ArrayLike, y: ArrayLike, *, interval: float | None = None
@@ -357,11 +382,18 @@ class Estimator(ABC):
             chunk = x[at : at + int(x[slots.FILLED]) * width].reshape(-1, width).copy()
             x[slots.FILLED] = 0.0
             state = State(x, stage.but(past=(*stage.past, chunk)))
-        if event & slots.ALARMED:
-            return self.alarmed(state)
-        if event & slots.TICKED:
-            return self.tick(state)
-        return state
+        try:
+            if event & slots.ALARMED:
+                return self.alarmed(state)
+            return self.tick(state) if event & slots.TICKED else state
+        except TridentifyError:
+            raise
+        except (ArithmeticError, ValueError) as error:
+            raise ScaleError(
+                f"found numbers out of the range of a float after {state.n_samples} samples "
+                f"({shown(str(error), 80)}); expected products of samples within it; begin anew, "
+                "with channels in other units if it comes again"
+            ) from error
 
     # ------------------------------------------------------------------------------- as a value
     def to_dict(self) -> dict[str, Any]:

@@ -5,38 +5,58 @@ from __future__ import annotations
 import base64
 import dataclasses
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.checks.values import check_keys, checked, texts
 from tridentify.encoding import load_document, save_document
-from tridentify.errors import TridentifyError
+from tridentify.errors import TridentifyError, shown
 from tridentify.numerics.realization import Complex
 from tridentify.online.blueprint import Blueprint, Nuisance, Setting
 from tridentify.online.flags import Flag
+from tridentify.online.integrity import MOST_ORDER, check_orders, check_room, check_sound
 from tridentify.online.kernels import slots
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
+T = TypeVar("T")
 
 SCHEMA = 1
 KEY = "online_state"
+KEYS = (
+    "method", "structure", "dt", "input_names", "output_names", "units", "intersample", "nuisance",
+    "ints", "constants", "bank", "poles", "past", "changes", "searching", "extra", "values",
+)  # fmt: skip
 _NOT_READY = Flag.NOT_READY.value
 
 
 class Maker(Protocol):
     """What a state asks of the estimator that made it."""
 
+    one_triangle: ClassVar[bool]
+
     def to_dict(self) -> dict[str, Any]:
         """Name and options, ready for JSON."""
 
-    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
-        """Length of the vector that goes with a blueprint."""
+    def setting(
+        self,
+        structure: Structure,
+        dt: float,
+        input_names: Sequence[str],
+        output_names: Sequence[str],
+        units: Mapping[str, str] | None,
+        intersample: str,
+    ) -> Setting:
+        """What it is told at the beginning, checked."""
+
+    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
+        """The plan of a blueprint from a file, made again."""
 
 
 MAKERS: dict[str, type[Any]] = {}
@@ -180,8 +200,12 @@ class State(NamedTuple):
         OutputPathError
             The file cannot be written.
         """
+        return save_document(path, KEY, SCHEMA, self.to_dict())
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it as plain values, ready for JSON; every bit is kept."""
         stage, setting = self.stage, self.stage.setting
-        document = {
+        return {
             "method": stage.method.to_dict(),
             "structure": setting.structure.to_dict(),
             "dt": setting.dt.hex(),
@@ -200,11 +224,12 @@ class State(NamedTuple):
             "extra": [packed(one) for one in stage.extra],
             "values": packed(self.values),
         }
-        return save_document(path, KEY, SCHEMA, document)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> State:
         """Read what `save` wrote.
+
+        The file may come from a stranger: what no estimator can have come to is refused.
 
         Parameters
         ----------
@@ -217,7 +242,27 @@ class State(NamedTuple):
         DataError
             It is damaged, or of another version.
         """
-        return load_document(path, KEY, SCHEMA, _checked, "state", "State")
+        return load_document(path, KEY, SCHEMA, cls.from_dict, "state", "State")
+
+    @classmethod
+    def from_dict(cls, document: Mapping[str, Any]) -> State:
+        """Undo `to_dict`.
+
+        Raises
+        ------
+        ValueError
+            No estimator can have come to such a state.
+        """
+        try:
+            with np.errstate(all="ignore"):
+                return _build(document)
+        except RecursionError as error:
+            raise ValueError("values nested too deeply") from error
+        except (
+            ArithmeticError, AttributeError, LookupError, MemoryError, TypeError, ValueError,
+            TridentifyError,
+        ) as error:  # fmt: skip
+            raise ValueError(shown(str(error), 200)) from error
 
 
 def packed(values: Array) -> str:
@@ -225,9 +270,10 @@ def packed(values: Array) -> str:
     return base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode("ascii")
 
 
-def unpacked(text: str) -> Array:
+def unpacked(text: object) -> Array:
     """The array that `packed` was given."""
-    return np.frombuffer(base64.b64decode(text, validate=True), dtype="<f8").astype(np.float64)
+    data = base64.b64decode(checked(text, str), validate=True)
+    return np.frombuffer(data, dtype="<f8").astype(np.float64)
 
 
 def method_from_dict(document: Mapping[str, Any]) -> Maker:
@@ -238,8 +284,12 @@ def method_from_dict(document: Mapping[str, Any]) -> Maker:
     KeyError, TypeError, ValueError
         There is no such estimator, or it has no such options.
     """
+    check_keys(document, ("name", "options"))
+    cls = MAKERS[checked(document["name"], str)]
+    check_keys(document["options"], [field.name for field in dataclasses.fields(cls)])
     options: dict[str, Any] = {}
     for key, value in document["options"].items():
+        _check_lengths(value)
         if isinstance(value, Mapping) and "transfer_function" in value:
             value = TransferFunction.from_dict(value["transfer_function"])
         elif isinstance(value, Mapping):
@@ -247,48 +297,59 @@ def method_from_dict(document: Mapping[str, Any]) -> Maker:
         elif isinstance(value, list):
             value = tuple(value)
         options[key] = value
-    made: Maker = MAKERS[document["name"]](**options)
+    made: Maker = cls(**options)
     return made
 
 
-def _checked(document: dict[str, Any]) -> State:
-    try:
-        return _build(document)
-    except (IndexError, OverflowError, TridentifyError) as error:
-        raise ValueError(str(error)) from error
-
-
 def _build(document: Mapping[str, Any]) -> State:
-    setting = Setting(
-        Structure.from_dict(document["structure"]),
-        float.fromhex(document["dt"]),
-        tuple(document["input_names"]),
-        tuple(document["output_names"]),
-        tuple((str(k), str(v)) for k, v in document["units"].items()),
-        str(document["intersample"]),
-    )
-    ints = np.array(document["ints"], dtype=np.int64)
-    values = unpacked(document["values"])
-    blueprint = Blueprint(
-        ints,
-        unpacked(document["constants"]),
-        values.size,
-        unpacked(document["bank"]).view(np.complex128),
-        Nuisance(*document["nuisance"]),
-    )
-    width = setting.n_inputs + setting.n_outputs + 1
+    check_keys(document, KEYS)
     method = method_from_dict(document["method"])
-    expected = method.size_of(setting, blueprint)
-    if (ints.size, values.size) != (slots.N_INTS, expected) or ints.min() < 0:
-        raise ValueError(f"{values.size} numbers in place of {expected}")
+    setting = _setting_of(document, method)
+    ints, values = np.array(_ints(document["ints"]), dtype=np.int64), unpacked(document["values"])
+    if ints.size != slots.N_INTS:
+        raise ValueError(f"{ints.size} numbers in the plan in place of {slots.N_INTS}")
+    nuisance = Nuisance(*(checked(one, bool) for one in checked(document["nuisance"], list)))
+    bank = unpacked(document["bank"]).view(np.complex128)
+    blueprint = Blueprint(ints, unpacked(document["constants"]), values.size, bank, nuisance)
+    check_room(setting, blueprint, shared=method.one_triangle)
+    rebuilt = method.rebuilt(setting, blueprint)
+    width = setting.n_inputs + setting.n_outputs + 1
     stage = Stage(
         method,
         setting,
         blueprint,
         unpacked(document["poles"]).view(np.complex128),
-        tuple(unpacked(one).reshape(-1, width) for one in document["past"]),
-        tuple(int(k) for k in document["changes"]),
-        bool(document["searching"]),
-        tuple(unpacked(one) for one in document["extra"]),
+        tuple(unpacked(one).reshape(-1, width) for one in checked(document["past"], list)),
+        tuple(_ints(document["changes"])),
+        checked(document["searching"], bool),
+        tuple(unpacked(one) for one in checked(document["extra"], list)),
     )
+    check_sound(stage, values, rebuilt)
     return State(values, stage)
+
+
+def _setting_of(document: Mapping[str, Any], method: Maker) -> Setting:
+    """What the estimator was told, checked as if it were told now."""
+    inputs, outputs = texts(document["input_names"]), texts(document["output_names"])
+    structure = checked(document["structure"], dict)
+    check_orders(structure["poles"], structure["zeros"], len(inputs), len(outputs))
+    units = checked(document["units"], dict)
+    dt, intersample = (checked(document[key], str) for key in ("dt", "intersample"))
+    setting = method.setting(
+        Structure.from_dict(structure), float.fromhex(dt), inputs, outputs, units, intersample
+    )
+    # as they were told, in their order
+    return dataclasses.replace(setting, units=tuple(units.items()))
+
+
+def _ints(values: object) -> list[int]:
+    return [checked(value, int) for value in checked(values, list)]
+
+
+def _check_lengths(value: object) -> None:
+    """Roots of long polynomials take long."""
+    if isinstance(value, (list, Mapping)):
+        if len(value) > MOST_ORDER + 1:
+            raise ValueError(f"an option of {len(value)} values; at most {MOST_ORDER + 1} can be")
+        for inner in value.values() if isinstance(value, Mapping) else value:
+            _check_lengths(inner)

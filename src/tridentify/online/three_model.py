@@ -205,12 +205,15 @@ class ThreeModel(Estimator):
         x[slots.TICK] = first_try(setting)
         return State(x, Stage(self, setting, blueprint, poles, searching=False))
 
-    def size_of(self, setting: Setting, blueprint: Blueprint) -> int:
-        """Length of the vector that goes with a blueprint."""
-        keep = bool(blueprint.ints[slots.CHUNK])
+    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
+        """The plan of a blueprint from a file, made again."""
         if not blueprint.poles.size:
-            return collecting(setting).size
-        return parallel(setting, blueprint.poles, blueprint.nuisance, keep, 1.0, 0).size
+            return collecting(setting)
+        poles = blueprint.poles[: setting.n_poles]
+        if not np.array_equal(blueprint.poles, np.tile(poles, REPEATS)):
+            raise ValueError(f"a bank that is not {setting.n_poles} poles {REPEATS} times")
+        nuisance = Nuisance.of(setting.structure, blueprint.nuisance.free)
+        return self._plan(setting, poles, nuisance, bool(blueprint.ints[slots.CHUNK]))
 
     def is_ready(self, state: State) -> bool:
         """Whether a model has been found."""

@@ -17,7 +17,7 @@ import json
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from itertools import chain
 from operator import itemgetter
 from typing import Any
@@ -25,7 +25,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.checks.values import (
+    check_keys,
+    checked,
+    finite_number,
+    text_by_text,
+    texts,
+    whole_number,
+)
 from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
+from tridentify.formats.channels import SECONDS
 from tridentify.formats.streams.blocks import MANY, plain_number, read_with_float, read_with_polars
 from tridentify.formats.streams.header import Asked, Columns, find_columns
 from tridentify.formats.streams.lines import LONGEST_LINE, Lines
@@ -42,6 +51,7 @@ __all__ = ["Problem", "RowReader", "Rows"]
 FloatArray = NDArray[np.float64]
 
 _FEW = 16
+_PARTS = ("lines", "form", "separator", "names", "header_units", "columns")
 _AROUND = " \r\n\v\f"  # a tab may stand beside a blank cell
 _BOM = b"\xef\xbb\xbf"
 _EXCEL = re.compile(r"sep=.")
@@ -139,19 +149,41 @@ class RowReader:
         }
 
     def go_on_from(self, document: Mapping[str, Any]) -> None:
-        """Take up what `to_dict` gave."""
-        self.lines = int(document["lines"])
-        self._form, self._separator = str(document["form"]), str(document["separator"])
-        self._names = tuple(document["names"])
-        self._units = dict(document["header_units"])
-        if (found := document["columns"]) is not None:
-            self._columns = Columns(
-                tuple(found["headers"]),
-                tuple(found["places"]),
-                int(found["width"]),
-                float(found["scale"]),
-                tuple((name, unit) for name, unit in found["units"]),
-            )
+        """Take up what `to_dict` gave.
+
+        Raises
+        ------
+        TypeError, ValueError
+            It cannot have given that.
+        """
+        check_keys(document, _PARTS)
+        self.lines = whole_number(document["lines"])
+        self._form, self._separator = document["form"], document["separator"]
+        csv_lines = self._form == "csv" and self._separator in tuple(SEPARATORS)
+        if not csv_lines and (self._form, self._separator) != ("json", ""):
+            raise ValueError("lines that are neither CSV nor JSON")
+        self._names = texts(document["names"])
+        self._units = text_by_text(document["header_units"])
+        if csv_lines or document["columns"] is not None:
+            self._columns = self._columns_from(document["columns"])
+
+    def _columns_from(self, document: Mapping[str, Any]) -> Columns:
+        check_keys(document, [one.name for one in fields(Columns)])
+        found = Columns(
+            texts(document["headers"]),
+            tuple(whole_number(place) for place in checked(document["places"], list)),
+            whole_number(document["width"]),
+            finite_number(document["scale"]),
+            tuple((name, unit) for name, unit in map(texts, checked(document["units"], list))),
+        )
+        asked = self.asked
+        wanted = len(asked.inputs) + len(asked.outputs) + (not asked.uniform)
+        headers = tuple(self._names[place] for place in found.places)
+        if (len(headers), found.width) != (wanted, len(self._names)) or headers != found.headers:
+            raise ValueError("columns that are not those of the names")
+        if len(set(found.places)) < wanted or found.scale not in SECONDS.values():
+            raise ValueError("columns that stand for several things")
+        return found
 
     @property
     def units(self) -> dict[str, str]:

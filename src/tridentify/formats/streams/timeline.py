@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.checks.samples import TIME_TOLERANCE, uniform_step
+from tridentify.checks.values import check_keys, checked, finite_number, whole_number
 
 __all__ = ["OPENING", "SET_BACK", "Timeline", "nominal_step"]
 
@@ -41,6 +42,8 @@ STEADY = 100
 """Steps on the raster after which a small departure is put down to the nominal step."""
 SET_BACK = 10
 """Refused stamps in a row, in order among themselves, after which they are believed."""
+ROUNDING = 1e-12
+"""Of time stamps that are far from zero, relative to these."""
 _WINDOW = 4096
 _FEW = 16
 
@@ -107,9 +110,37 @@ class Timeline:
 
     @classmethod
     def from_dict(cls, document: Mapping[str, Any]) -> Timeline:
-        """Make it of what `to_dict` gave."""
-        values: dict[str, Any] = {k: math.nan if v is None else v for k, v in document.items()}
-        return cls(**values)
+        """Make it of what `to_dict` gave.
+
+        Raises
+        ------
+        TypeError, ValueError, OverflowError
+            It cannot have given that.
+        """
+        check_keys(document, [one.name for one in dataclasses.fields(cls)])
+        values: dict[str, Any] = {
+            key: math.nan if document[key] is None else finite_number(document[key])
+            for key in ("first", "last", "anchor", "behind_last")
+        }
+        values |= {key: whole_number(document[key]) for key in ("count", "behind", "between")}
+        dt = finite_number(document["dt"], math.ulp(0.0))
+        found = cls(dt, whole=checked(document["whole"], bool), **values)
+        found._check()
+        return found
+
+    def _check(self) -> None:
+        """Whether the numbers go together."""
+        stamps = (self.first, self.last, self.anchor)
+        if all(map(math.isnan, stamps)):
+            good = not (self.count or self.behind or self.between)
+        else:
+            # the last stamp is where the raster is; nan compares as false
+            off = abs(self.last - (self.anchor + self.dt * self.count))
+            good = off <= NEARLY * self.dt + ROUNDING * abs(self.last)
+            good &= 0.0 <= self.elapsed < math.inf
+        good &= not (self.behind and math.isnan(self.behind_last))
+        if not good or self.behind >= SET_BACK or self.between > SET_BACK:
+            raise ValueError("stamps and counts of a timeline that do not go together")
 
     def to_dict(self) -> dict[str, Any]:
         """Give plain values, None for nan."""

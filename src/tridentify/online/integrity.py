@@ -1,0 +1,454 @@
+"""Whether a state from a file is one that an estimator can have: all of it, before a loop runs.
+
+The compiled loops (`online.kernels`) trust what they are given: where things stand (``ints``), how
+long a delay is (in ``c``), how many samples were kept and how many stand in a block (in ``x``). One
+wrong number makes them write beyond their arrays, or go round for ever. So nothing of that is
+believed: the plan is made again from structure, sampling interval and options, and has to be the
+same; constants that follow from these are made again too, and have to agree; every number of the
+vector has a range, and counts are whole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.realization import Complex, cascade
+from tridentify.online.blueprint import Blueprint, Nuisance, Setting
+from tridentify.online.kernels import gradient_slots as places
+from tridentify.online.kernels import slots
+from tridentify.online.kernels.slots import scatter_size, triangle_size
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MOST_COEFFICIENTS = 10_000
+"""Of a structure; their covariance alone would take 800 MB."""
+MOST_ORDER = 600
+"""States of a bank or degree of a polynomial; its exact equivalent takes a second to make."""
+WHOLE = 2.0**53
+"""Beyond this a float does not count any more."""
+HUGE = 1e250
+"""Larger than any sum of products of samples, which are below 1e100; its square overflows."""
+AGREES, NEGLIGIBLE = 1e-6, 1e-9
+"""How far constants made by another library may be off: relative, and to the largest beside."""
+ALARM_LASTS = 200.0
+"""Samples; the longest of the estimators."""
+EVERY_FLAG = 2 * slots.NOT_READY - 1
+
+
+class Beside(Protocol):
+    """What stands beside the vector of an estimator (`online.state.Stage`)."""
+
+    @property
+    def setting(self) -> Setting:
+        """What the estimator was told."""
+
+    @property
+    def blueprint(self) -> Blueprint:
+        """Its plan."""
+
+    @property
+    def poles(self) -> Complex:
+        """Of the model."""
+
+    @property
+    def past(self) -> tuple[Array, ...]:
+        """Samples that are kept."""
+
+    @property
+    def changes(self) -> tuple[int, ...]:
+        """Samples at which the coefficients moved."""
+
+    @property
+    def searching(self) -> bool:
+        """Whether a model is still looked for."""
+
+    @property
+    def extra(self) -> tuple[Array, ...]:
+        """What else a method keeps."""
+
+
+class Rule(NamedTuple):
+    """What numbers of a vector may be: from ``least`` to ``most``, no nan; ``whole``: counts."""
+
+    what: str
+    at: int
+    length: int
+    least: float = -HUGE
+    most: float = HUGE
+    whole: bool = False
+
+
+def check_orders(poles: object, zeros: object, n_inputs: int, n_outputs: int) -> None:
+    """Refuse orders that would fill the memory, before anything is made of them.
+
+    Raises
+    ------
+    ValueError
+    """
+    listed = [_largest(value) for value in (poles, zeros)]
+    if listed[0] > MOST_ORDER:
+        raise ValueError(f"{listed[0]} poles; at most {MOST_ORDER} can be")
+    count = listed[0] + n_inputs * n_outputs * (listed[1] + 1)
+    if count > MOST_COEFFICIENTS:
+        raise ValueError(f"{count} coefficients; at most {MOST_COEFFICIENTS} can be")
+
+
+def _largest(value: object) -> int:
+    if isinstance(value, (list, tuple)):
+        return max((_largest(item) for item in value), default=0)
+    if type(value) is not int:
+        raise TypeError("orders that are no whole numbers")
+    return value
+
+
+def check_room(setting: Setting, blueprint: Blueprint, *, shared: bool) -> None:
+    """Refuse a bank for which the arrays of the file are too short, before a plan is made of it.
+
+    Parameters
+    ----------
+    setting : Setting
+    blueprint : Blueprint
+        As the file has it.
+    shared : bool
+        Whether all outputs share one triangle.
+
+    Raises
+    ------
+    ValueError
+    """
+    m, p, q = setting.n_inputs, setting.n_outputs, blueprint.poles.size
+    if q > MOST_ORDER:
+        raise ValueError(f"a bank of {q} states; at most {MOST_ORDER} can be")
+    if not q:
+        return
+    wanted = Nuisance.of(setting.structure, blueprint.nuisance.free)
+    free = wanted.free or (shared and wanted.offset)
+    if shared:
+        columns, judged = len(setting.names) + p * q * free, len(setting.names)
+        least, maps = columns * (columns - 1) // 2, 0
+    else:
+        columns, judged = q * (m + free) + m, setting.n_directions
+        least, maps = p * triangle_size(columns), p * judged * columns
+    least += p * scatter_size(judged)
+    if blueprint.size < least or blueprint.constants.size < q * q + maps:
+        raise ValueError(
+            f"{blueprint.size} numbers and {blueprint.constants.size} constants, which are too few"
+        )
+
+
+def check_sound(stage: Beside, values: Array, rebuilt: Blueprint) -> None:
+    """Refuse a state that no estimator can have come to.
+
+    Parameters
+    ----------
+    stage : Beside
+        As the file has it.
+    values : array
+    rebuilt : Blueprint
+        The plan that the settings lead to.
+
+    Raises
+    ------
+    ValueError
+        What is wrong.
+    """
+    blueprint = stage.blueprint
+    if not np.array_equal(blueprint.ints, rebuilt.ints):
+        at = int(np.flatnonzero(blueprint.ints != rebuilt.ints)[0])
+        raise ValueError(
+            f"{blueprint.ints[at]} at place {at} of the plan; the settings lead to "
+            f"{rebuilt.ints[at]}"
+        )
+    for what, found, expected in (
+        ("numbers", values.size, rebuilt.size),
+        ("constants", blueprint.constants.size, rebuilt.constants.size),
+        ("nuisance terms", blueprint.nuisance, rebuilt.nuisance),
+    ):
+        if found != expected:
+            raise ValueError(f"{found} {what}; the settings lead to {expected}")
+    _check_constants(blueprint, rebuilt)
+    _check_stage(stage, values)
+    for rule in _rules(stage, values):
+        check_rule(values, rule)
+    _check_clocks(stage, values)
+
+
+def check_rule(values: Array, rule: Rule) -> None:
+    """Refuse numbers that are not what they may be.
+
+    Raises
+    ------
+    ValueError
+    """
+    own = values[rule.at : rule.at + rule.length]
+    good = (own >= rule.least) & (own <= rule.most)
+    if rule.whole:
+        good &= own == np.floor(own)
+    if not good.all():
+        kind = "a whole number" if rule.whole else "a number"
+        raise ValueError(
+            f"{rule.what} {own[~good][0]:g}; it is {kind} from {rule.least:g} to {rule.most:g}"
+        )
+
+
+# ---------------------------------------------------------------------------------------- constants
+def _check_constants(blueprint: Blueprint, rebuilt: Blueprint) -> None:
+    """Those that follow from the settings, up to rounding; the others have to be finite."""
+    ints, c = blueprint.ints, blueprint.constants
+    if not np.all(np.abs(c) <= HUGE):
+        raise ValueError("a constant that is no finite number")
+    for begin, end in _regions(ints, c.size):
+        expected = rebuilt.constants[begin:end]
+        if not np.all(np.isfinite(expected)):
+            raise ValueError("poles that lead to no finite constants")
+        scale = float(np.abs(expected).max(initial=0.0))
+        off = np.abs(c[begin:end] - expected)
+        if np.any(off > AGREES * np.abs(expected) + NEGLIGIBLE * scale):
+            raise ValueError(f"constants from {begin} on that the settings do not lead to")
+    # these are lengths and degrees
+    m, p = int(ints[slots.INPUTS]), int(ints[slots.OUTPUTS])
+    exact = [(slots.INTERVAL, slots.CONSTANTS - slots.INTERVAL), (int(ints[slots.C_EXTRA]), m)]
+    if _on_equation(ints):
+        exact.append((int(ints[slots.C_ZEROS]), m * p + 1))
+    if _by_gradient(ints):
+        exact[0] = (slots.INTERVAL, places.RATE - slots.INTERVAL)
+    for at, count in exact:
+        if not np.array_equal(c[at : at + count], rebuilt.constants[at : at + count]):
+            raise ValueError(f"constants from {at} on that the settings do not lead to")
+    for rule in _constant_rules(ints):
+        check_rule(c, rule)
+
+
+def _regions(ints: Ints, size: int) -> Iterator[tuple[int, int]]:
+    """Where constants stand that follow from the settings."""
+    known = [slots.C_STEP, slots.C_TAPS, slots.C_DIRECT, slots.C_START, slots.C_EXTRA]
+    if _on_equation(ints):
+        known += [slots.C_OUTPUT, slots.C_BASIS, slots.C_MONIC, slots.C_ZEROS]
+        others = [slots.C_WALK] if ints[slots.FILTERING] else []
+    else:
+        others = [slots.C_MAPS]
+    begins = sorted(int(ints[place]) for place in (*known, *others))
+    free = {int(ints[place]) for place in others}
+    for begin, end in zip(begins, [*begins[1:], size], strict=True):
+        if begin not in free:
+            yield begin, end
+
+
+def _constant_rules(ints: Ints) -> Iterator[Rule]:
+    if _by_gradient(ints):
+        yield Rule("a rate", places.RATE, 1, 0.0)
+        yield Rule("a mark", places.KNOWN, 1, 0.0, 1.0, whole=True)
+        yield Rule("a readiness", places.READY, 1, 0.0, 1.0)
+        yield Rule("a pace", places.PACE, 1, 0.0, 0.0)
+    if _on_equation(ints):
+        k, p = int(ints[slots.COEFFICIENTS]), int(ints[slots.OUTPUTS])
+        yield Rule("a weight", int(ints[slots.C_MONIC] + ints[slots.ORDER]) + 1, p, 1.0 / HUGE)
+        if ints[slots.FILTERING]:
+            yield Rule("a speed of drift", int(ints[slots.C_WIDTHS]), k, 0.0)
+
+
+def _on_equation(ints: Ints) -> bool:
+    return bool(ints[slots.COEFFICIENTS])
+
+
+def _by_gradient(ints: Ints) -> bool:
+    return bool(ints[places.X_FITS])
+
+
+# -------------------------------------------------------------------------------------------- stage
+def _check_stage(stage: Beside, values: Array) -> None:
+    """What stands beside the vector."""
+    blueprint, setting = stage.blueprint, stage.setting
+    ints, bank = blueprint.ints, blueprint.poles
+    if bank.size:
+        cascade(stage.poles)
+        whole_model = setting.n_poles if not _on_equation(ints) else bank.size
+        if _by_gradient(ints) and not ints[places.SERIES]:
+            whole_model = bank.size - int(ints[places.KEPT])
+        if stage.poles.size != whole_model:
+            raise ValueError(f"{stage.poles.size} poles in place of {whole_model}")
+    elif stage.poles.size or not stage.searching:
+        raise ValueError("a model without a bank")
+    for poles in (stage.poles, bank):
+        if not np.all(np.isfinite(poles)):
+            raise ValueError("poles that are no finite numbers")
+    keeps = bool(ints[slots.CHUNK])
+    if stage.searching and not keeps:
+        raise ValueError("a search without samples to search")
+    if stage.past and not keeps:
+        raise ValueError("samples that are kept by nobody")
+    for samples in stage.past:
+        _check_samples(samples, setting.n_inputs)
+    _check_changes(stage.changes, float(values[slots.COUNT]))
+    _check_extra(stage)
+
+
+def _check_samples(samples: Array, n_inputs: int) -> None:
+    """Intervals and inputs; an output may be missing."""
+    flat = np.ascontiguousarray(samples[:, 1 : 1 + n_inputs]).ravel()
+    check_rule(flat, Rule("an input", 0, flat.size, -slots.LARGEST, slots.LARGEST))
+    intervals = np.ascontiguousarray(samples[:, 0])
+    check_rule(intervals, Rule("an interval", 0, intervals.size, 1.0 / HUGE))
+    if not len(samples):
+        raise ValueError("no samples where some are kept")
+
+
+def _check_changes(changes: Sequence[int], count: float) -> None:
+    before = -1
+    for change in changes:
+        if type(change) is not int or not before < change < count:
+            raise ValueError("changes that are not in order")
+        before = change
+
+
+def _check_extra(stage: Beside) -> None:
+    """The periods of the gradient rule, its rate and their number."""
+    expected = 2 if _by_gradient(stage.blueprint.ints) else 0
+    if len(stage.extra) != expected:
+        raise ValueError(f"{len(stage.extra)} further arrays in place of {expected}")
+    if not expected:
+        return
+    flat, pair = stage.extra
+    if pair.size != 2 or flat.size % (len(stage.setting.names) + 1):
+        raise ValueError("periods of another length")
+    periods = flat.reshape(-1, len(stage.setting.names) + 1)
+    check_rule(flat, Rule("a coefficient", 0, flat.size))
+    lengths = np.ascontiguousarray(periods[:, 0])
+    check_rule(lengths, Rule("a length of a period", 0, lengths.size, 1.0 / HUGE, WHOLE))
+    check_rule(pair, Rule("a rate", 0, 1, 1.0 / HUGE))
+    check_rule(pair, Rule("a number of periods", 1, 1, 0.0, WHOLE, whole=True))
+
+
+# ------------------------------------------------------------------------------------------- vector
+def _rules(stage: Beside, values: Array) -> Iterator[Rule]:
+    """What the numbers of the vector may be; room for scratch numbers is left out."""
+    ints, setting = stage.blueprint.ints, stage.setting
+    m, p = setting.n_inputs, setting.n_outputs
+    yield from _clock_rules(ints)
+    line = int(ints[slots.AT_LARGEST] - ints[slots.AT_LINE])
+    yield Rule("an input", int(ints[slots.AT_LINE]), line, -2 * slots.LARGEST, 2 * slots.LARGEST)
+    for k in range(m + p):
+        at = int(ints[slots.AT_LARGEST]) + 2 * k
+        yield Rule("a largest sample", at, 1, 0.0, slots.LARGEST)
+        yield Rule("a count", at + 1, 1, 0.0, WHOLE, whole=True)
+    for i in range(p):
+        yield from _watch_rules(ints, int(ints[slots.AT_WATCH] + i * ints[slots.WATCH]), values)
+        if ints[slots.SCATTER]:
+            at = int(ints[slots.AT_SCATTER] + i * ints[slots.SCATTER])
+            yield from _scatter_rules(int(ints[slots.DIRECTIONS]), at)
+    yield Rule("a regressor", int(ints[slots.AT_ROW]), int(ints[slots.COLUMNS]))
+    own = 1 if _on_equation(ints) else p
+    for i in range(own if ints[slots.FACTOR] else 0):
+        yield from _triangle_rules(ints, int(ints[slots.AT_FACTOR] + i * ints[slots.FACTOR]))
+    if _on_equation(ints):
+        begin, end = int(ints[slots.AT_IMPULSE]), int(ints[slots.AT_FACTOR])
+        yield Rule("a filtered signal or coefficient", begin, end - begin)
+        if ints[slots.FILTERING]:
+            n, at = int(ints[slots.COLUMNS]), int(ints[slots.AT_COVARIANCE])
+            yield Rule("a variance", at, n, 0.0)
+            yield Rule("a covariance", at + n, n * (n - 1) // 2)
+    if _by_gradient(ints):
+        begin, end = int(ints[places.X_FITS]), int(ints[places.X_ROOM])
+        yield Rule("a weight of a model", begin, end - begin)
+
+
+def _clock_rules(ints: Ints) -> Iterator[Rule]:
+    for slot in (slots.COUNT, slots.SINCE, slots.ALARM):
+        yield Rule("a count of samples", slot, 1, 0.0, WHOLE, whole=True)
+    yield Rule("a time", slots.TIME, 1, 0.0)
+    yield Rule("a flag", slots.FLAGS, 1, 0.0, EVERY_FLAG, whole=True)
+    yield Rule("a flag", slots.SEEN, 1, 0.0, EVERY_FLAG, whole=True)
+    yield Rule("an event", slots.EVENT, 1, 0.0, 0.0)
+    yield Rule("a tick", slots.TICK, 1, 0.0, np.inf, whole=True)
+    full = max(float(ints[slots.CHUNK]) - 1.0, 0.0)
+    yield Rule("a number of samples kept", slots.FILLED, 1, 0.0, full, whole=True)
+    yield Rule("a time", slots.BORN, 2)
+    if _by_gradient(ints):
+        yield Rule("a count of samples", places.FROM, 1, 0.0, np.inf, whole=True)
+        yield Rule("a count of samples", places.MOMENTS, 2, 0.0, WHOLE, whole=True)
+        yield Rule("a number in a place for none", places.FROM - 1, 1, 0.0, 0.0)
+    else:
+        at = slots.EXTRA + 1
+        yield Rule("a number in a place for none", at, slots.INBOX - at, 0.0, 0.0)
+
+
+def _watch_rules(ints: Ints, w: int, values: Array) -> Iterator[Rule]:
+    """Of one output (`online.kernels.intake`)."""
+    for slot in (slots.LAST, slots.AT_FIRST, slots.MEAN, slots.FITTED):
+        yield Rule("a value of an output", w + slot, 1)
+    for slot in (
+        slots.SCALE, slots.SQUARES, slots.WEIGHT, slots.WEIGHT2, slots.SPREAD, slots.FLOOR,
+    ):  # fmt: skip
+        yield Rule("a scale of an output", w + slot, 1, 0.0)
+    for slot, most in (
+        (slots.REPEATS, WHOLE), (slots.TAKEN, WHOLE), (slots.REFUSED, WHOLE), (slots.STANDS, 1.0),
+        (slots.LIMITS, 3.0), (slots.INSIDE, float(ints[slots.BLOCK]) - 1.0), (slots.IDLE, WHOLE),
+        (slots.MOVED, 1.0), (slots.BLOCKS, WHOLE), (slots.DOUBLES, WHOLE),
+        (slots.SCALED, slots.FIRST_SCALED),
+    ):  # fmt: skip
+        yield Rule("a count of an output", w + slot, 1, 0.0, most, whole=True)
+    if not np.isnan(values[w + slots.INNOVATION]):
+        yield Rule("an innovation", w + slots.INNOVATION, 1)
+    if values[w + slots.HIGHEST] != -np.inf or values[w + slots.LOWEST] != np.inf:
+        yield Rule("a limit of an output", w + slots.HIGHEST, 2, -slots.LARGEST, slots.LARGEST)
+    k = int(ints[slots.DIRECTIONS])
+    width = k + k * (k + 1) // 2
+    yield Rule("a sensitivity", w + slots.SCORES, k)
+    for scale in range(slots.SCALES):
+        own = w + slots.SCORES + k + scale * (width + slots.SUMS)
+        yield Rule("a score", own, width)
+        yield Rule("a sum of scores", own + width, 2, 0.0)
+        yield Rule("a count of blocks", own + width + 2, 1, 0.0, slots.PER_SCALE - 1.0, whole=True)
+        yield Rule("a count of blocks", own + width + 3, 1, 0.0, WHOLE, whole=True)
+    usual = w + slots.SCORES + k + slots.SCALES * (width + slots.SUMS)
+    yield Rule("a usual score", usual, k, 0.0)
+
+
+def _scatter_rules(k: int, at: int) -> Iterator[Rule]:
+    """Of one output (`online.scatter`)."""
+    width = k * (k + 1) // 2
+    yield Rule("a sum of squares", at, slots.HEADER, 0.0)
+    yield Rule("a scatter", at + slots.HEADER, width)
+    for level in range(slots.LEVELS):
+        own = at + slots.HEADER + width + level * (k + 2 + width)
+        yield Rule("a score", own, k)
+        yield Rule("a count of blocks", own + k, 1, 0.0, float(slots.PER_LEVEL), whole=True)
+        yield Rule("a number of blocks", own + k + 1, 1, 0.0, WHOLE)
+        yield Rule("a scatter", own + k + 2, width)
+
+
+def _triangle_rules(ints: Ints, at: int) -> Iterator[Rule]:
+    """Of one output, or of all (`numerics.recursive`)."""
+    n = int(ints[slots.COLUMNS])
+    yield Rule("a diagonal", at, n, 0.0)
+    yield Rule("a target", at + n, n)
+    yield Rule("a largest regressor", at + 2 * n, 2 * n, 0.0)
+    yield Rule("a triangle", at + 4 * n, int(ints[slots.FACTOR]) - 4 * n)
+
+
+def _check_clocks(stage: Beside, values: Array) -> None:
+    """Whether counts, times and kept samples go together."""
+    x, ints, dt = values, stage.blueprint.ints, stage.setting.dt
+    count = float(x[slots.COUNT])
+    if x[slots.SINCE] > count or x[slots.ALARM] > count + ALARM_LASTS:
+        raise ValueError("clocks that are ahead of the samples")
+    if x[slots.BORN] > x[slots.TIME] + 2.0 * dt or (count == 0.0 and x[slots.TIME] != 0.0):
+        raise ValueError("times that are ahead of the samples")
+    time = (count - 1.0) * dt + x[slots.EXTRA] if count > 1.0 else 0.0
+    if abs(time - x[slots.TIME]) > AGREES * dt + NEGLIGIBLE * abs(time):
+        raise ValueError(f"a time of {x[slots.TIME]:g} s after {count:g} samples")
+    order = int(ints[slots.ORDER])
+    faded = order * int(ints[slots.OUTPUTS]) if _on_equation(ints) else order
+    if x[slots.FIRST] not in ((0.0, float(faded)) if ints[slots.FREE] else (0.0,)):
+        raise ValueError(f"{x[slots.FIRST]:g} columns that have faded")
+    width = stage.setting.n_inputs + stage.setting.n_outputs + 1
+    filled, at = int(x[slots.FILLED]), int(ints[slots.AT_CHUNK])
+    if filled:
+        _check_samples(x[at : at + filled * width].reshape(-1, width), stage.setting.n_inputs)
+    if sum(map(len, stage.past)) + filled > count:
+        raise ValueError("more samples kept than there were")
