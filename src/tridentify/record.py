@@ -104,6 +104,8 @@ class Record:
         An input is not finite; an output is infinite or holds nothing but nan.
     SamplingError, TimeNotIncreasingError
         Both or neither of `dt` and `t`, `dt` not positive, or time that does not increase.
+    ScaleError
+        Samples beyond 1e300, steps below 1e-150 s, a duration above 1e150 s or above 4.5e15 steps.
     ChannelNameError, UnitError, OptionError
         Names, units or `intersample` do not fit.
 

@@ -14,6 +14,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tridentify.checks.scales import check_samples, check_time
 from tridentify.errors import (
     ChannelNameError,
     DataWarning,
@@ -253,14 +254,17 @@ def time_axis(
         raise NotFiniteError(
             f"found t[{index}] = {time[index]}; expected finite times; drop or repair that sample"
         )
-    later = np.diff(time) > 0.0
+    later = time[1:] > time[:-1]
     if not later.all():
         index = int(np.argmin(later))
         raise TimeNotIncreasingError(
             f"found t[{index + 1}] = {time[index + 1]:.9g} s after t[{index}] = {time[index]:.9g} s"
             "; expected strictly increasing time; sort the samples or drop repeated ones"
         )
-    return (uniform_step(time) if len(time) > 1 else None), time
+    if len(time) < 2:
+        return None, time
+    check_time(float(time[0]), float(time[-1]), typical_step(time))
+    return uniform_step(time), time
 
 
 def _step_and_time(dt: object, n_samples: int) -> tuple[float, FloatArray]:
@@ -274,6 +278,7 @@ def _step_and_time(dt: object, n_samples: int) -> tuple[float, FloatArray]:
         )
     if not np.isfinite(step * max(n_samples, 1)):
         raise SamplingError(f"found dt={step:.6g} s; expected a duration within range; correct dt")
+    check_time(0.0, step * max(n_samples - 1, 1), step)
     time = np.arange(n_samples, dtype=np.float64)
     time *= step
     return step, time
@@ -347,8 +352,9 @@ def check_distinct(names: tuple[str, ...]) -> None:
 
 
 def check_inputs(u: FloatArray, names: tuple[str, ...]) -> None:
-    """Refuse inputs that are not finite."""
+    """Refuse inputs that are not finite, or too large to be added."""
     if np.isfinite(u).all():
+        check_samples("an input", u)
         return
     row, column = (int(k) for k in np.argwhere(~np.isfinite(u))[0])
     raise NotFiniteError(
@@ -358,9 +364,7 @@ def check_inputs(u: FloatArray, names: tuple[str, ...]) -> None:
 
 
 def check_outputs(y: FloatArray, names: tuple[str, ...]) -> None:
-    """Refuse infinite outputs, and channels of nothing but nan."""
-    if np.isfinite(y).all():
-        return
+    """Refuse infinite outputs, those too large to be added, and channels of nothing but nan."""
     if np.isinf(y).any():
         row, column = (int(k) for k in np.argwhere(np.isinf(y))[0])
         raise NotFiniteError(
@@ -373,6 +377,7 @@ def check_outputs(y: FloatArray, names: tuple[str, ...]) -> None:
             f"found nothing but nan in output {shown(names[int(np.argmax(empty))])}; expected at "
             "least one sample; leave the channel out"
         )
+    check_samples("an output", y)
 
 
 def checked_units(units: Mapping[str, str] | None, names: tuple[str, ...]) -> Mapping[str, str]:

@@ -30,6 +30,7 @@ from tridentify.errors import ConvergenceError, OptionError
 from tridentify.estimate import Estimate, Pass, Status, Step, Trace
 from tridentify.methods.base import Progress, check
 from tridentify.methods.capability import Capability
+from tridentify.methods.filtered import check_rates, monic_filter
 from tridentify.models.parallel import fit_parallel
 from tridentify.models.response import Response
 from tridentify.models.series import fit_series
@@ -113,7 +114,7 @@ class PaperThreeModel:
                 f"found filter={self.filter!r}; expected the coefficients of c(p), descending "
                 "powers; correct them"
             )
-        if np.any(np.roots(coefficients).real >= 0):
+        if np.any(np.roots(monic_filter(coefficients)).real >= 0):
             raise OptionError(
                 f"found an unstable filter {self.filter!r}; expected roots with negative real "
                 "parts; correct the coefficients"
@@ -192,7 +193,10 @@ class _Run:
         self.options, self.problem = options, problem
         self.operators = options.bank
         self.operator_bank = cascade(self.operators.poles)
-        self.filter_bank = cascade(sort_poles(np.roots(options.filter).astype(np.complex128)))
+        roots = np.roots(monic_filter(np.asarray(options.filter))).astype(np.complex128)
+        check_rates(roots, "filter", problem.experiments)
+        check_rates(self.operators.poles, "gamma", problem.experiments)
+        self.filter_bank = cascade(sort_poles(roots))
         self.passes: list[Pass] = []
         self.samples = float(sum(np.isfinite(e.y).sum() for e in problem.experiments))
         self.weights = np.ones(problem.n_outputs) / np.sqrt(np.maximum(problem.power, 1e-300))
