@@ -133,13 +133,13 @@ def explore(
 
 
 def test_any_record_is_identified_or_refused_by_the_quick_methods(seeds, attempt):
-    estimates, refusals = explore(seeds, attempt, 120, QUICK)
+    estimates, refusals = explore(seeds, attempt, 80, QUICK)
     assert estimates
     assert refusals
 
 
 def test_any_record_is_identified_or_refused_by_the_thorough_methods(seeds, attempt):
-    estimates, refusals = explore(seeds, attempt, 60, THOROUGH)
+    estimates, refusals = explore(seeds, attempt, 25, THOROUGH)
     assert estimates
     assert refusals
 

@@ -29,6 +29,9 @@ Gain = float | tuple[tuple[float | None, ...], ...]
 Number = TypeVar("Number", int, float)
 Matrix = tuple[tuple[Number, ...], ...]
 
+MOST_ORDER = 1000
+"""Poles or zeros of a structure: far above what can be estimated, and its names are a list."""
+
 
 def channel_matrix(
     label: str, value: Number | Matrix[Number], n_outputs: int, n_inputs: int
@@ -69,6 +72,11 @@ def checked_orders(label: str, value: object, lowest: int) -> int | Matrix[int]:
             raise OrderError(
                 f"found {label}={shown(item)}; expected a whole number of at least {lowest}; "
                 f"correct {label}"
+            )
+        if whole > MOST_ORDER:
+            raise OrderError(
+                f"found {label}={shown(item)}; expected at most {MOST_ORDER}, more than any record "
+                f"determines; lower {label}"
             )
         return whole
 

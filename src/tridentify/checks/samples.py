@@ -118,8 +118,8 @@ def sample_range(t: FloatArray, start: float | None, stop: float | None) -> tupl
     >>> sample_range(np.arange(10.0), 2.0, 4.0)
     (2, 5)
     """
-    low = float(t[0]) if start is None else float(start)
-    high = float(t[-1]) if stop is None else float(stop)
+    low = float(t[0]) if start is None else instant("start", start)
+    high = float(t[-1]) if stop is None else instant("stop", stop)
     slack = time_slack(t)
     first = int(np.searchsorted(t, low - slack, side="left"))
     last = int(np.searchsorted(t, high + slack, side="right"))
@@ -129,6 +129,29 @@ def sample_range(t: FloatArray, start: float | None, stop: float | None) -> tupl
             f"least 2; choose times between {t[0]:.6g} s and {t[-1]:.6g} s"
         )
     return first, last
+
+
+def instant(label: str, value: object) -> float:
+    """Give a time [s], which may be infinite or nan.
+
+    Raises
+    ------
+    OptionError
+        It is no number.
+
+    Examples
+    --------
+    >>> instant("start", 3)
+    3.0
+    """
+    try:
+        if isinstance(value, (str, bytes, bool)):
+            raise TypeError
+        return float(cast(Any, value))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise OptionError(
+            f"found {label}={shown(value)}; expected a time in seconds; give a number"
+        ) from error
 
 
 def uniform_step(t: FloatArray) -> float | None:
@@ -270,7 +293,7 @@ def time_axis(
 def _step_and_time(dt: object, n_samples: int) -> tuple[float, FloatArray]:
     try:
         step = float(dt)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         step = np.nan
     if isinstance(dt, (str, bytes, bool)) or not 0.0 < step < np.inf:
         raise SamplingError(
@@ -306,7 +329,8 @@ def check_lengths(u: FloatArray, y: FloatArray, t: FloatArray) -> None:
 
 def check_intersample(intersample: object) -> None:
     """Refuse an unknown behaviour of the input between its samples."""
-    if intersample not in ("zoh", "foh", "band-limited", "auto"):
+    words = ("zoh", "foh", "band-limited", "auto")
+    if not isinstance(intersample, str) or intersample not in words:
         raise OptionError(
             f"found intersample={shown(intersample)}; expected 'zoh' (input held between "
             "samples), 'foh' (straight lines), 'band-limited', or 'auto' to have them compared; "

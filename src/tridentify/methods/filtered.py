@@ -97,7 +97,7 @@ def checked_filter(filter: Sequence[float] | None) -> tuple[float, ...] | None:
         return None
     try:
         c = np.asarray(filter, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         c = np.zeros(0)
     if not (c.ndim == 1 and c.size > 1 and np.all(np.isfinite(c)) and c[0]):
         raise OptionError(

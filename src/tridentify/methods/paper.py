@@ -26,9 +26,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.errors import ConvergenceError, OptionError
+from tridentify.errors import ConvergenceError, OptionError, shown
 from tridentify.estimate import Estimate, Pass, Status, Step, Trace
-from tridentify.methods.base import Progress, check
+from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
 from tridentify.methods.filtered import check_rates, monic_filter
 from tridentify.models.parallel import fit_parallel
@@ -105,9 +105,16 @@ class PaperThreeModel:
                 f"found solver={self.solver!r}; expected 'least_squares' or "
                 "'one_at_a_time'; choose one"
             )
-        if self.passes < 1:
-            raise OptionError(f"found passes={self.passes}; expected at least 1; raise it")
-        coefficients = np.asarray(self.filter, dtype=np.float64)
+        check_count("passes", self.passes)
+        if not isinstance(self.tolerance, (int, float)) or not self.tolerance >= 0.0:
+            raise OptionError(
+                f"found tolerance={shown(self.tolerance)}; expected a number, zero or more; "
+                "correct it"
+            )
+        try:
+            coefficients = np.asarray(self.filter, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            coefficients = np.zeros(0)
         proper = coefficients.ndim == 1 and coefficients.size > 1
         if not (proper and np.all(np.isfinite(coefficients)) and coefficients[0]):
             raise OptionError(
