@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
-from tridentify.errors import OptionError
+from tridentify.checks.scales import LARGEST_TIME
+from tridentify.errors import OptionError, shown
 from tridentify.numerics.realization import Complex, cascade, sort_poles
 from tridentify.numerics.sampled import Sampled, States
 from tridentify.record import Record
@@ -44,8 +45,11 @@ class OperatorBank(Protocol):
 
 
 def _check(gamma: float, order: int) -> None:
-    if not (isinstance(gamma, (int, float)) and np.isfinite(gamma) and gamma > 0):
-        raise OptionError(f"found gamma={gamma!r}; expected a positive number of rad/s; correct it")
+    if not (isinstance(gamma, (int, float)) and 1.0 / LARGEST_TIME <= gamma <= LARGEST_TIME):
+        raise OptionError(
+            f"found gamma={shown(gamma)}; expected a positive number of rad/s, at most "
+            f"{LARGEST_TIME:.0e}; correct it"
+        )
     if not isinstance(order, int) or order < 1:
         raise OptionError(f"found order={order!r}; expected a whole number >= 1; correct it")
 

@@ -35,6 +35,7 @@ from tridentify.checks.samples import (
     check_outputs,
     checked_units,
     chosen_channels,
+    instant,
     looks_measured,
     sample_array,
     sample_range,
@@ -49,6 +50,7 @@ from tridentify.errors import (
     OptionError,
     ResampleError,
     SampleTypeError,
+    SamplingError,
     ShapeError,
     shown,
 )
@@ -104,6 +106,8 @@ class Record:
         An input is not finite; an output is infinite or holds nothing but nan.
     SamplingError, TimeNotIncreasingError
         Both or neither of `dt` and `t`, `dt` not positive, or time that does not increase.
+    ScaleError
+        Samples beyond 1e300, steps below 1e-150 s, a duration above 1e150 s or above 4.5e15 steps.
     ChannelNameError, UnitError, OptionError
         Names, units or `intersample` do not fit.
 
@@ -314,6 +318,7 @@ class Record:
         >>> first.n_samples, second.n_samples
         (2, 2)
         """
+        at = instant("at", at)
         middle = int(np.searchsorted(self.t, at - time_slack(self.t)))
         if np.isnan(at) or not 2 <= middle <= self.n_samples - 2:
             raise EmptyRangeError(
@@ -403,6 +408,7 @@ class Record:
         >>> Record([0, 0, 1, 1, 1], [0, 1, 2, 3, 4], dt=0.1).resample(0.2).y.ravel()
         array([0., 2., 4.])
         """
+        dt = instant("dt", dt)
         if self.dt is None:
             return self._interpolated(dt)
         ratio = dt / self.dt if np.isfinite(dt) else np.nan
@@ -571,6 +577,11 @@ class Record:
         array([0. , nan, 0.3, nan, 0.2])
         """
         inputs, outputs = sample_array("u", u), sample_array("y", y)
+        y_start = instant("y_start", y_start)
+        if not np.isfinite(y_start):
+            raise SamplingError(
+                f"found y_start={y_start}; expected seconds after the first input; correct it"
+            )
         own = time_axis(u_dt, None, len(inputs))[1]
         other = time_axis(y_dt, None, len(outputs))[1] + y_start
         t, u_all, y_all = merge_rates(own, inputs, other, outputs, intersample)

@@ -143,7 +143,8 @@ class Structure:
         }
         for key, value in clean.items():
             object.__setattr__(self, key, value)
-        if self.initial_state not in ("free", "rest", "equilibrium", "auto"):
+        state: object = self.initial_state
+        if not isinstance(state, str) or state not in ("free", "rest", "equilibrium", "auto"):
             raise OptionError(
                 f"found initial_state={shown(self.initial_state)}; expected 'free', 'rest', "
                 "'equilibrium' or 'auto'; choose one"

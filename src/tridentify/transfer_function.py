@@ -29,7 +29,7 @@ from tridentify.errors import (
     UnsupportedError,
     shown,
 )
-from tridentify.numerics.rational import rational_response
+from tridentify.numerics.rational import rational_response, scaled_roots
 from tridentify.text import format_polynomial
 
 __all__ = ["TransferFunction"]
@@ -475,7 +475,7 @@ def _fraction_text(num: FloatArray, den: FloatArray, delay: float) -> str:
 
 
 def _sorted_roots(coefficients: FloatArray) -> ComplexArray:
-    return np.sort_complex(np.roots(coefficients).astype(np.complex128))
+    return np.sort_complex(scaled_roots(coefficients))
 
 
 def _roots(polynomials: Polynomials) -> Any:

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 import time
+import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -14,6 +15,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
+from tridentify import TridentifyError
+from tridentify.errors import DataWarning
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,3 +87,27 @@ def mutants() -> Callable[[str, Path, Seeds, int], Counter[str]]:
 
 
 EXPECTED = ("refused", "not ready", "ran on")
+LONGEST_LINE = 1000
+"""What a message may take up, in characters."""
+
+
+def attempted(what: str, call: Callable[[], object]) -> object | None:
+    """The result; None for a refusal in one line; anything else fails and says what was tried."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            warnings.simplefilter("ignore", DataWarning)
+            return call()
+    except TridentifyError as error:
+        text = str(error)
+        assert "\n" not in text, f"{what}: {text}"
+        assert 20 < len(text) < LONGEST_LINE, f"{what}: {text}"
+        return None
+    except Exception as error:
+        raise AssertionError(f"{what}: {type(error).__name__}: {error}") from error
+
+
+@pytest.fixture
+def attempt() -> Callable[[str, Callable[[], object]], object | None]:
+    """Try a call in which every warning but the package's own is an error."""
+    return attempted

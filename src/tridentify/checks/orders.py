@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from tridentify.checks.scales import LARGEST_KNOWN, check_known
 from tridentify.errors import (
     BoundsError,
     ChannelCountError,
@@ -18,6 +19,7 @@ from tridentify.errors import (
     OrderError,
     PriorError,
     StaticGainError,
+    StructureError,
     shown,
 )
 
@@ -26,6 +28,9 @@ Equality = tuple[Mapping[str, float], float]
 Gain = float | tuple[tuple[float | None, ...], ...]
 Number = TypeVar("Number", int, float)
 Matrix = tuple[tuple[Number, ...], ...]
+
+MOST_ORDER = 1000
+"""Poles or zeros of a structure: far above what can be estimated, and its names are a list."""
 
 
 def channel_matrix(
@@ -67,6 +72,11 @@ def checked_orders(label: str, value: object, lowest: int) -> int | Matrix[int]:
             raise OrderError(
                 f"found {label}={shown(item)}; expected a whole number of at least {lowest}; "
                 f"correct {label}"
+            )
+        if whole > MOST_ORDER:
+            raise OrderError(
+                f"found {label}={shown(item)}; expected at most {MOST_ORDER}, more than any record "
+                f"determines; lower {label}"
             )
         return whole
 
@@ -130,7 +140,16 @@ def checked_fixed(fixed: Mapping[str, float] | None) -> dict[str, float]:
                 f"found the fixed value {shown((fixed or {}).get(name))} for {shown(name)}; "
                 "expected a finite number; correct it"
             )
+        _check_size(BoundsError, "the fixed value", name, value, "correct it")
     return values
+
+
+def _check_size(
+    kind: type[StructureError], what: str, name: object, value: float, remedy: str
+) -> None:
+    wrong = check_known(f"{what} of {shown(name)}" if name else what, value)
+    if wrong:
+        raise kind(f"found {wrong}; {remedy}, or choose other units")
 
 
 def checked_bounds(bounds: Mapping[str, Bounds] | None) -> dict[str, Bounds]:
@@ -153,6 +172,9 @@ def checked_bounds(bounds: Mapping[str, Bounds] | None) -> dict[str, Bounds]:
                 f"found the bounds {shown(pair)} for {shown(name)}; expected (low, high) with "
                 "low < high, None for no limit; correct them"
             )
+        for limit in (low, high):
+            if math.isfinite(limit):
+                _check_size(BoundsError, "a bound", name, limit, "write None for no limit")
         pairs[str(name)] = (None if low == -math.inf else low, None if high == math.inf else high)
     return pairs
 
@@ -175,6 +197,14 @@ def _equality(item: object) -> Equality:
     weights = {name: weight for name, weight in weights.items() if weight}
     if not weights:
         raise _no_equality(item)
+    sizes = [abs(w) for w in weights.values()]
+    largest = max(sizes)
+    if min(sizes) < largest / LARGEST_KNOWN or abs(value) / LARGEST_KNOWN > largest:
+        raise EqualityError(
+            f"found the equality {shown(item)} with numbers of {min(sizes):.3g} to "
+            f"{max(largest, abs(value)):.3g}; expected numbers within a factor of "
+            f"{LARGEST_KNOWN:.0e} of the largest weight; leave out what does not count"
+        )
     return MappingProxyType(weights), value
 
 
@@ -203,6 +233,8 @@ def checked_priors(
                 f"found the prior {shown(pair)} for {shown(name)}; expected (mean, standard "
                 "deviation), finite, the latter above zero; correct it, or fix the coefficient"
             )
+        _check_size(PriorError, "a prior mean", name, mean, "correct it")
+        _check_size(PriorError, "a prior standard deviation", name, spread, "correct it")
         pairs[str(name)] = (mean, spread)
     return pairs
 
@@ -231,4 +263,5 @@ def _gain(item: object) -> float:
             f"found static_gain={shown(item)}; expected a finite number; correct it, or fix a0 to "
             "zero for an integrator"
         )
+    _check_size(StaticGainError, "a static gain", None, number, "correct it")
     return number

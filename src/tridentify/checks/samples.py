@@ -14,6 +14,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tridentify.checks.scales import check_samples, check_time
 from tridentify.errors import (
     ChannelNameError,
     DataWarning,
@@ -117,8 +118,8 @@ def sample_range(t: FloatArray, start: float | None, stop: float | None) -> tupl
     >>> sample_range(np.arange(10.0), 2.0, 4.0)
     (2, 5)
     """
-    low = float(t[0]) if start is None else float(start)
-    high = float(t[-1]) if stop is None else float(stop)
+    low = float(t[0]) if start is None else instant("start", start)
+    high = float(t[-1]) if stop is None else instant("stop", stop)
     slack = time_slack(t)
     first = int(np.searchsorted(t, low - slack, side="left"))
     last = int(np.searchsorted(t, high + slack, side="right"))
@@ -128,6 +129,29 @@ def sample_range(t: FloatArray, start: float | None, stop: float | None) -> tupl
             f"least 2; choose times between {t[0]:.6g} s and {t[-1]:.6g} s"
         )
     return first, last
+
+
+def instant(label: str, value: object) -> float:
+    """Give a time [s], which may be infinite or nan.
+
+    Raises
+    ------
+    OptionError
+        It is no number.
+
+    Examples
+    --------
+    >>> instant("start", 3)
+    3.0
+    """
+    try:
+        if isinstance(value, (str, bytes, bool)):
+            raise TypeError
+        return float(cast(Any, value))
+    except (TypeError, ValueError, OverflowError) as error:
+        raise OptionError(
+            f"found {label}={shown(value)}; expected a time in seconds; give a number"
+        ) from error
 
 
 def uniform_step(t: FloatArray) -> float | None:
@@ -253,20 +277,23 @@ def time_axis(
         raise NotFiniteError(
             f"found t[{index}] = {time[index]}; expected finite times; drop or repair that sample"
         )
-    later = np.diff(time) > 0.0
+    later = time[1:] > time[:-1]
     if not later.all():
         index = int(np.argmin(later))
         raise TimeNotIncreasingError(
             f"found t[{index + 1}] = {time[index + 1]:.9g} s after t[{index}] = {time[index]:.9g} s"
             "; expected strictly increasing time; sort the samples or drop repeated ones"
         )
-    return (uniform_step(time) if len(time) > 1 else None), time
+    if len(time) < 2:
+        return None, time
+    check_time(float(time[0]), float(time[-1]), typical_step(time))
+    return uniform_step(time), time
 
 
 def _step_and_time(dt: object, n_samples: int) -> tuple[float, FloatArray]:
     try:
         step = float(dt)  # type: ignore[arg-type]
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         step = np.nan
     if isinstance(dt, (str, bytes, bool)) or not 0.0 < step < np.inf:
         raise SamplingError(
@@ -274,6 +301,7 @@ def _step_and_time(dt: object, n_samples: int) -> tuple[float, FloatArray]:
         )
     if not np.isfinite(step * max(n_samples, 1)):
         raise SamplingError(f"found dt={step:.6g} s; expected a duration within range; correct dt")
+    check_time(0.0, step * max(n_samples - 1, 1), step)
     time = np.arange(n_samples, dtype=np.float64)
     time *= step
     return step, time
@@ -301,7 +329,8 @@ def check_lengths(u: FloatArray, y: FloatArray, t: FloatArray) -> None:
 
 def check_intersample(intersample: object) -> None:
     """Refuse an unknown behaviour of the input between its samples."""
-    if intersample not in ("zoh", "foh", "band-limited", "auto"):
+    words = ("zoh", "foh", "band-limited", "auto")
+    if not isinstance(intersample, str) or intersample not in words:
         raise OptionError(
             f"found intersample={shown(intersample)}; expected 'zoh' (input held between "
             "samples), 'foh' (straight lines), 'band-limited', or 'auto' to have them compared; "
@@ -347,8 +376,9 @@ def check_distinct(names: tuple[str, ...]) -> None:
 
 
 def check_inputs(u: FloatArray, names: tuple[str, ...]) -> None:
-    """Refuse inputs that are not finite."""
+    """Refuse inputs that are not finite, or too large to be added."""
     if np.isfinite(u).all():
+        check_samples("an input", u)
         return
     row, column = (int(k) for k in np.argwhere(~np.isfinite(u))[0])
     raise NotFiniteError(
@@ -358,9 +388,7 @@ def check_inputs(u: FloatArray, names: tuple[str, ...]) -> None:
 
 
 def check_outputs(y: FloatArray, names: tuple[str, ...]) -> None:
-    """Refuse infinite outputs, and channels of nothing but nan."""
-    if np.isfinite(y).all():
-        return
+    """Refuse infinite outputs, those too large to be added, and channels of nothing but nan."""
     if np.isinf(y).any():
         row, column = (int(k) for k in np.argwhere(np.isinf(y))[0])
         raise NotFiniteError(
@@ -373,6 +401,7 @@ def check_outputs(y: FloatArray, names: tuple[str, ...]) -> None:
             f"found nothing but nan in output {shown(names[int(np.argmax(empty))])}; expected at "
             "least one sample; leave the channel out"
         )
+    check_samples("an output", y)
 
 
 def checked_units(units: Mapping[str, str] | None, names: tuple[str, ...]) -> Mapping[str, str]:

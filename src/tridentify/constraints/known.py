@@ -36,6 +36,8 @@ Rows = list[tuple[dict[int, float], float]]
 
 CONSISTENT = 1e-9
 RANK = 1e-11
+PLAIN = 1e50
+"""Weights of up to this size, or its inverse, stay as they are written; others become about one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +124,8 @@ def known_of(
     """
     refuse_structure(structure)
     names = structure.names(input_names, output_names)
-    _refuse_unknown(structure, names)
     size = np.ones(len(names)) if scale is None else scale
-    values, rows = _substituted(_equalities(structure, names, input_names, output_names), names)
+    values, rows = _substituted(equalities_of(structure, input_names, output_names), names)
     origin, directions = _null_space(values, rows, size, names)
     low, high = _bounds(structure, names)
     mean, spread = np.zeros(len(names)), np.full(len(names), np.inf)
@@ -166,26 +167,39 @@ def _refuse_unknown(structure: Structure, names: tuple[str, ...]) -> None:
             )
 
 
-def _equalities(
-    structure: Structure,
-    names: tuple[str, ...],
-    input_names: Sequence[str],
-    output_names: Sequence[str],
+def equalities_of(
+    structure: Structure, input_names: Sequence[str], output_names: Sequence[str]
 ) -> Rows:
-    """All that is said by equalities, as (weights by position, value)."""
+    """All that is said by equalities, as (weights by position, value).
+
+    Parameters
+    ----------
+    structure : Structure
+    input_names, output_names : sequence of str
+        Of the record.
+
+    Raises
+    ------
+    ParameterNameError
+        If it names coefficients of other channels.
+    """
+    names = structure.names(input_names, output_names)
+    _refuse_unknown(structure, names)
     rows: Rows = [({names.index(k): 1.0}, v) for k, v in (structure.fixed or {}).items()]
     for weights, value in structure.equalities or ():
-        rows.append(({names.index(name): w for name, w in weights.items()}, float(value)))
+        largest = max(abs(w) for w in weights.values())
+        # a power of two, so that no digit is touched
+        power = 0 if 1.0 / PLAIN <= largest <= PLAIN else -int(np.frexp(largest)[1])
+        row = {names.index(name): float(np.ldexp(w, power)) for name, w in weights.items()}
+        rows.append((row, float(np.ldexp(value, power))))
     gains = structure.gain_matrix(len(output_names), len(input_names))
     several = len(output_names) * len(input_names) > 1
     for output, line in zip(output_names, gains, strict=True):
         for source, gain in zip(input_names, line, strict=True):
             if gain is not None:
                 own = f"b0[{output},{source}]" if several else "b0"
-                row = {names.index(own): 1.0}
-                if gain:
-                    row[names.index("a0")] = -gain
-                rows.append((row, 0.0))
+                weight = {names.index("a0"): -gain} if gain else {}
+                rows.append(({names.index(own): 1.0, **weight}, 0.0))
     return rows
 
 
@@ -249,8 +263,9 @@ def _null_space(
         weights, value = rows[worst]
         _contradict(_in_words(weights, value, names))
     basis = vt[rank:].T
-    # a coefficient that several equalities determine together does not move
-    basis[np.linalg.norm(basis, axis=1) < np.sqrt(RANK)] = 0.0
+    if len(rows) > 1:
+        # a coefficient that several equalities determine together does not move
+        basis[np.linalg.norm(basis, axis=1) < np.sqrt(RANK)] = 0.0
     origin[coupled] = point * scale[coupled]
     for column in basis.T:
         direction = np.zeros(p)

@@ -33,6 +33,9 @@ from tridentify.structure import InitialState, Structure
 
 Array = NDArray[np.float64]
 
+LARGEST_EXPONENT = 700.0
+"""A step that promises a rise beyond e^700, where floats end, is as good as none."""
+
 
 @dataclass(frozen=True, eq=False)
 class Spread:
@@ -77,7 +80,7 @@ def criterion(here: Fit, known: Known, fall: float = 0.0) -> float:
     """
     n = here.counts
     floor = INDISTINGUISHABLE * here.problem.size
-    left = np.exp(-fall / n.sum())
+    left = np.exp(min(-fall / n.sum(), LARGEST_EXPONENT))
     likelihood = float(n @ np.log(left * here.rss / n + floor)) + known.penalty(here.theta)
     return likelihood + _count_penalty(float(n.sum()), unknowns(here, known))
 

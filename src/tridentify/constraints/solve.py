@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from tridentify.constraints.descend import Reached, descend, fit_at, is_exact, is_stable, step
 from tridentify.constraints.disagree import disagreement
-from tridentify.constraints.known import Known, known_of, refuse_structure
+from tridentify.constraints.known import Known, equalities_of, known_of, refuse_structure
+from tridentify.constraints.reach import check_reach
 from tridentify.constraints.result import (
     criterion,
     described,
@@ -76,10 +77,15 @@ def resolve(records: Sequence[Record], structure: Structure) -> Known:
     ------
     ContradictoryConstraintsError, UnsupportedError
         If it contradicts itself, or is for what cannot be constrained.
+    ScaleError
+        If numbers are out of all proportion to the record.
     """
     refuse_structure(structure)
-    first = records[0]
-    return known_of(structure, first.input_names, first.output_names, _scale(records, structure))
+    inputs, outputs = records[0].input_names, records[0].output_names
+    scale, spread = _scale(records, structure), _spread(records, structure)
+    rows = equalities_of(structure, inputs, outputs)
+    check_reach(structure, structure.names(inputs, outputs), rows, scale, spread)
+    return known_of(structure, inputs, outputs, scale)
 
 
 def seen(
@@ -425,9 +431,7 @@ def _scale(
 ) -> Array:
     """(p,) sizes of the coefficients: powers of a typical rate, and ratios of the signals."""
     n = structure.common_poles
-    longest = max(float(record.t[-1] - record.t[0]) for record in records)
-    shortest = min(float(np.median(np.diff(record.t))) for record in records)
-    rate = (shortest * longest) ** -0.5
+    rate = (_shortest(records) * _longest(records)) ** -0.5
     if theta is not None and known is not None and known.n_poles > known.integrators:
         moving = theta[known.moving]
         rate = abs(float(moving[-1])) ** (1.0 / moving.size) or rate
@@ -440,6 +444,23 @@ def _scale(
             u = float(np.sqrt(np.mean(np.concatenate([r.u[:, j] for r in records]) ** 2))) or 1.0
             parts.append(size / u * rate ** np.arange(n - m, n + 1.0))
     return np.concatenate(parts)
+
+
+def _shortest(records: Sequence[Record]) -> float:
+    return min(float(np.median(np.diff(record.t))) for record in records)
+
+
+def _longest(records: Sequence[Record]) -> float:
+    return max(record.duration for record in records)
+
+
+def _spread(records: Sequence[Record], structure: Structure) -> Array:
+    """(p,) how far from `_scale` the slowest and the quickest poles of the records lead."""
+    n = structure.common_poles
+    factor = (_longest(records) / _shortest(records)) ** 0.5
+    zeros = structure.zeros_matrix(records[0].n_outputs, records[0].n_inputs)
+    powers = [np.arange(n - m, n + 1.0) for row in zeros for m in row]
+    return np.asarray(factor ** np.concatenate([np.arange(1.0, n + 1.0), *powers]))
 
 
 def _trace(

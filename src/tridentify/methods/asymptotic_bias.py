@@ -37,6 +37,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tridentify.errors import ChannelCountError, NonUniformTimeError, OptionError, UnsupportedError
 from tridentify.methods.filtered import (
+    check_rates,
     checked_filter,
     coefficient_map,
     filter_cascade,
@@ -121,6 +122,7 @@ def asymptotic_bias(
     problem, truth = _clean(model, record, nuisances)
     variance = _variances(noise_variance, problem.n_outputs)
     given = filter_cascade(c, problem.n_poles)
+    check_rates(given.poles, "filter", problem.experiments)
     experiments = [with_filtered(e, given) for e in problem.experiments]
     weights = 1.0 / np.sqrt(np.maximum(problem.power + variance, 1e-300))
     found = separate(problem, experiments, given, weights, variance)

@@ -11,6 +11,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.checks.samples import typical_step
+from tridentify.checks.scales import LARGEST_SIGNAL, check_coefficients, check_time
 from tridentify.errors import (
     ChannelCountError,
     ConstantOutputError,
@@ -35,7 +37,6 @@ from tridentify.text import unit_factors, unit_product
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
-LARGEST = 1e100
 MOST_POLES = 20
 DEPENDENT = 1e-10
 """Share of an input that the others do not hold, below which they hold all of it."""
@@ -83,7 +84,7 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
     _check_units(records)
     refuse_unsupported(records, structure, method, can)
     _check_order(structure)
-    _check_scale(records)
+    check_signals(records)
     for j, name in enumerate(first.input_names):
         if not any(np.any(record.u[:, j]) for record in records):
             raise ZeroInputError(
@@ -101,6 +102,7 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
                 f"found output {name!r} constant throughout; expected a response to the input; "
                 "choose another channel, or excite the system"
             )
+    _check_scale(records, structure)
     _check_dependence(records, structure)
     _check_outputs(records, structure)
     n_parameters = len(structure.names(first.input_names, first.output_names))
@@ -131,16 +133,48 @@ def _constant(values: Array) -> bool:
     return bool(seen.size == 0 or seen.min() == seen.max())
 
 
-def _check_scale(records: Sequence[Record]) -> None:
-    """Values whose squares overflow or vanish are no measurements in sensible units."""
+def check_signals(records: Sequence[Record]) -> None:
+    """Refuse channels whose squares overflow or vanish; those of zeros are not judged here.
+
+    Raises
+    ------
+    ScaleError
+    """
     for record in records:
-        largest = max(float(np.abs(record.u).max()), float(np.nanmax(np.abs(record.y))))
-        smallest = min(float(np.abs(record.u).max()), float(np.nanmax(np.abs(record.y))))
-        if largest > LARGEST or 0 < smallest < 1.0 / LARGEST:
-            raise ScaleError(
-                f"found values of the order {largest if largest > LARGEST else smallest:.0e}; "
-                f"expected between {1 / LARGEST:.0e} and {LARGEST:.0e}; choose other units"
-            )
+        for signals in (record.u, record.y):
+            sizes = np.fmax.reduce(np.abs(signals), axis=0)
+            wrong = sizes[(sizes > LARGEST_SIGNAL) | ((sizes > 0) & (sizes < 1.0 / LARGEST_SIGNAL))]
+            if wrong.size:
+                raise ScaleError(
+                    f"found values of the order {wrong[0]:.0e}; expected between "
+                    f"{1 / LARGEST_SIGNAL:.0e} and {LARGEST_SIGNAL:.0e}; choose other units"
+                )
+
+
+def steps_and_length(records: Sequence[Record]) -> tuple[float, float]:
+    """The shortest typical step and the longest duration [s]."""
+    steps = [typical_step(r.t) if r.dt is None else r.dt for r in records]
+    return min(steps), max(r.duration for r in records)
+
+
+def _check_scale(records: Sequence[Record], structure: Structure) -> None:
+    """Refuse orders and units whose coefficients have no room in a float."""
+    first = records[0]
+    shortest, longest = steps_and_length(records)
+    check_time(0.0, longest, shortest)
+    poles = structure.poles_matrix(first.n_outputs, first.n_inputs)
+    zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
+    u = np.max([np.abs(r.u).max(axis=0) for r in records], axis=0)
+    y = np.fmax.reduce([np.fmax.reduce(np.abs(r.y), axis=0) for r in records])
+    check_coefficients(
+        [
+            (poles[i][j], zeros[i][j], float(y[i] / u[j]))
+            for i in range(first.n_outputs)
+            for j in range(first.n_inputs)
+        ],
+        shortest,
+        longest,
+    )
 
 
 def _check_dependence(records: Sequence[Record], structure: Structure) -> None:

@@ -50,7 +50,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
+from tridentify.checks.scales import LARGEST_COEFFICIENT, check_filter
+from tridentify.errors import (
+    OptionError,
+    ScaleError,
+    UnsupportedError,
+    UnsupportedOrderError,
+    shown,
+)
 from tridentify.methods.held_model import HeldModel as HeldModel
 from tridentify.models.response import Columns, Response
 from tridentify.numerics.discretize import discretize
@@ -73,6 +80,7 @@ from tridentify.record import Record
 from tridentify.regression import Experiment, Layout, Regression, regress
 
 Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
 
 TINY = 1e-300
 
@@ -89,19 +97,51 @@ def checked_filter(filter: Sequence[float] | None) -> tuple[float, ...] | None:
         return None
     try:
         c = np.asarray(filter, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         c = np.zeros(0)
     if not (c.ndim == 1 and c.size > 1 and np.all(np.isfinite(c)) and c[0]):
         raise OptionError(
             f"found filter={filter!r}; expected the coefficients of c(p), descending powers; "
             "correct them, or leave filter out"
         )
-    if np.any(np.roots(c).real >= 0):
+    monic = monic_filter(c)
+    if np.any(np.roots(monic).real >= 0):
         raise OptionError(
             f"found an unstable filter {tuple(filter)!r}; expected roots with negative real parts; "
             "correct the coefficients, or leave filter out"
         )
-    return tuple((c / c[0]).tolist())
+    return tuple(monic.tolist())
+
+
+def monic_filter(c: Array) -> Array:
+    """Coefficients of a filter, divided by the first.
+
+    Raises
+    ------
+    ScaleError
+        If the squares of the others then are no numbers.
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        monic = np.asarray(c / c[0])
+    sizes = np.abs(monic[monic != 0])
+    if not (sizes.max() <= LARGEST_COEFFICIENT and sizes.min() >= 1.0 / LARGEST_COEFFICIENT):
+        raise ScaleError(
+            f"found filter={shown(c.tolist())}; expected coefficients within a factor of "
+            f"{LARGEST_COEFFICIENT:.0e} of the first, whose squares are numbers; choose rates that "
+            "a record can show, or leave filter out"
+        )
+    return monic
+
+
+def check_rates(poles: Complex, what: str, experiments: Sequence[Experiment]) -> None:
+    """Refuse a filter whose rates have nothing to do with the records.
+
+    Raises
+    ------
+    ScaleError
+    """
+    shortest, longest = min(e.dt for e in experiments), max(e.duration for e in experiments)
+    check_filter(poles, what, shortest, longest)
 
 
 class Filter(Cascade):

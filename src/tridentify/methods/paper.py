@@ -26,10 +26,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.errors import ConvergenceError, OptionError
+from tridentify.errors import ConvergenceError, OptionError, shown
 from tridentify.estimate import Estimate, Pass, Status, Step, Trace
-from tridentify.methods.base import Progress, check
+from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
+from tridentify.methods.filtered import check_rates, monic_filter
 from tridentify.models.parallel import fit_parallel
 from tridentify.models.response import Response
 from tridentify.models.series import fit_series
@@ -104,16 +105,23 @@ class PaperThreeModel:
                 f"found solver={self.solver!r}; expected 'least_squares' or "
                 "'one_at_a_time'; choose one"
             )
-        if self.passes < 1:
-            raise OptionError(f"found passes={self.passes}; expected at least 1; raise it")
-        coefficients = np.asarray(self.filter, dtype=np.float64)
+        check_count("passes", self.passes)
+        if not isinstance(self.tolerance, (int, float)) or not self.tolerance >= 0.0:
+            raise OptionError(
+                f"found tolerance={shown(self.tolerance)}; expected a number, zero or more; "
+                "correct it"
+            )
+        try:
+            coefficients = np.asarray(self.filter, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            coefficients = np.zeros(0)
         proper = coefficients.ndim == 1 and coefficients.size > 1
         if not (proper and np.all(np.isfinite(coefficients)) and coefficients[0]):
             raise OptionError(
                 f"found filter={self.filter!r}; expected the coefficients of c(p), descending "
                 "powers; correct them"
             )
-        if np.any(np.roots(coefficients).real >= 0):
+        if np.any(np.roots(monic_filter(coefficients)).real >= 0):
             raise OptionError(
                 f"found an unstable filter {self.filter!r}; expected roots with negative real "
                 "parts; correct the coefficients"
@@ -192,7 +200,10 @@ class _Run:
         self.options, self.problem = options, problem
         self.operators = options.bank
         self.operator_bank = cascade(self.operators.poles)
-        self.filter_bank = cascade(sort_poles(np.roots(options.filter).astype(np.complex128)))
+        roots = np.roots(monic_filter(np.asarray(options.filter))).astype(np.complex128)
+        check_rates(roots, "filter", problem.experiments)
+        check_rates(self.operators.poles, "gamma", problem.experiments)
+        self.filter_bank = cascade(sort_poles(roots))
         self.passes: list[Pass] = []
         self.samples = float(sum(np.isfinite(e.y).sum() for e in problem.experiments))
         self.weights = np.ones(problem.n_outputs) / np.sqrt(np.maximum(problem.power, 1e-300))

@@ -41,6 +41,7 @@ from tridentify.methods.filtered import (
     SvfFit,
     backward,
     bank_of,
+    check_rates,
     checked_filter,
     coefficient_map,
     equation,
@@ -267,7 +268,9 @@ def candidate_filters(problem: Problem, filter: Sequence[float] | None) -> dict[
     """The filter given, or those on the grid, by what they are called."""
     n = problem.n_poles
     if filter is not None:
-        return {"given filter": filter_cascade(filter, n)}
+        given = filter_cascade(filter, n)
+        check_rates(given.poles, "filter", problem.experiments)
+        return {"given filter": given}
     low, high = rate_limits(problem)
     count = max(4, int(PER_DECADE * np.log10(high / low)) + 1)
     return dict(_power(high * 10.0 ** (-k / PER_DECADE), n) for k in range(count))

@@ -12,6 +12,11 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
+FAR = 500.0
+"""Coefficients are scaled where one is 2^500 times the first: the ratio squared is a float."""
+MOST_POWER = 900.0
+"""Largest power of two among scaled coefficients: a sum of several is a float."""
+
 
 def rational_response(num: FloatArray, den: FloatArray, s: ComplexArray) -> ComplexArray:
     """Evaluate ``num(s)/den(s)``.
@@ -49,3 +54,41 @@ def _horner(coefficients: FloatArray, x: ComplexArray, reverse: NDArray[np.bool_
     for ascending, descending in zip(coefficients[::-1], coefficients, strict=True):
         value = value * x + np.where(reverse, ascending, descending)
     return value
+
+
+def scaled_roots(coefficients: FloatArray) -> ComplexArray:
+    """Roots of a polynomial, in units of their mean size where the coefficients lie far apart.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (n + 1,)
+        Descending powers, finite.
+
+    Returns
+    -------
+    ndarray of complex, shape (at most n,)
+        Without those that lie beyond the range of a float: the leading coefficient is as good as
+        zero then.
+
+    Examples
+    --------
+    >>> scaled_roots(np.array([1e-200, 1.0])).real, scaled_roots(np.array([1e-300, 1e300]))
+    (array([-1.e+200]), array([], dtype=complex128))
+    """
+    kept = np.trim_zeros(np.asarray(coefficients, dtype=np.float64), "f")
+    found = np.flatnonzero(kept)
+    if found.size < 2:
+        return np.roots(kept).astype(np.complex128)
+    logs = np.log2(np.abs(kept[found])) - np.log2(abs(kept[0]))
+    if np.abs(logs).max() < FAR:
+        return np.roots(kept).astype(np.complex128)
+    unit = round(float(logs[-1] / found[-1]))
+    powers = logs - unit * found
+    if powers.max() > MOST_POWER or unit > MOST_POWER:
+        return scaled_roots(kept[1:])
+    scaled = np.zeros(kept.size)
+    scaled[found] = np.sign(kept[found]) * np.sign(kept[0]) * np.exp2(powers)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore"):
+        roots = np.asarray(np.roots(scaled).astype(np.complex128))
+        roots = np.ldexp(roots.real, unit) + 1j * np.ldexp(roots.imag, unit)
+    return roots[np.isfinite(roots)]

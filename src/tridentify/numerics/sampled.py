@@ -41,6 +41,8 @@ from tridentify.numerics.propagate import propagate
 
 Array = NDArray[np.float64]
 
+MOST_LATE = 2.0**52
+"""Samples of a delay, beyond which it is later than the end of any record."""
 WHOLE = 1e-9
 
 
@@ -203,7 +205,7 @@ def split_delay(delay: float, dt: float) -> tuple[int, float]:
     >>> split_delay(0.75, 0.5), split_delay(0.3, 0.1)
     ((1, 0.5), (3, 0.0))
     """
-    ratio = delay / dt
+    ratio = min(delay / dt, MOST_LATE)
     nearest = round(ratio)
     if abs(ratio - nearest) <= WHOLE * max(1.0, abs(ratio)):
         return nearest, 0.0

@@ -101,7 +101,9 @@ class _Decomposition(NamedTuple):
 
     def gain(self, damping: float) -> Array:
         """Of every singular value."""
-        return np.where(self.s > 1e-13 * self.s[0], self.s / (self.s**2 + damping), 0.0)
+        kept = self.s > 1e-13 * self.s[0]
+        s = np.where(kept, self.s, 1.0)
+        return np.where(kept, s / (s**2 + damping), 0.0)
 
     def step(self, damping: float) -> Array:
         """(n_scores,) change of ``alpha`` and the delays."""
