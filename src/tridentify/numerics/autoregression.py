@@ -20,9 +20,9 @@ depend on the data, so all columns share them.
 *Estimation.* Burg's recursion on the stretches without gaps (Burg 1975): it minimises the sum
 of the squares of the forward and backward prediction errors one order after the other, gives
 all orders at once in time ``O(N p)`` and is always stationary. Where samples are missing the
-coefficients are then improved on the exact likelihood of those that are there: with ``d_k``
-the variances of the innovations, ``-2 log L = n log(sum e_k^2 / n) + sum log d_k`` has the
-minimum of the sum of squares of ``e_k prod d^(1 / 2n)``.
+coefficients are then improved on the exact likelihood of those that are there, ``-2 log L = n
+log(sum e_k^2 / n) + sum log d_k`` with ``d_k`` the variances of the innovations, by its own
+derivatives (`numerics.incomplete`).
 
 *What the fit took.* A residual is smaller than the noise where the fit had freedom, so its model
 makes the noise too small there and the standard errors with it. For generalised least squares on

@@ -44,8 +44,9 @@ Places = NDArray[np.int64]
 STILL = 1e-4
 """Of the derivative at the end, in units of the standard errors: the coefficients are as near."""
 MOST_STEPS = 60
+"""From Burg's coefficients a handful is enough; many missing samples take some more."""
 FARTHEST = 1.0 - 1e-5
-"""Largest reflection coefficient: beyond it a series looks the same as one that is not stationary."""
+"""Largest reflection coefficient: beyond it no series tells a process from one that drifts."""
 
 
 def _partial_sums(a: Array) -> Array:
@@ -257,7 +258,9 @@ class Incomplete:
         for zeros, missing in self._rows:
             x, size = zeros.copy(), missing.size
             # the most of them that are within p samples
-            width = int(np.max(np.searchsorted(missing, missing + p + 1) - np.arange(size), initial=1))
+            width = int(
+                np.max(np.searchsorted(missing, missing + p + 1) - np.arange(size), initial=1)
+            )
             band, inverse = np.zeros((2, size, width))
             log_determinant += complete(sums, x, missing, band, inverse, np.zeros(size))
             tables(p, x, missing, inverse, products, spread)
@@ -299,7 +302,9 @@ class Incomplete:
         a, slopes = np.zeros(k.size + 1), np.zeros((k.size, k.size))
         levinson(k, a, slopes)
         slopes *= 1.0 - k * k
-        information = max(self.count, 1) * slopes.T @ toeplitz(autocovariance(a[1:], k.size - 1)) @ slopes
+        information = (
+            max(self.count, 1) * slopes.T @ toeplitz(autocovariance(a[1:], k.size - 1)) @ slopes
+        )
         try:
             upper = cholesky(information)
         except np.linalg.LinAlgError:

@@ -208,7 +208,9 @@ def spread_of_statistics(
     for one in np.split(e, np.cumsum([one.size for one in seen])[:-1], axis=1):
         size = next_fast_len(one.shape[1] + found.value.size + 1, real=True)
         half = rfft(one, size, axis=1)
-        own = irfft(half.real**2 + half.imag**2, size, axis=1)[:, 1 : min(found.value.size, one.shape[1] - 1) + 1]
+        own = irfft(half.real**2 + half.imag**2, size, axis=1)[
+            :, 1 : min(found.value.size, one.shape[1] - 1) + 1
+        ]
         products[:, : own.shape[1]] += own
     values = products / np.sum(e * e, axis=1, keepdims=True)
     statistics = _statistics(values, found, _projections(found.std > 0, noise))

@@ -26,6 +26,7 @@ from tridentify.report.settings import code_again, settings_table
 from tridentify.report.tables import course_tables, result_tables, validation_tables
 from tridentify.validation import Validation, validate
 
+
 def write_report(
     estimate: Estimate,
     record: Record | Sequence[Record],
