@@ -30,7 +30,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,7 +90,7 @@ def autocorrelation_of_fit(
     m = sum(float(one.sum()) for one in seen) - p
     # beside N the traces are of the size of p: half the digits are more than enough of a long one
     kind = np.float64 if m + p < SHORT else np.float32
-    small = [np.ascontiguousarray(q, dtype=kind) for q in bases]
+    small: list[NDArray[Any]] = [np.ascontiguousarray(q, dtype=kind) for q in bases]
     sizes = [np.einsum("ij,ij->i", q, q).astype(np.float64) for q in small]
     value, mean, std = np.zeros((3, n_lags))
     for k in range(1, n_lags + 1):
