@@ -1,11 +1,10 @@
 """Wrong answers without a word: records with something wrong in them, and what is said of them.
 
-`wrong_records` draws the records, fresh seeds of every kind and right ones beside them. An answer is
-*bad* when a coefficient with a stated error below 20 % is more than 5 stated errors and 20 % off the
-truth; it is *silent* when nothing that matters is found. *Told* counts the bad answers with a
-finding, by `identify` alone and by `validate` on the same record; *named* is how often the first
-finding names the cause, among all records of the kind where anything was found. Right records with a
-finding are false alarms.
+`wrong_records` draws the records, fresh seeds of every kind and right ones beside them. An answer
+is *bad* when a coefficient with a stated error below 20 % is more than 5 stated errors and 20 % off
+the truth; it is *silent* when nothing that matters is found. The columns `identify` and `validate`
+count the records with a finding that matters, *named* those whose first finding names the cause.
+Right records with a finding are false alarms.
 """
 
 from __future__ import annotations

@@ -418,11 +418,11 @@ def test_an_interrupt_leaves_nothing_behind(run, tmp_path, noisy, question, monk
 def test_a_failure_while_writing_leaves_nothing_behind(run, tmp_path, noisy, question, monkeypatch):
     import tridentify.report as report
 
-    def full(_estimate: object, _record: object, folder: Path) -> None:
-        assert (folder / "model.json").exists()
-        raise OSError(28, "No space left on device", str(folder / "fit.png"))
+    def full(_estimate: object, _record: object, page: Path, **_options: object) -> None:
+        assert (page.parent / "model.json").exists()
+        raise OSError(28, "No space left on device", str(page.parent / "fit.png"))
 
-    monkeypatch.setattr(report, "save_figures", full)
+    monkeypatch.setattr(report, "write_report", full)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "model.json").write_text("old")
     outcome = run("identify", noisy, *question, "--out", tmp_path / "out")

@@ -56,3 +56,9 @@ def test_nothing_heavy_is_loaded(statement: str) -> None:
     loaded = loaded_after(statement)
     assert "tridentify" in loaded
     assert sorted(loaded.intersection(HEAVY)) == []
+
+
+def test_the_command_line_starts_without_what_few_commands_need() -> None:
+    loaded = loaded_after("import tridentify.cli.app")
+    slow = {"scipy.signal", "scipy.stats", "scipy.integrate", "matplotlib", "jinja2", "numba"}
+    assert sorted(loaded & slow) == []

@@ -11,15 +11,13 @@ from scipy.signal import lfilter
 
 from tridentify.numerics.autoregression import (
     Whitener,
-    autocovariance,
     burg,
     deviance,
     fit_autoregression,
     most_coefficients,
-    polynomial,
-    reflections,
     whiten,
 )
+from tridentify.numerics.levinson import autocovariance, polynomial, reflections
 from tridentify.numerics.whiteness import input_share, is_white
 
 SETTLING = 3000

@@ -19,7 +19,8 @@ from tridentify import (
     simulate,
 )
 from tridentify.errors import OptionError, TooFewSamplesError, UnsupportedError
-from tridentify.numerics.autoregression import autocovariance, polynomial, whiten
+from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.levinson import autocovariance, polynomial
 from tridentify.numerics.realization import cascade
 from tridentify.output_error.finish import coefficients
 from tridentify.output_error.nuisance import Nuisances, build

@@ -246,6 +246,33 @@ def test_long_record_makes_a_small_page(single, tmp_path):
     assert path.stat().st_size < 1_500_000
 
 
+def test_page_and_figures_together_are_those_apart_and_drawn_once(single, tmp_path, monkeypatch):
+    from matplotlib.figure import Figure
+
+    apart = write_report(single.estimate, single.record, tmp_path / "r.html").read_text()
+    drawn, stages = [], []
+    plain = Figure.savefig
+
+    def counted(figure: Figure, *arguments: object, **options: object) -> None:
+        drawn.append((id(figure), figure.get_layout_engine()))
+        plain(figure, *arguments, **options)
+
+    monkeypatch.setattr(Figure, "savefig", counted)
+    folder = tmp_path / "both"
+    page = write_report(
+        single.estimate, single.record, folder / "r.html", figures=folder, progress=stages.append
+    )
+    headings = re.findall(r"<figcaption>.*?</figcaption>", apart, re.DOTALL)
+    assert re.findall(r"<figcaption>.*?</figcaption>", page.read_text(), re.DOTALL) == headings
+    assert sorted(path.name for path in folder.glob("*.png")) == sorted(
+        f"{stem}.png" for stem in FIGURES
+    )
+    # no places are worked out while a figure is saved
+    assert {engine for _, engine in drawn} == {None}
+    assert len({number for number, _ in drawn}) < len(drawn)
+    assert stages == ["testing the residual", "writing the report and the figures"]
+
+
 def test_figures_are_written_in_the_asked_formats(single, tmp_path):
     paths = save_figures(single.estimate, single.record, tmp_path / "f", formats=("png", "svg"))
     expected = [f"{stem}.{form}" for stem in FIGURES for form in ("png", "svg")]

@@ -12,6 +12,7 @@ from tridentify.numerics.portmanteau import (
     portmanteau,
     spread_of_statistics,
 )
+from tridentify.validation.distribution import distribution
 
 
 def test_the_test_of_added_columns_is_that_of_two_regressions():
@@ -112,3 +113,12 @@ def test_a_short_record_has_a_longer_tail_than_chi_square():
     )
     assert short > 22
     assert right < 22
+
+
+def test_the_test_of_the_distribution_is_that_of_dagostino_and_pearson():
+    rng = np.random.default_rng(11)
+    draws = (rng.standard_normal(20), rng.standard_exponential(100), rng.standard_t(3, 1000))
+    for values in draws:
+        found = distribution("y", [values], [np.arange(values.size, dtype=float)], 0.001)
+        assert found.p_value == pytest.approx(stats.normaltest(values).pvalue, rel=1e-9)
+        assert found.skewness == pytest.approx(stats.skew(values), rel=1e-12)

@@ -57,12 +57,11 @@ def write_results(
     title: str | None,
 ) -> None:
     """Write model.json, report.html and the figures into a folder."""
-    from tridentify.report import save_figures, write_report
+    from tridentify.report import write_report
 
-    activity.stage("writing the report and the figures")
     estimate.save(folder / "model.json")
-    write_report(estimate, records, folder / "report.html", title=title)
-    save_figures(estimate, records, folder)
+    page = folder / "report.html"
+    write_report(estimate, records, page, title=title, figures=folder, progress=activity.stage)
 
 
 def show_estimate(estimate: Estimate, records: Sequence[Record], written: Sequence[Path]) -> None:

@@ -12,7 +12,6 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from scipy.signal.windows import tukey
 
 from tridentify.checks.samples import Intersample
 from tridentify.errors import OptionError, shown
@@ -89,5 +88,7 @@ def chirp(
     else:
         rate = np.log(high / low) / span
         phase = low / rate * np.expm1(rate * t)
+    from scipy.signal.windows import tukey  # slow to import, seldom needed
+
     u = size * tukey(n, taper) * np.sin(phase)
     return Excitation(u, dt, intersample, f"{sweep} chirp of {low:.4g} to {high:.4g} rad/s")

@@ -44,7 +44,7 @@ from tridentify.excitation.information import (
     structure_of,
 )
 from tridentify.excitation.signal import Excitation
-from tridentify.numerics.autoregression import autocovariance
+from tridentify.numerics.levinson import autocovariance
 from tridentify.record import Record
 from tridentify.structure import Structure
 from tridentify.text import format_std, format_table, format_value, html_table

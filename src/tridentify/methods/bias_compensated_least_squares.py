@@ -63,7 +63,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-import scipy.signal
 from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
@@ -365,6 +364,8 @@ def _squares(
     found: Compensated, columns: Columns, experiments: Sequence[Experiment], variance: Array
 ) -> Array:
     """(k, n) factor of ``2 sigma^4 tr(S_i S_j)``, summed over experiments and outputs."""
+    from scipy.signal import correlate  # slow to import, seldom needed
+
     n = found.alpha.size - 1
     grams = [columns.gram(e.n_samples, e.dt) for e in experiments]
     whole = sum(grams) @ found.alpha
@@ -375,10 +376,10 @@ def _squares(
         later = columns.answers(e.n_samples, e.dt)[0]
         error = later @ found.alpha
         lags = np.arange(1.0 - later.shape[0], later.shape[0])
-        own = scipy.signal.correlate(error, error, method="fft")
+        own = correlate(error, error, method="fft")
         s = np.empty((lags.size, n))
         for i in range(n):
-            cross = scipy.signal.correlate(later[:, i], error, method="fft")
+            cross = correlate(later[:, i], error, method="fft")
             s[:, i] = 0.5 * (cross + cross[::-1]) - kappa[i] * own
         occurs = np.maximum(e.n_samples - np.abs(lags), 0.0)
         parts.append(triangle(size * np.sqrt(occurs)[:, None] * s))

@@ -20,9 +20,9 @@ depend on the data, so all columns share them.
 *Estimation.* Burg's recursion on the stretches without gaps (Burg 1975): it minimises the sum
 of the squares of the forward and backward prediction errors one order after the other, gives
 all orders at once in time ``O(N p)`` and is always stationary. Where samples are missing the
-coefficients are then improved on the exact likelihood of those that are there: with ``d_k``
-the variances of the innovations, ``-2 log L = n log(sum e_k^2 / n) + sum log d_k`` has the
-minimum of the sum of squares of ``e_k prod d^(1 / 2n)``.
+coefficients are then improved on the exact likelihood of those that are there, ``-2 log L = n
+log(sum e_k^2 / n) + sum log d_k`` with ``d_k`` the variances of the innovations, by its own
+derivatives (`numerics.incomplete`).
 
 *What the fit took.* A residual is smaller than the noise where the fit had freedom, so its model
 makes the noise too small there and the standard errors with it. For generalised least squares on
@@ -45,21 +45,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
-from scipy.optimize import least_squares
+
+from tridentify.numerics.incomplete import Incomplete
+from tridentify.numerics.levinson import autocovariance, polynomial
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
+Places = NDArray[np.int64]
 
 PER_COEFFICIENT = 10
 PER_DECADE = 10.0
 NEARLY_ONE = 1.0 - 1e-5
 PREDICTED = 1e-8
+REMEMBERED = 64
+"""Processes whose covariance is kept: one model whitens every column of every pass."""
 
 
 def most_coefficients(n_samples: int) -> int:
@@ -73,67 +78,6 @@ def most_coefficients(n_samples: int) -> int:
     if n_samples < 2 * PER_COEFFICIENT:
         return 0
     return min(n_samples // PER_COEFFICIENT, int(PER_DECADE * math.log10(n_samples) + 1e-9))
-
-
-def polynomial(reflection: Array) -> Array:
-    """``a_1 .. a_p`` from reflection coefficients (Levinson's recursion).
-
-    Examples
-    --------
-    >>> polynomial(np.array([-0.5, 0.2])).round(12).tolist()
-    [-0.6, 0.2]
-    """
-    a = np.zeros(0)
-    for k in reflection:
-        a = np.append(a + k * a[::-1], k)
-    return a
-
-
-def reflections(a: Array) -> Array:
-    """Reflection coefficients of ``a_1 .. a_p``: all below one in size if it is stationary.
-
-    Examples
-    --------
-    >>> reflections(np.array([-0.6, 0.2])).round(12).tolist()
-    [-0.5, 0.2]
-    """
-    found = np.zeros(a.size)
-    for p in range(a.size, 0, -1):
-        k = a[p - 1]
-        found[p - 1] = k
-        if abs(k) >= 1.0:
-            return np.full(found.size, np.nan)
-        a = (a[: p - 1] - k * a[: p - 1][::-1]) / (1.0 - k * k)
-    return found
-
-
-def autocovariance(a: Array, n_lags: int) -> Array:
-    """``r(0) .. r(n_lags)`` of the stationary process, for innovations of variance one.
-
-    Parameters
-    ----------
-    a : (p,) array
-    n_lags : int
-
-    Examples
-    --------
-    >>> autocovariance(np.array([-0.5]), 2).round(6).tolist()
-    [1.333333, 0.666667, 0.333333]
-    """
-    k = reflections(np.asarray(a, dtype=np.float64))
-    if np.isnan(k).any():
-        raise ValueError("found a process that is not stationary; expected roots inside the circle")
-    r = np.zeros(n_lags + 1)
-    r[0] = 1.0 / float(np.prod(1.0 - k * k))
-    inner, variance = np.zeros(0), float(r[0])
-    for lag in range(1, n_lags + 1):
-        if lag <= k.size:
-            r[lag] = -k[lag - 1] * variance - float(inner @ r[lag - 1 : 0 : -1])
-            inner = np.append(inner + k[lag - 1] * inner[::-1], k[lag - 1])
-            variance *= 1.0 - k[lag - 1] ** 2
-        else:
-            r[lag] = -float(a @ r[lag - 1 : lag - a.size - 1 : -1]) if lag > a.size else 0.0
-    return r
 
 
 def _gains(a: Array, seen: Flags, state: Array, run: int, gain: Array, scale: Array) -> int:
@@ -201,9 +145,23 @@ def _innovate(
             stop = t
             while stop < count and gain[stop, 0] == -1.0:
                 stop += 1
-            total[t:stop] = line[p + t : p + stop]
-            for k in range(1, p + 1):
-                total[t:stop] += a[k - 1] * line[p + t - k : p + stop - k]
+            for i in range(t, stop):
+                total[i] = line[p + i]
+            k = 1
+            # four coefficients at a time: the sums are the same, each is loaded and stored once
+            while k + 3 <= p:
+                a0, a1, a2, a3 = a[k - 1], a[k], a[k + 1], a[k + 2]
+                for i in range(t, stop):
+                    j = p + i - k
+                    total[i] = (
+                        ((total[i] + a0 * line[j]) + a1 * line[j - 1]) + a2 * line[j - 2]
+                    ) + a3 * line[j - 3]
+                k += 4
+            while k <= p:
+                a0 = a[k - 1]
+                for i in range(t, stop):
+                    total[i] += a0 * line[p + i - k]
+                k += 1
             t = stop
             if t == count:
                 break
@@ -224,24 +182,68 @@ def _innovate(
         past[c] = line[count:]
 
 
+def _burg(forward: Array, gaps: Places, stretches: Places, found: Array, power: Array) -> int:
+    """Burg's recursion; gives the number of orders. ``forward`` is used up.
+
+    Of order ``p`` the forward error of sample ``t`` stands at ``forward[t]``, the backward one of
+    ``t - 1`` at ``behind[t - p - 1]``, in place. Both are zero where a sample of theirs is missing.
+    """
+    n, behind = forward.size, forward.copy()
+    for p in range(found.size):
+        count = 0
+        for length in stretches:
+            count += max(length - p - 1, 0)
+        if count < PER_COEFFICIENT or power[p] < PREDICTED * power[0]:
+            return p
+        for gap in gaps:
+            if gap + p + 1 < n:
+                forward[gap + p + 1] = 0.0
+            if gap - p - 1 >= 0:
+                behind[gap - p - 1] = 0.0
+        ahead, pairs = forward[p + 1 :], n - p - 1
+        product, energy = 0.0, 0.0
+        for t in range(pairs):
+            product += ahead[t] * behind[t]
+            energy += ahead[t] * ahead[t] + behind[t] * behind[t]
+        k = -2.0 * product / energy if energy > 0.0 else 0.0
+        k = min(max(k, -NEARLY_ONE), NEARLY_ONE)
+        for t in range(pairs):
+            one, other = ahead[t], behind[t]
+            ahead[t], behind[t] = one + k * other, other + k * one
+        found[p] = k
+        power[p + 1] = power[p] * (1.0 - k * k)
+    return found.size
+
+
 @cache
-def _compiled() -> tuple[Callable[..., int], Callable[..., None]]:
-    """Both loops as machine code (compiled at the first call, afterwards read from disk)."""
+def _compiled() -> tuple[Callable[..., Any], ...]:
+    """The loops as machine code (compiled at the first call, afterwards read from disk)."""
     import numba
 
     vector, table = numba.float64[::1], numba.float64[:, ::1]
     strided, flags = numba.float64[:, :], numba.boolean[::1]
+    places = numba.int64[::1]
     signatures = (
         numba.int64(vector, flags, table, numba.int64, table, vector),
         numba.void(vector, flags, table, vector, strided, table, strided),
+        numba.int64(vector, places, places, vector, vector),
     )
     found: list[Any] = []
-    for signature, loop in zip(signatures, (_gains, _innovate), strict=True):
+    # sums may be taken in any order, which lets the processor take several samples at once
+    order = {"reassoc", "nsz", "contract"}
+    for signature, loop in zip(signatures, (_gains, _innovate, _burg), strict=True):
         try:
-            found.append(numba.njit(signature, cache=True)(loop))
+            found.append(numba.njit(signature, cache=True, fastmath=order)(loop))
         except RuntimeError:  # no folder on this machine can hold the cache
-            found.append(numba.njit(signature)(loop))
-    return found[0], found[1]
+            found.append(numba.njit(signature, fastmath=order)(loop))
+    return tuple(found)
+
+
+@lru_cache(maxsize=REMEMBERED)
+def _stationary(a: bytes) -> Array:
+    """Covariance of ``p`` samples in a row, for innovations of variance one."""
+    given = np.frombuffer(a)
+    return toeplitz(autocovariance(given, given.size - 1)) if given.size else np.zeros((0, 0))
 
 
 class Whitener:
@@ -269,7 +271,7 @@ class Whitener:
     def __init__(self, a: Array, n_columns: int) -> None:
         self._a = np.array(a, dtype=np.float64)
         p = self._a.size
-        self._state = toeplitz(autocovariance(self._a, p - 1)) if p else np.zeros((0, 0))
+        self._state = _stationary(self._a.tobytes()).copy()
         self._run = 0
         self._past = np.zeros((n_columns, p))
         self.log_scale = 0.0
@@ -296,7 +298,7 @@ class Whitener:
         if p == 0:
             np.multiply(rows[:, :count], seen, out=found[:, :count])
             return found
-        gains, innovate = _compiled()
+        gains, innovate, _ = _compiled()
         gain, scale = np.zeros((count, p)), np.ones(count)
         mask = np.ascontiguousarray(seen)
         self._run = int(gains(self._a, mask, self._state, self._run, gain, scale))
@@ -357,26 +359,13 @@ def burg(series: Sequence[Array], most: int) -> tuple[Array, Array]:
     """
     values = np.concatenate([part for one in series for part in (one, [np.nan])][:-1])
     seen = np.isfinite(values)
-    forward = np.where(seen, values, 0.0)
-    backward = forward.copy()
-    power = [float(forward @ forward) / max(int(seen.sum()), 1)]
-    found: list[float] = []
-    whole = seen
-    for _ in range(most):
-        ahead, behind = forward[1:], backward[:-1]
-        whole = whole[1:] & seen[: whole.size - 1]
-        if whole.sum() < PER_COEFFICIENT or power[-1] < PREDICTED * power[0]:
-            break
-        complete = bool(whole.all())
-        ahead = ahead if complete else np.where(whole, ahead, 0.0)
-        behind = behind if complete else np.where(whole, behind, 0.0)
-        energy = float(ahead @ ahead + behind @ behind)
-        k = -2.0 * float(ahead @ behind) / energy if energy > 0 else 0.0
-        k = min(max(k, -NEARLY_ONE), NEARLY_ONE)
-        forward, backward = ahead + k * behind, behind + k * ahead
-        found.append(k)
-        power.append(power[-1] * (1.0 - k * k))
-    return np.array(found), np.array(power)
+    filled = np.where(seen, values, 0.0)
+    found, power = np.zeros(most), np.zeros(most + 1)
+    power[0] = float(filled @ filled) / max(int(seen.sum()), 1)
+    gaps = np.flatnonzero(~seen)
+    stretches = np.diff(np.concatenate([[-1], gaps, [seen.size]])) - 1
+    reached = int(_compiled()[2](filled, gaps, stretches, found, power))
+    return found[:reached], power[: reached + 1]
 
 
 def deviance(series: Sequence[Array], a: Array) -> float:
@@ -429,43 +418,22 @@ def fit_autoregression(
     [-0.8]
     """
     reflection, power = burg([*series, *taken], most if order is None else order)
-    gaps = any(np.isnan(one).any() for one in series)
-    n = sum(int(np.isfinite(one).sum()) for one in series)
+    if any(np.isnan(one).any() for one in series):
+        exact = Incomplete(series, reflection.size)
+        if order is None:
+            fits = [exact.deviance(reflection[:p]) for p in range(power.size)]
+            order = _order(np.array(fits), exact.count, fewest)
+        return polynomial(exact.best(reflection[:order]) if order else reflection[:0])
     if order is None:
-        order = _order(series, reflection, power, n, gaps, fewest)
-    a = polynomial(reflection[:order])
-    return _improved(series, a) if gaps and a.size else a
+        n = sum(one.size for one in series)
+        order = _order(n * np.log(np.maximum(power, 1e-300)), n, fewest)
+    return polynomial(reflection[:order])
 
 
-def _order(
-    series: Sequence[Array], reflection: Array, power: Array, n: int, gaps: bool, fewest: int
-) -> int:
-    """Order of least AICc."""
-    orders = np.arange(power.size)
-    if gaps:
-        fits = [deviance(series, polynomial(reflection[:p])) for p in orders]
-    else:
-        fits = list(n * np.log(np.maximum(power, 1e-300)))
-    unknowns = orders + 1.0
+def _order(fits: Array, n: int, fewest: int) -> int:
+    """Order of least AICc, from the fits ``-2 log L`` of the orders ``0, 1, ...``."""
+    unknowns = np.arange(fits.size) + 1.0
     room = np.maximum(n - unknowns - 1.0, 0.5)
-    criterion = np.array(fits) + 2.0 * unknowns * n / room
-    fewest = min(fewest, power.size - 1)
+    criterion = fits + 2.0 * unknowns * n / room
+    fewest = min(fewest, fits.size - 1)
     return int(np.argmin(criterion[fewest:])) + fewest
-
-
-def _improved(series: Sequence[Array], a: Array) -> Array:
-    """The coefficients of highest exact likelihood near the given ones."""
-
-    def errors(unbound: Array) -> Array:
-        b = polynomial(np.tanh(unbound))
-        parts, log_scale = [], 0.0
-        for one in series:
-            innovations, scale = whiten(one, b)
-            parts.append(innovations[np.isfinite(innovations)])
-            log_scale += scale
-        joined = np.concatenate(parts)
-        return np.asarray(joined * math.exp(0.5 * log_scale / joined.size))
-
-    start = np.arctanh(np.clip(reflections(a), -NEARLY_ONE, NEARLY_ONE))
-    found = least_squares(errors, start, xtol=1e-8, max_nfev=30)
-    return polynomial(np.clip(np.tanh(found.x), -NEARLY_ONE, NEARLY_ONE))

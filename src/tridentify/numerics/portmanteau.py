@@ -29,7 +29,8 @@ Biometrika 37 (1950) 409-428. G. Box & D. Pierce, J. American Statistical Associ
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from functools import lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -87,23 +88,28 @@ def autocorrelation_of_fit(
     power = sum(float(one @ one) for one in residuals)
     p = bases[0].shape[1]
     m = sum(float(one.sum()) for one in seen) - p
+    # beside N the traces are of the size of p: half the digits are more than enough of a long one
+    kind = np.float64 if m + p < SHORT else np.float32
+    small: list[NDArray[Any]] = [np.ascontiguousarray(q, dtype=kind) for q in bases]
+    sizes = [np.einsum("ij,ij->i", q, q).astype(np.float64) for q in small]
     value, mean, std = np.zeros((3, n_lags))
     for k in range(1, n_lags + 1):
         product, pairs, twice = 0.0, 0.0, 0.0
         table = np.zeros((p, p))
-        for r, there, q in zip(residuals, seen, bases, strict=True):
+        for r, there, q, size in zip(residuals, seen, small, sizes, strict=True):
             if r.size <= k:
                 continue
             product += float(r[k:] @ r[:-k])
             pairs += float(there[k:] @ there[:-k])
             table += q[k:].T @ q[:-k]
-            moved = np.zeros_like(q)
-            moved[:-k] += q[k:]
-            moved[k:] += q[:-k]
-            twice += 0.25 * float(np.sum((moved * there[:, None]) ** 2))
+            # the rows k before and k after each sample that is there, added and squared
+            twice += float(there[:-k] @ size[k:] + there[k:] @ size[:-k])
+            if r.size > 2 * k:
+                ends = np.einsum("ij,ij->i", q[2 * k :], q[: -2 * k])
+                twice += 2.0 * float(there[k:-k] @ ends)
         table = 0.5 * (table + table.T)
         trace = -float(np.trace(table))
-        square = max(0.5 * pairs - 2.0 * twice + float(np.sum(table * table)), 0.0)
+        square = max(0.5 * pairs - 0.5 * twice + float(np.sum(table * table)), 0.0)
         value[k - 1] = product / power if power > 0 else 0.0
         if pairs and m > 0:
             mean[k - 1] = trace / m
@@ -193,19 +199,30 @@ def spread_of_statistics(
     total = sum(one.size for one in seen)
     if total > LONG:
         return None
-    rng = np.random.default_rng(0)
-    e = rng.standard_normal((DRAWS if total < SHORT else DRAWS // 4, total)) * np.concatenate(seen)
-    q = np.vstack(bases)
+    e = _draws(DRAWS if total < SHORT else DRAWS // 4, total) * np.concatenate(
+        seen, dtype=np.float32
+    )
+    q = np.vstack(bases, dtype=np.float32)
     e -= (e @ q) @ q.T
     products = np.zeros((e.shape[0], found.value.size))
     for one in np.split(e, np.cumsum([one.size for one in seen])[:-1], axis=1):
-        size = next_fast_len(2 * one.shape[1])
-        power = np.abs(rfft(one, size, axis=1)) ** 2
-        own = irfft(power, size, axis=1)[:, 1 : min(found.value.size, one.shape[1] - 1) + 1]
+        size = next_fast_len(one.shape[1] + found.value.size + 1, real=True)
+        half = rfft(one, size, axis=1)
+        own = irfft(half.real**2 + half.imag**2, size, axis=1)[
+            :, 1 : min(found.value.size, one.shape[1] - 1) + 1
+        ]
         products[:, : own.shape[1]] += own
     values = products / np.sum(e * e, axis=1, keepdims=True)
     statistics = _statistics(values, found, _projections(found.std > 0, noise))
     return np.stack([statistics.mean(axis=0), statistics.var(axis=0)], axis=1)
+
+
+@lru_cache(maxsize=2)
+def _draws(count: int, total: int) -> NDArray[np.float32]:
+    """White Gaussian noise, always the same; kept for the tests of one record."""
+    found = np.random.default_rng(0).standard_normal((count, total)).astype(np.float32)
+    found.flags.writeable = False
+    return found
 
 
 class _Projection(NamedTuple):

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
 
 from tridentify.errors import OptionError
 from tridentify.numerics.realization import Complex, sort_poles
@@ -84,7 +84,7 @@ def scatter(used: Array) -> Array:
     weights = used[:, 0] / used[:, 0].sum()
     off = used[:, 1:] - weights @ used[:, 1:]
     k = len(used)
-    widened = float(scipy.stats.t.ppf(0.975, k - 1) / scipy.stats.norm.ppf(0.975))
+    widened = float(stdtrit(k - 1, 0.975) / ndtri(0.975))
     return np.asarray(widened**2 * (off.T * weights) @ off / (k - 1))
 
 

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from tridentify.errors import (
     ChannelNameError,
@@ -233,7 +233,7 @@ def _from_coefficients(
         fit=100.0 * (1.0 - np.sqrt(raw / np.maximum(profile.spread, 1e-300))),
         statistic=float(statistic) if tested else np.nan,
         freedom=freedom,
-        p_value=float(chi2.sf(statistic, freedom)) if tested else np.nan,
+        p_value=float(chdtrc(freedom, statistic)) if tested else np.nan,
         by_distance=_parameters(model, said, known, closest.z, root)[0],
         estimate=estimate,
     )

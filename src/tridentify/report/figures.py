@@ -8,7 +8,7 @@ import re
 import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -44,12 +44,18 @@ RESOLUTION = 150
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """A figure with the stem of its file name, its heading and what to see in it."""
+    """A figure with the stem of its file name, its heading and what to see in it.
+
+    ``on_page`` and ``is_file`` say where it belongs. Its places are worked out once, when it is
+    made, for all formats it is saved in.
+    """
 
     stem: str
     heading: str
     caption: str
     figure: Figure
+    on_page: bool = True
+    is_file: bool = True
 
 
 def draw_figures(
@@ -58,6 +64,7 @@ def draw_figures(
     *,
     with_record: bool = False,
     validation: Validation | None = None,
+    with_residual: bool = False,
 ) -> Iterator[Drawing]:
     """Draw the figures of a report, one at a time.
 
@@ -70,6 +77,8 @@ def draw_figures(
         Also draw the records by themselves.
     validation : Validation, optional
         Draw its tests in place of the residuals alone.
+    with_residual : bool
+        Draw the residuals alone beside the tests too.
 
     Yields
     ------
@@ -79,7 +88,10 @@ def draw_figures(
         several = len(records) > 1
         tail, where = (f"-{number + 1}", f", experiment {number + 1}") if several else ("", "")
         if with_record:
-            yield _drawing(f"record{tail}", f"Record{where}", "", plot_record(record)[0])
+            yield replace(
+                _drawing(f"record{tail}", f"Record{where}", "", plot_record(record)[0]),
+                on_page=False,
+            )
         yield _drawing(
             f"fit{tail}",
             f"Record and model response{where}",
@@ -87,9 +99,9 @@ def draw_figures(
             "and initial state that were estimated along, and the input.",
             plot_fit(estimate, record, experiment=number)[0],
         )
-        if validation is not None:
+        if validation is not None and not with_residual:
             continue
-        yield _drawing(
+        residual = _drawing(
             f"residual{tail}",
             f"Residual{where}",
             "What the model leaves unexplained. If its autocorrelation leaves the bounds at more "
@@ -97,8 +109,9 @@ def draw_figures(
             "the standard errors are not to be trusted.",
             plot_residual(estimate, record, experiment=number)[0],
         )
+        yield replace(residual, on_page=validation is None)
     if validation is not None:
-        yield _drawing(
+        tests = _drawing(
             "residual-tests",
             "Residual and its tests",
             "What the model leaves unexplained: its course, its autocorrelation, its correlation "
@@ -106,6 +119,7 @@ def draw_figures(
             "distribution are those of the whitened residual.",
             plot_residual_tests(validation)[0],
         )
+        yield replace(tests, is_file=False)
     drawn = bool(len(estimate.draws))
     origin = (
         "between quantiles of the models that explain the record"
@@ -187,7 +201,16 @@ def draw_diagrams(estimate: Estimate) -> list[Chart]:
 
 
 def _drawing(stem: str, heading: str, caption: str, ax: Any) -> Drawing:
-    return Drawing(stem, heading, caption, ax.figure)
+    import matplotlib as mpl
+
+    figure = ax.figure
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        # for every saving by itself the places cost more than the drawing
+        engine.execute(figure)
+        with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
+            figure.set_layout_engine(None)
+    return Drawing(stem, heading, caption, figure)
 
 
 def inline_svg(drawing: Drawing) -> str:
@@ -263,13 +286,22 @@ def save_figures(
     records = tuple(one.settled(estimate.intersample) for one in given)
     written = []
     for drawing in draw_figures(estimate, records, with_record=True):
-        for name in formats:
-            buffer = io.BytesIO()
-            with _quiet_about_glyphs():
-                drawing.figure.savefig(buffer, format=name, dpi=RESOLUTION)
-            path = Path(folder) / f"{drawing.stem}.{name}"
-            written.append(write_atomically(path, buffer.getvalue()))
+        written += [save_drawing(drawing, folder, name) for name in formats]
     return tuple(written)
+
+
+def save_drawing(drawing: Drawing, folder: str | os.PathLike[str], name: str) -> Path:
+    """Write one figure as a file of a format of `FORMATS`.
+
+    Raises
+    ------
+    OutputPathError
+        The folder or the file cannot be written.
+    """
+    buffer = io.BytesIO()
+    with _quiet_about_glyphs():
+        drawing.figure.savefig(buffer, format=name, dpi=RESOLUTION)
+    return write_atomically(Path(folder) / f"{drawing.stem}.{name}", buffer.getvalue())
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 
@@ -15,7 +15,13 @@ from tridentify.estimate import SCHEMA, Estimate, Status
 from tridentify.files import write_atomically
 from tridentify.finding import joined
 from tridentify.record import Record
-from tridentify.report.figures import draw_diagrams, draw_figures, inline_svg
+from tridentify.report.figures import (
+    Drawing,
+    draw_diagrams,
+    draw_figures,
+    inline_svg,
+    save_drawing,
+)
 from tridentify.report.settings import code_again, settings_table
 from tridentify.report.tables import course_tables, result_tables, validation_tables
 from tridentify.text import IN_TABLES, short
@@ -28,6 +34,8 @@ def write_report(
     path: str | os.PathLike[str],
     *,
     title: str | None = None,
+    figures: str | os.PathLike[str] | None = None,
+    progress: Callable[[str], None] | None = None,
 ) -> Path:
     """Write the report as one HTML file that needs nothing else.
 
@@ -40,6 +48,10 @@ def write_report(
         File to write; missing folders are made, an existing file is replaced.
     title : str, optional
         Heading of the page; by default the names of the records.
+    figures : path-like, optional
+        A folder that gets the files of `save_figures` too, as PNG: each is drawn only once.
+    progress : callable, optional
+        Called with a few words at the start of each stage.
 
     Returns
     -------
@@ -50,13 +62,16 @@ def write_report(
     OutputPathError
         The file cannot be written; nothing is left behind.
     """
+    say = progress or (lambda _: None)
     from jinja2 import Environment
 
     given = (record,) if isinstance(record, Record) else tuple(record)
     records = tuple(one.settled(estimate.intersample) for one in given)
     named = dict.fromkeys(item.name for item in records if item.name)
     name = title or ", ".join(named) or "Identified model"
+    say("testing the residual")
     checked, untested = checked_on(estimate, records)
+    say("writing the report and the figures")
     template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
         _part("template.html.j2")
     )
@@ -72,9 +87,7 @@ def write_report(
         untested=untested,
         model=estimate.model_text(),
         results=result_tables(estimate),
-        figures=[
-            (item, inline_svg(item)) for item in draw_figures(estimate, records, validation=checked)
-        ],
+        figures=_on_the_page(estimate, records, checked, figures),
         diagrams=draw_diagrams(estimate),
         course=course_tables(estimate),
         decisions=[note for note in (*estimate.trace.decisions, estimate.trace.stopped) if note],
@@ -87,6 +100,25 @@ def write_report(
         document=document_text("schema", SCHEMA, estimate).replace("<", "\\u003c"),
     )
     return write_atomically(path, page)
+
+
+def _on_the_page(
+    estimate: Estimate,
+    records: Sequence[Record],
+    checked: Validation | None,
+    folder: str | os.PathLike[str] | None,
+) -> list[tuple[Drawing, str]]:
+    """Figures of the page as SVG; on the way all figures into a folder, if there is one."""
+    files = folder is not None
+    found = []
+    for item in draw_figures(
+        estimate, records, with_record=files, validation=checked, with_residual=files
+    ):
+        if folder is not None and item.is_file:
+            save_drawing(item, folder, "png")
+        if item.on_page:
+            found.append((item, inline_svg(item)))
+    return found
 
 
 def _part(name: str) -> str:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import scipy.linalg
-from scipy.signal import lfilter, lfiltic
 
 from tridentify.errors import UnsupportedError
 from tridentify.estimate import Estimate
@@ -62,6 +61,8 @@ class NoiseModel:
 
     def draw(self, rng: np.random.Generator, n_samples: int) -> Real:
         """Noise of one experiment, shape (n_samples, n_outputs) [output units]."""
+        from scipy.signal import lfilter, lfiltic  # slow to import, seldom needed
+
         noise = rng.standard_normal((n_samples, self.deviation.size))
         for i, row in enumerate(self.autoregression):
             if row.size:

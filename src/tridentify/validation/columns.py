@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import oaconvolve
+from scipy.fft import irfft, next_fast_len, rfft
 
 from tridentify.estimate import Estimate
 from tridentify.simulate import simulate
@@ -79,6 +79,8 @@ def responses(
 
 
 def _hats(u: Array, lags: Sequence[int]) -> list[Array]:
+    size = next_fast_len(2 * u.size, real=True)
+    spectrum = rfft(u, size)
     found = []
     for k, peak in enumerate(lags):
         low = lags[k - 1] if k else peak - 1
@@ -87,7 +89,11 @@ def _hats(u: Array, lags: Sequence[int]) -> list[Array]:
         up, down = (at - low) / (peak - low), (high - at) / (high - peak)
         taps = np.zeros(high)
         taps[at] = np.minimum(up, down)
-        found.append(np.asarray(oaconvolve(u, taps)[: u.size] if high > 2 else taps[0] * u))
+        if at.size == 1:
+            # one tap: the input itself, later
+            found.append(np.pad(u, (peak, 0))[: u.size])
+            continue
+        found.append(np.asarray(irfft(spectrum * rfft(taps, size), size)[: u.size]))
     return found
 
 

@@ -31,6 +31,7 @@ from scipy.special import fdtrc
 from tridentify.estimate import Estimate
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
 from tridentify.numerics.lagrange import added, span
+from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
     Portmanteau,
@@ -391,10 +392,12 @@ def _modelled(
     norms = np.where(norms > 0, norms, 1.0)
     scaled = output.white(tuple(one / norms for one in larger), noise)
     white = output.white(tuple(np.nan_to_num(one) for one in output.residual), noise)
-    u, s, vt = np.linalg.svd(scaled, full_matrices=False)
+    # the triangle of the columns and the residual beside them is all that is needed of them
+    r = triangle(np.column_stack([scaled, white]))
+    u, s, vt = np.linalg.svd(r[:, :-1], full_matrices=False)
     kept = s > 1e-6 * s[0]
     root = (vt[kept].T / s[kept]) / norms[:, None]
-    along = u[:, kept].T @ white
+    along = u[:, kept].T @ r[:, -1]
     freedom = max(output.count - int(kept.sum()), 1)
     spread = np.sqrt(max(float(white @ white - along @ along), 0.0) / freedom)
     joined = np.concatenate([np.nan_to_num(one) for one in output.residual])

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.special import fdtrc, ndtr
 
 from tridentify.estimate import Estimate
-from tridentify.numerics.autoregression import autocovariance
 from tridentify.numerics.lagrange import span
+from tridentify.numerics.levinson import autocovariance
 from tridentify.validation.result import Transfer
 from tridentify.validation.view import View
 
