@@ -84,13 +84,15 @@ class Question:
 
 @dataclass
 class Place:
-    """How far a stream was read, in step with the estimator's state."""
+    """How far a stream was read, in step with the estimator's state; what came out and was lost."""
 
     position: int = 0
     line: int = 0
     malformed: int = 0
     time: float = 0.0
     elapsed: float = 0.0
+    emitted: int = 0
+    dropped: int | None = None
 
 
 @dataclass(frozen=True)
@@ -149,6 +151,8 @@ class Session:
             "time": place.time,
             "elapsed": place.elapsed,
             "flags": self._flags,
+            "emitted": place.emitted,
+            "dropped": place.dropped,
         }
 
     def timeline_here(self) -> dict[str, Any]:
@@ -196,6 +200,8 @@ class Session:
             whole_number(counts["malformed"], line),
             finite_number(counts["time"]),
             finite_number(counts["elapsed"], 0.0),
+            whole_number(counts["emitted"]),
+            None if counts["dropped"] is None else whole_number(counts["dropped"]),
         )
         self.reader.go_on_from({**reader, "lines": self.place.line})
 
@@ -444,11 +450,15 @@ class Session:
         # whether it is ready is a matter of now
         flags = (online.Flag(self._flags) & ~online.Flag.NOT_READY) | self.state.flags
         self._flags = 0
+        self.place.emitted += 1
         at = {
+            "number": self.place.emitted,
             "time": self.place.time,
             "lines": self.place.line,
             "malformed": self.place.malformed,
         }
+        if self.place.dropped is not None:
+            at["dropped"] = self.place.dropped
         return line_of(self.state, estimate, str(self.refused or ""), flags, at, final)
 
 
