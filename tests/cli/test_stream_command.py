@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 import tridentify
 from tridentify import Record, Structure, TransferFunction, errors, online
-from tridentify.cli import stream_session, stream_show
+from tridentify.cli import stream_command, stream_session, stream_show
 from tridentify.cli.stream_session import Question, Session
 from tridentify.formats.streams import sources
 from tridentify.formats.streams.header import Asked
@@ -564,6 +564,65 @@ def test_a_file_that_grows_in_halves_of_lines_is_read_in_whole_ones(run, file, t
     found = objects(run(*words).out)
     writer.join()
     assert found == expected
+
+
+def test_every_line_has_its_number_and_a_repeated_one_keeps_it(run, file, tmp_path, monkeypatch):
+    whole = objects(run("stream", file, *QUESTION, "--every", 1).out)
+    assert [line["number"] for line in whole] == list(range(1, len(whole) + 1))
+    assert list(whole[0])[0] == "number"
+    assert "dropped" not in whole[0]
+    kept = tmp_path / "kept.json"
+    written, least = stream_command.write_checkpoint, 7
+
+    def killed(path, snapshot):
+        if snapshot.counts["emitted"] > least:
+            raise KeyboardInterrupt  # behind the line, before its checkpoint
+        written(path, snapshot)
+
+    monkeypatch.setattr(stream_command, "write_checkpoint", killed)
+    first = objects(run(*checkpointed(file, kept)).out)
+    monkeypatch.undo()
+    second = objects(run(*checkpointed(file, kept, "--resume")).out)
+    numbers = [line["number"] for line in first + second]
+    assert numbers == [*range(1, least + 2), *range(least + 1, len(whole) + 1)]
+    assert first[-1] == second[0]
+    assert list({line["number"]: line for line in first + second}.values()) == whole
+
+
+def test_the_last_line_of_a_run_gives_its_number_to_what_follows(run, file, tmp_path):
+    whole = objects(run("stream", file, *QUESTION, "--every", 1).out)
+    content, kept = file.read_bytes(), tmp_path / "kept.json"
+    file.write_bytes(content[:31_003])
+    found = objects(run(*checkpointed(file, kept)).out)
+    file.write_bytes(content)
+    found += objects(run(*checkpointed(file, kept, "--resume")).out)
+    assert list({line["number"]: line for line in found}.values()) == whole
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells how many were dropped")
+def test_dropped_datagrams_are_told_in_every_line_and_kept(run, file, tmp_path, monkeypatch):
+    header, *rows = lines_of(file)
+    kept, told = tmp_path / "kept.json", [3, 5]
+    monkeypatch.setattr(sources.UdpSource, "dropped", property(lambda _: told[0]))
+    monkeypatch.setattr(
+        sources.UdpSource,
+        "pieces",
+        lambda _: iter([sources.Piece("\n".join([header, *rows, ""]).encode(), 0)]),
+    )
+    words = checkpointed(Path("udp:"), kept)
+    words[1] = "udp://127.0.0.1:0"
+    first = run(*words)
+    assert [line["dropped"] for line in objects(first.out)] == [3] * 30
+    assert "3 datagrams were dropped" in first.err
+    told[0] = 5
+    monkeypatch.setattr(
+        sources.UdpSource,
+        "pieces",
+        lambda _: iter([sources.Piece(b"30.0,1,0.5\n31.0,1,0.5\n", 0)]),
+    )
+    second = run(*words, "--resume")
+    assert objects(second.out)[-1]["dropped"] == 8
+    assert "8 datagrams were dropped" in second.err
 
 
 def test_datagrams_are_heard_on_the_loopback_address(file):

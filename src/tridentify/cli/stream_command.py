@@ -8,7 +8,7 @@ import threading
 import time as clock
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -308,9 +308,6 @@ class _Run:
         session.remarks.catch_up()
         self.view.update(last)
         show_json_line(last)
-        if whole is not None:
-            # what comes after the last line has another number
-            whole = replace(whole, counts={**whole.counts, "emitted": last["number"]})
         self._keep(whole or self._snapshot(), last=True)
         if last["malformed"]:
             say(f"{last['malformed']:,} of {last['lines']:,} lines were malformed")

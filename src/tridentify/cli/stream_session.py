@@ -450,13 +450,14 @@ class Session:
         # whether it is ready is a matter of now
         flags = (online.Flag(self._flags) & ~online.Flag.NOT_READY) | self.state.flags
         self._flags = 0
-        self.place.emitted += 1
         at = {
-            "number": self.place.emitted,
+            "number": self.place.emitted + 1,
             "time": self.place.time,
             "lines": self.place.line,
             "malformed": self.place.malformed,
         }
+        # whoever goes on puts a line of this number in the place of the last one
+        self.place.emitted += not final
         if self.place.dropped is not None:
             at["dropped"] = self.place.dropped
         return line_of(self.state, estimate, str(self.refused or ""), flags, at, final)

@@ -228,8 +228,7 @@ class FileSource:
                 self.tell(f"{self.name} {self._cut(stream)}; reading it from its beginning")
                 yield Piece(b"", 0, fresh=True)
             elif data:
-                yield Piece(data, self._position)
-                self._position += len(data)
+                yield Piece(data, self._position - len(data))
             elif not self.follow:
                 return
             elif replaced:
@@ -309,6 +308,7 @@ class FileSource:
         if self.follow and data[:known] != self._last:
             return None
         self._last = data[-WINDOW:]
+        self._position += len(data) - known
         return data[known:]
 
     def _holds_last(self, stream: BinaryIO) -> bool:
