@@ -36,6 +36,8 @@ BLOCK = 8192
 ROUNDING = 1e-9
 LONGEST_GAP = 10_000
 """Most missing samples that stand in for a gap."""
+MOST_HELD = 1000
+"""Remarks on lines that may wait, until the first samples have told the step."""
 MOSTLY = 8
 """One in so many samples off the raster makes it not worth while to feed the others in blocks."""
 
@@ -234,7 +236,10 @@ class Session:
         else:
             self._problems += [(problem.line, problem.text, True) for problem in rows.problems]
             self._advance(rows)
-        if self.state is None or not self.stopped():
+        if self.state is None:
+            self._pass_waiting()
+            self.place.position = lines.stop
+        elif not self.stopped():
             self._pass(self.reader.lines)
             self.place.position = lines.stop
 
@@ -246,8 +251,15 @@ class Session:
         known = self.question.dt is not None
         if sum(len(kept.lines) for kept in self._waiting) >= (1 if known else OPENING):
             self.end_waiting()
-        else:
-            self._pass(self.reader.lines)
+
+    def _pass_waiting(self) -> None:
+        """Say what is wrong with the lines before the first one that waits.
+
+        What is wrong with later ones counts from their place on, as if all had come at once.
+        """
+        first = int(self._waiting[0].lines[0]) if self._waiting else self.reader.lines + 1
+        held = len(self._problems) <= MOST_HELD
+        self._pass(first - 1 if held else self.reader.lines)
 
     def end_waiting(self) -> None:
         """Begin with the rows that are there.
@@ -257,7 +269,10 @@ class Session:
         TooFewSamplesError
             They do not tell the step.
         """
-        if self.state is not None or not self._waiting:
+        if self.state is not None:
+            return
+        if not self._waiting:
+            self._pass(self.reader.lines)
             return
         rows = Rows(
             np.concatenate([kept.values for kept in self._waiting]),
@@ -283,6 +298,8 @@ class Session:
             intersample=question.intersample,
         )
         self._advance(rows)
+        if not self.stopped():
+            self._pass(self.reader.lines)
 
     def _advance(self, rows: Rows) -> None:
         """Feed rows, and emit the lines that are due."""
