@@ -142,6 +142,20 @@ def test_results_do_not_depend_on_how_the_bytes_come(run, file, monkeypatch):
         assert run("stream", file, *QUESTION).out == whole
 
 
+def test_malformed_lines_before_the_step_is_known_count_where_they_stand(run, file, monkeypatch):
+    header, *rows = lines_of(file)[:200]
+    spoiled = ["x", *rows[:3], *["stall"] * 20, *rows[3:30], *["1,2"] * 7, *rows[30:]]
+    file.write_text("\n".join([header, *spoiled]))
+    whole = run("stream", file, *QUESTION, "--every", 0.2).out
+    assert [line["malformed"] for line in objects(whole)][:3] == [21, 21, 28]
+    for size in (1, 97):
+        monkeypatch.setattr(sources, "PIECE", size)
+        assert run("stream", file, *QUESTION, "--every", 0.2).out == whole
+        monkeypatch.setattr(stream_session, "MOST_HELD", 5)
+        assert objects(run("stream", file, *QUESTION).out)[-1]["malformed"] == 28
+        monkeypatch.undo()
+
+
 def test_json_gives_what_csv_gives(run, file, tmp_path):
     path = tmp_path / "flight.jsonl"
     header, *rows = lines_of(file)
@@ -691,6 +705,7 @@ def test_bad_usage_is_one_line(run, file, tmp_path, monkeypatch, case):
         ("t,elevator,q\n", "found no sample"),
         ("t,elevator,q\nx,y,z\n", "(1 malformed)"),
         ("t,elevator,q\n1,2,3\n", "expected at least 2 to know the step"),
+        ("t,elevator,q\n" + "1,2,3\n" * 80, "and no step between times"),
         ("1,2,3\n", "--columns"),
         ("t,elevator\n1,2\n", "no column 'q'"),
     ],

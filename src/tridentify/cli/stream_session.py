@@ -285,8 +285,9 @@ class Session:
         step = question.dt if question.dt is not None else nominal_step(rows.values[:OPENING, 0])
         if step is None:
             raise TooFewSamplesError(
-                f"found {len(rows.lines)} sample of {asked.name}; expected at least 2 to know the "
-                "step; state it with --dt SECONDS, or record longer"
+                f"found {min(len(rows.lines), OPENING)} sample of {asked.name} and no step between "
+                "times; expected at least 2 to know the step; state it with --dt SECONDS, or "
+                "record longer"
             )
         self.timeline = Timeline(step, whole=self._with_delays)
         self.state = question.method.init(
