@@ -6,9 +6,37 @@ import dataclasses
 import html
 import math
 import re
+import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 
 _SUPPORTED_UNIT = re.compile(r"[^\s/*^0-9()]+(\^-?\d+)?([*/][^\s/*^0-9()]+(\^-?\d+)?)*")
+
+
+def printable(text: str) -> str:
+    r"""Escape what a terminal would obey instead of show; everything else stays as it is.
+
+    Parameters
+    ----------
+    text : str
+        Such as the name of a file, which may hold anything.
+
+    Returns
+    -------
+    str
+        Without control characters, line breaks, marks of direction, characters of no width, and
+        bytes of a file name that are no text.
+
+    Examples
+    --------
+    >>> printable("température"), printable("a\u202eb\x1b[31m\n"), printable("caf\udce9")
+    ('température', 'a\\u202eb\\x1b[31m\\n', 'caf\\udce9')
+    """
+    if text.isprintable():
+        return text
+    kept = (
+        c if c.isprintable() or unicodedata.category(c) == "Zs" else ascii(c)[1:-1] for c in text
+    )
+    return "".join(kept)
 
 
 def format_value(value: float, std: float = 0.0) -> str:

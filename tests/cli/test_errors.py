@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -235,6 +236,31 @@ def test_more_poles_than_the_data_support_end_with_code_1_whatever_the_zeros(run
     for zeros in ("2", "3", "4"):
         asked = Case(text, TridentifyError, "", ("--poles", "4", "--zeros", zeros))
         assert run(*arguments(asked, tmp_path)).code == NO_ANSWER
+
+
+@pytest.mark.skipif(os.name == "nt", reason="file names are Unicode here")
+@pytest.mark.parametrize("command", ["identify", "channels", "stream"])
+def test_the_name_of_a_file_does_not_steer_the_terminal(run, tmp_path, command):
+    name = os.fsdecode(b"a\xe9\x1b[2J\x07\xe2\x80\xaecsv")
+    path = tmp_path / name
+    path.write_text(second_order())
+    asked = ["--input", "elevator", "--output", "q", "--poles", "2", "--zeros", "1"]
+    words = [] if command == "channels" else asked
+    if command == "identify":
+        words = [*words, "--out", tmp_path / "out"]
+    outcome = run(command, path, *words)
+    absent = run(command, tmp_path / f"no{name}", *words)
+    assert absent.code == 2
+    for text in (outcome.out, outcome.err, absent.out, absent.err):
+        assert all(line.isprintable() for line in text.split("\n")), text
+    assert "\\udce9" in absent.err
+    if command != "stream":
+        assert outcome.code == 0, outcome.err
+        assert "a\\udce9\\x1b[2J\\x07\\u202ecsv" in outcome.err
+    if command == "identify":
+        page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+        assert "\u202e" not in page
+        assert "\x1b" not in page
 
 
 def test_a_step_from_rest_is_fine(run, tmp_path):

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 
 import tridentify
 from tridentify import Record, Structure, TransferFunction, errors, online
-from tridentify.cli import stream_session, stream_show
+from tridentify.cli import stream_command, stream_session, stream_show
 from tridentify.cli.stream_session import Question, Session
 from tridentify.formats.streams import sources
 from tridentify.formats.streams.header import Asked
@@ -140,6 +140,20 @@ def test_results_do_not_depend_on_how_the_bytes_come(run, file, monkeypatch):
         monkeypatch.setattr(sources, "PIECE", size)
         monkeypatch.setattr(stream_session, "BLOCK", block)
         assert run("stream", file, *QUESTION).out == whole
+
+
+def test_malformed_lines_before_the_step_is_known_count_where_they_stand(run, file, monkeypatch):
+    header, *rows = lines_of(file)[:200]
+    spoiled = ["x", *rows[:3], *["stall"] * 20, *rows[3:30], *["1,2"] * 7, *rows[30:]]
+    file.write_text("\n".join([header, *spoiled]))
+    whole = run("stream", file, *QUESTION, "--every", 0.2).out
+    assert [line["malformed"] for line in objects(whole)][:3] == [21, 21, 28]
+    for size in (1, 97):
+        monkeypatch.setattr(sources, "PIECE", size)
+        assert run("stream", file, *QUESTION, "--every", 0.2).out == whole
+        monkeypatch.setattr(stream_session, "MOST_HELD", 5)
+        assert objects(run("stream", file, *QUESTION).out)[-1]["malformed"] == 28
+        monkeypatch.undo()
 
 
 def test_json_gives_what_csv_gives(run, file, tmp_path):
@@ -566,6 +580,65 @@ def test_a_file_that_grows_in_halves_of_lines_is_read_in_whole_ones(run, file, t
     assert found == expected
 
 
+def test_every_line_has_its_number_and_a_repeated_one_keeps_it(run, file, tmp_path, monkeypatch):
+    whole = objects(run("stream", file, *QUESTION, "--every", 1).out)
+    assert [line["number"] for line in whole] == list(range(1, len(whole) + 1))
+    assert next(iter(whole[0])) == "number"
+    assert "dropped" not in whole[0]
+    kept = tmp_path / "kept.json"
+    written, least = stream_command.write_checkpoint, 7
+
+    def killed(path, snapshot):
+        if snapshot.counts["emitted"] > least:
+            raise KeyboardInterrupt  # behind the line, before its checkpoint
+        written(path, snapshot)
+
+    monkeypatch.setattr(stream_command, "write_checkpoint", killed)
+    first = objects(run(*checkpointed(file, kept)).out)
+    monkeypatch.undo()
+    second = objects(run(*checkpointed(file, kept, "--resume")).out)
+    numbers = [line["number"] for line in first + second]
+    assert numbers == [*range(1, least + 2), *range(least + 1, len(whole) + 1)]
+    assert first[-1] == second[0]
+    assert list({line["number"]: line for line in first + second}.values()) == whole
+
+
+def test_the_last_line_of_a_run_gives_its_number_to_what_follows(run, file, tmp_path):
+    whole = objects(run("stream", file, *QUESTION, "--every", 1).out)
+    content, kept = file.read_bytes(), tmp_path / "kept.json"
+    file.write_bytes(content[:31_003])
+    found = objects(run(*checkpointed(file, kept)).out)
+    file.write_bytes(content)
+    found += objects(run(*checkpointed(file, kept, "--resume")).out)
+    assert list({line["number"]: line for line in found}.values()) == whole
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells how many were dropped")
+def test_dropped_datagrams_are_told_in_every_line_and_kept(run, file, tmp_path, monkeypatch):
+    header, *rows = lines_of(file)
+    kept, told = tmp_path / "kept.json", [3, 5]
+    monkeypatch.setattr(sources.UdpSource, "dropped", property(lambda _: told[0]))
+    monkeypatch.setattr(
+        sources.UdpSource,
+        "pieces",
+        lambda _: iter([sources.Piece("\n".join([header, *rows, ""]).encode(), 0)]),
+    )
+    words = checkpointed(Path("udp:"), kept)
+    words[1] = "udp://127.0.0.1:0"
+    first = run(*words)
+    assert [line["dropped"] for line in objects(first.out)] == [3] * 30
+    assert "3 datagrams were dropped" in first.err
+    told[0] = 5
+    monkeypatch.setattr(
+        sources.UdpSource,
+        "pieces",
+        lambda _: iter([sources.Piece(b"30.0,1,0.5\n31.0,1,0.5\n", 0)]),
+    )
+    second = run(*words, "--resume")
+    assert objects(second.out)[-1]["dropped"] == 8
+    assert "8 datagrams were dropped" in second.err
+
+
 def test_datagrams_are_heard_on_the_loopback_address(file):
     header, *rows = lines_of(file)
     process = start(
@@ -632,6 +705,7 @@ def test_bad_usage_is_one_line(run, file, tmp_path, monkeypatch, case):
         ("t,elevator,q\n", "found no sample"),
         ("t,elevator,q\nx,y,z\n", "(1 malformed)"),
         ("t,elevator,q\n1,2,3\n", "expected at least 2 to know the step"),
+        ("t,elevator,q\n" + "1,2,3\n" * 80, "and no step between times"),
         ("1,2,3\n", "--columns"),
         ("t,elevator\n1,2\n", "no column 'q'"),
     ],

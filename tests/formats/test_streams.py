@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import socket
+import sys
 import threading
 import time
 import tracemalloc
@@ -17,6 +18,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tridentify import errors
+from tridentify.formats.streams import sources
 from tridentify.formats.streams.header import Asked, find_columns
 from tridentify.formats.streams.lines import LONGEST_LINE, LineCutter, Lines
 from tridentify.formats.streams.rows import Problem, RowReader
@@ -499,6 +501,50 @@ def test_a_growing_file_is_followed_through_truncation_and_rotation(tmp_path):
     assert "another file" in told[1]
 
 
+@pytest.mark.parametrize("refill", [b"3\n" * 9, b"one\nt33\n"])
+def test_a_file_that_is_cut_and_filled_again_between_two_looks_is_noticed(tmp_path, refill):
+    path, told = tmp_path / "log.csv", []
+    path.write_bytes(b"one\ntwo\n")
+    source = FileSource(path, follow=True, tell=told.append)
+    pieces = source.pieces()
+    assert next(pieces).data == b"one\ntwo\n"
+    # longer than it was, or as long
+    path.write_bytes(refill)
+    fresh, piece = next(pieces), next(pieces)
+    assert (fresh.fresh, piece.data, piece.position) == (True, refill, 0)
+    assert told == ["log.csv was cut and filled again; reading it from its beginning"]
+    with path.open("ab") as stream:
+        stream.write(b"4\n")
+    assert next(pieces).data == b"4\n"
+    source.close()
+
+
+def test_a_file_that_was_cut_and_filled_again_meanwhile_is_resumed_from_its_beginning(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"a" * 9_000)
+    with closing(FileSource(path, follow=True)) as first:
+        assert next(first.pieces()).data == b"a" * 9_000
+        path.write_bytes(b"b" * 9_500)
+        mark = first.mark(9_000)
+    with closing(FileSource(path, follow=True)) as again:
+        again.seek(mark)
+        assert next(again.pieces()).data == b"b" * 9_500
+
+
+def test_a_file_that_is_cut_and_filled_again_is_noticed_after_going_on(tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_bytes(b"a" * 9_000)
+    with closing(FileSource(path, follow=True)) as first:
+        next(first.pieces())
+        mark = first.mark(9_000)
+    with closing(FileSource(path, follow=True)) as again:
+        again.seek(mark)
+        path.write_bytes(b"b" * 9_500)
+        pieces = again.pieces()
+        assert next(pieces).fresh
+        assert next(pieces).data == b"b" * 9_500
+
+
 def test_a_file_that_is_not_there_yet_is_waited_for(tmp_path):
     path, told = tmp_path / "later.csv", []
     source = source_of_file(path, True, told.append)
@@ -549,6 +595,45 @@ def test_datagrams_hold_one_line_or_several():
             sender.sendto(data, ("127.0.0.1", port))
     pieces = gather(source, b"last")
     assert b"".join(piece.data for piece in pieces) == b"one\ntwo\nthree\n\nlast\n"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells how many were dropped")
+def test_datagrams_that_nobody_read_in_time_are_counted():
+    source = UdpSource("127.0.0.1", 0)
+    assert source.dropped == 0
+    source._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 12)
+    port = int(source.name.rpartition(":")[2])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for k in range(500):
+            sender.sendto(b"%d\n" % k, ("127.0.0.1", port))
+        # behind the last one that is read, so that no datagram tells it
+        behind = source.dropped
+        first = next(source.pieces()).data.split()
+        sender.sendto(b"last\n", ("127.0.0.1", port))
+        sender.sendto(b"last\n", ("127.0.0.1", port))
+        pieces = gather(source, b"last")
+    assert b"last" in pieces[-1].data
+    assert 0 < len(first) < 500
+    assert behind == 500 - len(first)
+    assert source._told == behind  # told with the datagrams as well
+
+
+def test_a_counter_of_dropped_datagrams_may_begin_anew(monkeypatch):
+    source = UdpSource("127.0.0.1", 0)
+    source._told = 0
+    counted = []
+    for now in (3, 3, (1 << 32) - 1, 2):
+        source._count(now.to_bytes(4, sys.byteorder))
+        counted.append(source._told)
+    source.close()
+    assert counted == [3, 3, (1 << 32) - 1, (1 << 32) + 2]
+    monkeypatch.setattr(sources, "_RXQ_OVFL", None)
+    silent = UdpSource("127.0.0.1", 0)
+    assert silent.dropped is None
+    port = int(silent.name.rpartition(":")[2])
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        sender.sendto(b"heard\n", ("127.0.0.1", port))
+    assert gather(silent, b"heard")[-1].data == b"heard\n"
 
 
 @pytest.mark.parametrize(

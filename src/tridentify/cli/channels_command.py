@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +16,9 @@ from tridentify.cli.terminal import Activity, show, show_json
 from tridentify.errors import DataError, shown
 from tridentify.formats.channels import SECONDS, FloatArray, OpenFile
 from tridentify.formats.read import opened
+
+MANY = 2000
+"""Channels beyond which the table is laid out plainly: drawn, 80,000 of them take half a minute."""
 
 
 def channels(
@@ -39,7 +44,21 @@ def channels(
         name, unit = (_plain(str(item[key])) for key in ("name", "unit"))
         row = (name, *map(_text, (item["samples"], item["rate"])), unit)
         groups.setdefault(item["clock"], []).append(row)
-    show(make_table(("channel", "samples", "rate [1/s]", "unit"), groups.values()))
+    titles = ("channel", "samples", "rate [1/s]", "unit")
+    if len(found) > MANY:
+        show(_plain_table([titles, *chain.from_iterable(groups.values())]))
+    else:
+        show(make_table(titles, groups.values()))
+
+
+def _plain_table(rows: Sequence[tuple[str, ...]]) -> str:
+    """Lay out rows as the table does, but for lines between groups."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    aligned = (
+        f"{name:{widths[0]}}  {samples:>{widths[1]}}  {rate:>{widths[2]}}  {unit}".rstrip()
+        for name, samples, rate, unit in rows
+    )
+    return "\n".join(aligned)
 
 
 def described(source: OpenFile) -> list[dict[str, Any]]:

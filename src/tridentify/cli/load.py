@@ -27,6 +27,7 @@ from tridentify.formats.assemble import JITTER, Instants, Wanted, find_channel, 
 from tridentify.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.formats.read import TIME_NAMES, opened
 from tridentify.record import Record
+from tridentify.text import printable
 
 COMPARE: Mapping[str, Callable[[Any, float], Any]] = {
     ">=": operator.ge,
@@ -218,7 +219,7 @@ def _read(table: OpenFile, source: Source, time: str | None, file: Path) -> Reco
             "evaluated between their samples; choose zoh or foh"
         )
     try:
-        return record_from(table, wanted, file.stem)
+        return record_from(table, wanted, printable(file.stem))
     except NonUniformTimeError as error:
         if source.dt is None:
             raise

@@ -259,6 +259,7 @@ class _Run:
         self.session = Session(self.question, self._emit, say, self.stop)
         self.view = LiveView(False, "")
         self._complained = False
+        self._dropped_before: int | None = None
 
     def go_on(self) -> None:
         """Take up the checkpoint, if there is one."""
@@ -275,6 +276,7 @@ class _Run:
             self.session.go_on_from(
                 found.state, found.reader, found.timeline, found.counts, position
             )
+        self._dropped_before = self.session.place.dropped
         where = f"byte {position:,}" if self.source.positioned else "what comes"
         say(
             f"going on from {self.checkpoint} at sample {found.state.n_samples:,}, with {where} of "
@@ -301,6 +303,7 @@ class _Run:
             for lines in cutter.rest():
                 session.take(lines)
             session.end_waiting()
+        self._count_dropped()
         last = session.line(final=True)
         session.remarks.catch_up()
         self.view.update(last)
@@ -308,6 +311,11 @@ class _Run:
         self._keep(whole or self._snapshot(), last=True)
         if last["malformed"]:
             say(f"{last['malformed']:,} of {last['lines']:,} lines were malformed")
+        if last.get("dropped"):
+            say(
+                f"{last['dropped']:,} datagrams were dropped by the system since those before were "
+                "not read yet; send fewer, or more lines in each"
+            )
         if session.refused is not None:
             raise session.refused
 
@@ -323,6 +331,7 @@ class _Run:
                     return False
                 continue
             heard = clock.monotonic()
+            self._count_dropped()
             if piece.fresh:
                 cutter.begin_at(piece.position)
                 self.session.begin_at(piece.position)
@@ -331,6 +340,11 @@ class _Run:
                 if self.stop():
                     return False
         return True
+
+    def _count_dropped(self) -> None:
+        """Add what the system dropped in this run to what it had dropped in those before."""
+        if self.source.dropped is not None:
+            self.session.place.dropped = (self._dropped_before or 0) + self.source.dropped
 
     def _emit(self, document: dict[str, Any]) -> None:
         self.view.update(document)

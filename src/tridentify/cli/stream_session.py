@@ -36,6 +36,8 @@ BLOCK = 8192
 ROUNDING = 1e-9
 LONGEST_GAP = 10_000
 """Most missing samples that stand in for a gap."""
+MOST_HELD = 1000
+"""Remarks on lines that may wait, until the first samples have told the step."""
 MOSTLY = 8
 """One in so many samples off the raster makes it not worth while to feed the others in blocks."""
 
@@ -84,13 +86,15 @@ class Question:
 
 @dataclass
 class Place:
-    """How far a stream was read, in step with the estimator's state."""
+    """How far a stream was read, in step with the estimator's state; what came out and was lost."""
 
     position: int = 0
     line: int = 0
     malformed: int = 0
     time: float = 0.0
     elapsed: float = 0.0
+    emitted: int = 0
+    dropped: int | None = None
 
 
 @dataclass(frozen=True)
@@ -149,6 +153,8 @@ class Session:
             "time": place.time,
             "elapsed": place.elapsed,
             "flags": self._flags,
+            "emitted": place.emitted,
+            "dropped": place.dropped,
         }
 
     def timeline_here(self) -> dict[str, Any]:
@@ -196,6 +202,8 @@ class Session:
             whole_number(counts["malformed"], line),
             finite_number(counts["time"]),
             finite_number(counts["elapsed"], 0.0),
+            whole_number(counts["emitted"]),
+            None if counts["dropped"] is None else whole_number(counts["dropped"]),
         )
         self.reader.go_on_from({**reader, "lines": self.place.line})
 
@@ -228,7 +236,10 @@ class Session:
         else:
             self._problems += [(problem.line, problem.text, True) for problem in rows.problems]
             self._advance(rows)
-        if self.state is None or not self.stopped():
+        if self.state is None:
+            self._pass_waiting()
+            self.place.position = lines.stop
+        elif not self.stopped():
             self._pass(self.reader.lines)
             self.place.position = lines.stop
 
@@ -240,8 +251,15 @@ class Session:
         known = self.question.dt is not None
         if sum(len(kept.lines) for kept in self._waiting) >= (1 if known else OPENING):
             self.end_waiting()
-        else:
-            self._pass(self.reader.lines)
+
+    def _pass_waiting(self) -> None:
+        """Say what is wrong with the lines before the first one that waits.
+
+        What is wrong with later ones counts from their place on, as if all had come at once.
+        """
+        first = int(self._waiting[0].lines[0]) if self._waiting else self.reader.lines + 1
+        held = len(self._problems) <= MOST_HELD
+        self._pass(first - 1 if held else self.reader.lines)
 
     def end_waiting(self) -> None:
         """Begin with the rows that are there.
@@ -251,7 +269,10 @@ class Session:
         TooFewSamplesError
             They do not tell the step.
         """
-        if self.state is not None or not self._waiting:
+        if self.state is not None:
+            return
+        if not self._waiting:
+            self._pass(self.reader.lines)
             return
         rows = Rows(
             np.concatenate([kept.values for kept in self._waiting]),
@@ -264,8 +285,9 @@ class Session:
         step = question.dt if question.dt is not None else nominal_step(rows.values[:OPENING, 0])
         if step is None:
             raise TooFewSamplesError(
-                f"found {len(rows.lines)} sample of {asked.name}; expected at least 2 to know the "
-                "step; state it with --dt SECONDS, or record longer"
+                f"found {min(len(rows.lines), OPENING)} sample of {asked.name} and no step between "
+                "times; expected at least 2 to know the step; state it with --dt SECONDS, or "
+                "record longer"
             )
         self.timeline = Timeline(step, whole=self._with_delays)
         self.state = question.method.init(
@@ -277,6 +299,8 @@ class Session:
             intersample=question.intersample,
         )
         self._advance(rows)
+        if not self.stopped():
+            self._pass(self.reader.lines)
 
     def _advance(self, rows: Rows) -> None:
         """Feed rows, and emit the lines that are due."""
@@ -445,10 +469,15 @@ class Session:
         flags = (online.Flag(self._flags) & ~online.Flag.NOT_READY) | self.state.flags
         self._flags = 0
         at = {
+            "number": self.place.emitted + 1,
             "time": self.place.time,
             "lines": self.place.line,
             "malformed": self.place.malformed,
         }
+        # whoever goes on puts a line of this number in the place of the last one
+        self.place.emitted += not final
+        if self.place.dropped is not None:
+            at["dropped"] = self.place.dropped
         return line_of(self.state, estimate, str(self.refused or ""), flags, at, final)
 
 

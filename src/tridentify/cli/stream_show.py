@@ -13,7 +13,7 @@ from rich.live import Live
 
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import error_console, say
-from tridentify.text import format_std, format_value
+from tridentify.text import format_std, format_value, printable
 
 if TYPE_CHECKING:
     from tridentify.estimate import Estimate
@@ -102,7 +102,7 @@ def line_of(
     flags : Flag
         Everything that was flagged since the line before.
     at : mapping
-        Time and counts of lines, which come first and last.
+        The line's number and time, and counts of what was read, which come first and last.
     final : bool
         Whether the stream has ended.
 
@@ -113,6 +113,7 @@ def line_of(
     """
     noise = dict(zip(state.output_names, state.noise_std.tolist(), strict=True))
     document: dict[str, Any] = {
+        "number": at["number"],
         "time": at["time"],
         "n_samples": state.n_samples,
         "ready": estimate is not None,
@@ -135,6 +136,7 @@ def line_of(
             "fit": dict(zip(estimate.output_names, estimate.fit.tolist(), strict=True)),
             "status": estimate.status.name,
         }
+    lost = {"dropped": at["dropped"]} if "dropped" in at else {}
     return document | {
         "innovation_std": noise,
         "flags": flag_words(flags),
@@ -143,6 +145,7 @@ def line_of(
         "n_changes": len(state.changes),
         "lines": at["lines"],
         "malformed": at["malformed"],
+        **lost,
     }
 
 
@@ -201,7 +204,7 @@ class LiveView:
 def live_table(name: str, document: Mapping[str, Any], rate: float) -> Group:
     """Make the table of one estimate, between where it is and what is the matter."""
     table = make_table(("coefficient", "value", "std error"), [_rows(document)])
-    return Group(f"{name}: {_where(document, rate)}", table, _state(document))
+    return Group(f"{printable(name)}: {_where(document, rate)}", table, _state(document))
 
 
 def plain_line(document: Mapping[str, Any], rate: float) -> str:
@@ -228,4 +231,6 @@ def _state(document: Mapping[str, Any]) -> str:
         said += f"; changed at sample {document['changes'][-1]:,}"
     if document["malformed"]:
         said += f"; {document['malformed']:,} malformed lines"
+    if document.get("dropped"):
+        said += f"; {document['dropped']:,} datagrams dropped"
     return said

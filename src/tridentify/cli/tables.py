@@ -14,7 +14,7 @@ from rich.table import Table
 from tridentify.cli.terminal import paragraph
 from tridentify.estimate import Estimate, Parameter
 from tridentify.record import Record
-from tridentify.text import IN_TABLES, format_std, format_value, short
+from tridentify.text import IN_TABLES, format_std, format_value, printable, short
 from tridentify.uncertainty import DerivedQuantity, derived
 
 HELD = {
@@ -55,11 +55,11 @@ def make_table(titles: Sequence[str], groups: Iterable[Iterable[Sequence[str]]])
     )
     for number, title in enumerate(titles):
         text = number == 0 or title in ("unit", "description")
-        table.add_column(title, justify="left" if text else "right", no_wrap=True)
+        table.add_column(printable(title), justify="left" if text else "right", no_wrap=True)
     for group in groups:
         table.add_section()
         for row in group:
-            table.add_row(*row)
+            table.add_row(*map(printable, row))
     return table
 
 

@@ -25,6 +25,7 @@ from rich.progress import TimeElapsedColumn as Elapsed
 from rich.table import Table
 
 from tridentify.errors import DataWarning, OutputPathError
+from tridentify.text import printable
 
 PROGRAM = "tridentify"
 TEXT_WIDTH = 78
@@ -86,11 +87,22 @@ def show(*blocks: str | Table) -> None:
             if number:
                 console.print()
             if isinstance(block, str):
-                console.print(block, soft_wrap=True)
+                console.print(printable_lines(block), soft_wrap=True)
             else:
                 console.width = UNLIMITED
                 console.width = console.measure(block).maximum
                 console.print(block)
+
+
+def printable_lines(text: str) -> str:
+    r"""Escape what the terminal would obey, but for line feeds.
+
+    Examples
+    --------
+    >>> printable_lines("one\ntwo\x07")
+    'one\ntwo\\x07'
+    """
+    return "\n".join(map(printable, text.split("\n")))
 
 
 def paragraph(text: str, first: str = "", rest: str | None = None) -> str:
@@ -250,7 +262,7 @@ def plain(value: Any) -> Any:
 
 def say(text: str) -> None:
     """Write one line to standard error, whatever is in `text`."""
-    print(f"{PROGRAM}: {' '.join(text.split())}", file=sys.stderr, flush=True)
+    print(f"{PROGRAM}: {printable(' '.join(text.split()))}", file=sys.stderr, flush=True)
 
 
 def complain(text: str) -> None:
@@ -260,7 +272,7 @@ def complain(text: str) -> None:
 
 def complain_in_full(error: BaseException) -> None:
     """Write the traceback of an error to standard error."""
-    sys.stderr.write("".join(traceback.format_exception(error)))
+    sys.stderr.write(printable_lines("".join(traceback.format_exception(error))))
 
 
 def error_console() -> Console:
@@ -309,7 +321,7 @@ class Activity:
     def stage(self, text: str) -> None:
         """Name what is done now."""
         if self._bar is not None:
-            self._bar.update(self._task, description=text)
+            self._bar.update(self._task, description=printable(text))
         else:
             say(text)
 
@@ -347,7 +359,7 @@ class Activity:
     def note(self, text: str) -> None:
         """Write a line that stays."""
         if self._bar is not None:
-            self._bar.console.print(f"{PROGRAM}: {text}", soft_wrap=True)
+            self._bar.console.print(f"{PROGRAM}: {printable(text)}", soft_wrap=True)
         else:
             say(text)
 

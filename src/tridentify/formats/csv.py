@@ -31,7 +31,7 @@ class TextFile:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._table = open_table(path)
-        self._lines: list[int] = [0]
+        self._lines: Sequence[int] = [0]
         self.channels: tuple[Channel, ...] = tuple(
             _with_unit(header_channel(name), unit)
             for name, unit in zip(self._table.names, self._table.units, strict=True)

@@ -79,10 +79,15 @@ class FrameTable:
             return _seconds(exact.dt.timestamp("ns"), from_first=True)
         if isinstance(kind, nw.Boolean) or kind.is_numeric():
             return _float_array(column)
-        raise TextInColumnError(
-            f"found {kind} in column {shown(name)} of {shown(self.path.name)}; expected numbers; "
-            "convert the column to float"
-        )
+        raise not_numbers(kind, name, self.path)
+
+
+def not_numbers(kind: object, name: str, path: Path) -> TextInColumnError:
+    """Make the error about a column that holds something else."""
+    return TextInColumnError(
+        f"found {shown(str(kind))[1:-1]} in column {shown(name)} of {shown(path.name)}; expected "
+        "numbers; convert the column to float"
+    )
 
 
 def frame_channel(name: str, temporal: bool, samples: int) -> Channel:

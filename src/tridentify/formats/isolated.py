@@ -36,7 +36,8 @@ def serve() -> None:
     _limit_memory(first["memory"])
     # a polars panic is no Exception, and nothing may leave this process but an answer
     try:
-        source = _module_file(first["module"], Path(first["path"]))
+        path = Path(os.fsdecode(first["path"].encode("latin-1")))
+        source = _module_file(first["module"], path)
         listing = [dataclasses.asdict(channel) for channel in source.channels]
         _answer(answers, {"channels": listing}, ())
         for line in requests:
@@ -74,9 +75,9 @@ def _described(error: BaseException) -> dict[str, str]:
 
 
 def _limit_memory(size: int) -> None:
-    """Twice the samples, for the file's own form beside the numbers, and what the libraries map."""
+    """Let the data of this process grow to so many bytes and no further."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource
 
-        resource.setrlimit(resource.RLIMIT_DATA, (2 * size, 2 * size))
+        resource.setrlimit(resource.RLIMIT_DATA, (size, size))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Any
@@ -55,20 +55,56 @@ ENVIRONMENT = {"HDF5_PLUGIN_PRELOAD": "::", "OPENBLAS_NUM_THREADS": "1"}
 """No plugin of HDF5 is loaded on the word of a file; nothing is computed that wants threads."""
 
 
-def memory_limit() -> int:
-    """Bytes that the samples of one file may take: half the machine's memory, 8 GiB at most.
+SHARE = 8
+"""The samples of a file may take one part in so many of the memory: for a moment the reader, this
+process and the record hold them, and the estimation needs several times as much again."""
+
+LEAST = 1 << 28
+"""Samples are never limited to fewer bytes than this."""
+
+LIBRARIES = 1 << 30
+"""Memory that a reader may take beside the samples, mostly for its libraries [bytes]."""
+
+
+def machine_memory() -> int:
+    """Bytes of memory: what is installed, or what the container or `ulimit` leaves of it.
 
     Examples
     --------
-    >>> memory_limit() > 2**20
+    >>> machine_memory() > 2**20
     True
     """
-    largest = 8 << 30
+    known = [_installed(), *_allowed()]
+    return min(size for size in known if size > 0)
+
+
+def _installed() -> int:
     try:
-        installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     except (AttributeError, ValueError, OSError):
-        return largest
-    return min(largest, max(installed // 2, 1 << 28))
+        return SHARE << 30
+
+
+def _allowed() -> Iterator[int]:
+    """Limits of the control group (versions 2 and 1) and of the process, where there are any."""
+    for name in ("memory.max", "memory/memory.limit_in_bytes"):
+        with contextlib.suppress(OSError, ValueError):
+            yield int(Path("/sys/fs/cgroup", name).read_text())
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        yield resource.getrlimit(resource.RLIMIT_AS)[0]
+
+
+def memory_limit() -> int:
+    """Bytes that the samples of one file may take: an eighth of the memory.
+
+    Examples
+    --------
+    >>> memory_limit() >= LEAST
+    True
+    """
+    return max(machine_memory() // SHARE, LEAST)
 
 
 class IsolatedFile:
@@ -111,7 +147,12 @@ class IsolatedFile:
         try:
             self._send([entry for entry in sys.path if isinstance(entry, str)])
             answer, _ = self._ask(
-                {"module": module, "path": str(path.absolute()), "memory": memory_limit()}
+                {
+                    "module": module,
+                    # the child may decode names otherwise
+                    "path": os.fsencode(path.absolute()).decode("latin-1"),
+                    "memory": 2 * memory_limit() + LIBRARIES,
+                }
             )
             self.channels = tuple(Channel(**entry) for entry in answer["channels"])
         except BaseException:
@@ -230,13 +271,14 @@ def check_size(size: int, path: Path) -> None:
     FileTooLargeError
     """
     if size > memory_limit():
-        raise too_large(path, f"{size / 2**30:.3g} GiB")
+        # a forged size may be larger than any float
+        raise too_large(path, f"{min(size, 1 << 100) / 2**30:.3g} GiB")
 
 
 def too_large(path: Path, size: str) -> FileTooLargeError:
     """Make the error about a file that unpacks to more than memory should hold."""
     return FileTooLargeError(
         f"found {size} of samples in {shown(path.name)}; expected at most "
-        f"{memory_limit() / 2**30:.3g} GiB (half the memory, 8 GiB at most); name fewer channels "
-        "or cut the file"
+        f"{memory_limit() / 2**30:.3g} GiB (an eighth of this machine's memory); name fewer "
+        "channels or cut the file"
     )

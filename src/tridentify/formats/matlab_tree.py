@@ -28,6 +28,7 @@ import numpy as np
 
 from tridentify.errors import ForeignObjectError, TextInColumnError, UnitError, shown
 from tridentify.formats.channels import SECONDS, Channel, FloatArray
+from tridentify.formats.isolation import check_size
 
 __all__ = ["MatlabFile", "Node", "Numbers", "Opaque"]
 
@@ -177,7 +178,7 @@ def _column(
     found: _Found, header: str, numbers: Numbers, length: int, k: int, turned: bool
 ) -> Load:
     def load() -> FloatArray:
-        array = np.asarray(numbers.load())
+        array = _loaded(found, numbers)
         if array.dtype.kind not in "fiub":
             raise TextInColumnError(
                 f"found numbers of type {array.dtype} in {shown(header)} of "
@@ -187,6 +188,12 @@ def _column(
         return np.array(table[:, k], dtype=np.float64)
 
     return load
+
+
+def _loaded(found: _Found, numbers: Numbers) -> np.ndarray:
+    """Load an array whose declared size memory can hold, all columns of it."""
+    check_size(8 * numbers.size, found.path)
+    return np.asarray(numbers.load())
 
 
 def _table(array: np.ndarray, length: int) -> np.ndarray:
@@ -265,7 +272,8 @@ def _regular(
 
 def _scaled(found: _Found, path: str, time: Numbers, unit: str) -> Load:
     def load() -> FloatArray:
-        return _scale(found, path, unit) * np.asarray(time.load(), dtype=np.float64).ravel()
+        instants = np.asarray(_loaded(found, time), dtype=np.float64).ravel()
+        return _scale(found, path, unit) * instants
 
     return load
 

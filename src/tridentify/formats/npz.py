@@ -9,6 +9,7 @@ from __future__ import annotations
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import prod
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ class NpzFile:
         channels: list[Channel] = []
         self._sources: list[Source] = []
         self._kinds: dict[str, np.dtype[np.generic]] = {}
+        self._sizes: dict[str, int] = {}
         with zipfile.ZipFile(path) as archive:
             arrays = [entry for entry in archive.infolist() if entry.filename.endswith(".npy")]
             if not arrays:
@@ -48,6 +50,7 @@ class NpzFile:
             for entry in arrays:
                 name = entry.filename.removesuffix(".npy")
                 shape, self._kinds[name] = _array_header(archive, entry)
+                self._sizes[name] = max(8, self._kinds[name].itemsize) * prod(shape)
                 if len(shape) == 1:
                     channels.append(header_channel(name, shape[0]))
                     self._sources.append(Source(name, None))
@@ -62,6 +65,9 @@ class NpzFile:
     def read(self, indices: Sequence[int]) -> list[FloatArray]:
         """Give channels as numbers."""
         arrays: dict[str, FloatArray] = {}
+        wanted = {self._sources[index].array for index in indices}
+        # one column asked for, the whole array unpacked, and turned to float
+        check_size(sum(self._sizes[name] for name in wanted), self.path)
         with np.load(self.path, allow_pickle=False) as archive:
             for name in dict.fromkeys(self._sources[index].array for index in indices):
                 self._check_kind(name)
@@ -104,7 +110,8 @@ def _array_header(
         if version != (1, 0):
             read = np.lib.format.read_array_header_2_0
         shape, _, kind = read(stream)
-    check_size(entry.file_size, Path(archive.filename or ""))
+    if any(extent < 0 for extent in shape):
+        raise ValueError(f"array of shape {shown(shape)}")
     return shape, kind
 
 

@@ -21,6 +21,7 @@ from tridentify.formats.isolation import IsolatedFile
 from tridentify.formats.requirements import require
 from tridentify.formats.text_table import check_readable
 from tridentify.record import Record
+from tridentify.text import printable
 
 __all__ = ["FORMATS", "Format", "list_channels", "opened", "read_record"]
 
@@ -129,7 +130,8 @@ def read_record(
     Returns
     -------
     Record
-        Named after the file; only the channels that are asked for are read.
+        Named after the file (what cannot be printed is escaped); only the channels that are asked
+        for are read. Their samples may take an eighth of the machine's memory.
 
     Raises
     ------
@@ -158,7 +160,7 @@ def read_record(
     with opened(path) as source:
         if time is None and dt is None:
             wanted = replace(wanted, time=_time_by_name(source, wanted))
-        return record_from(source, wanted, source.path.stem)
+        return record_from(source, wanted, printable(source.path.stem))
 
 
 def time_channels(source: OpenFile) -> list[Channel]:

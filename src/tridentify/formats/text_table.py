@@ -9,6 +9,9 @@ UTF-16 with a byte-order mark, and what is neither but has no control characters
 of comments that begin with ``#`` or ``%``, the last of which may be the header; a line of units
 below the header, of which no cell is a number; and a decimal comma, where the cells have one. A
 group of thousands is refused: 1,234 is 1.234 to one reader and 1234 to another.
+
+The encoding is told from the first MiB; a byte further on that is no UTF-8 counts as Latin-1. No
+more of a file is held than one row and the numbers that are asked for.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ import math
 import os
 import re
 from array import array
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -37,6 +41,7 @@ from tridentify.errors import (
     UnreadableFileError,
     shown,
 )
+from tridentify.formats.isolation import check_size
 
 FloatArray = NDArray[np.float64]
 
@@ -51,6 +56,17 @@ _UNIT_CELL = re.compile(r"[\[(]?\s*(1/)?[^\W\d]?[^\d,;|\t=:\"'?!][^,;|\t=:\"'?!]
 _CONTROLS = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
 _EXCEL = re.compile(r"sep=.")
 _CHUNK = 1 << 20
+
+LONGEST_ROW = 1 << 24
+"""Characters in a row (or a line) beyond which the file is no table: a million columns of 16."""
+
+MOST_COLUMNS = 1_000_000
+"""Columns beyond which a header is taken for damage: their names alone would take a gigabyte."""
+
+_LOOK = 1 << 16
+"""Rows between two looks at how much memory they take."""
+
+_LATER_BYTES = "tridentify.latin-1"
 
 
 @dataclass(frozen=True)
@@ -133,14 +149,24 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
         below = next(((cells, n) for cells, n in rows if cells), ([], 0))
         units = unit_cells(below[0], len(names))
         line = below[1] if any(units) else line
-    named = [name for name in names if name]
-    for name in named:
-        if named.count(name) > 1:
-            raise DuplicateColumnError(
-                f"found the column {shown(name)} {named.count(name)} times in {shown(file.name)}; "
-                "expected every name once; rename one in the header"
-            )
+    if repeated := repeated_name(names):
+        raise DuplicateColumnError(
+            f"found the column {shown(repeated[0])} {repeated[1]} times in {shown(file.name)}; "
+            "expected every name once; rename one in the header"
+        )
     return TextTable(file, encoding, opening.separator, names, units, first_line, line)
+
+
+def repeated_name(names: Sequence[str]) -> tuple[str, int] | None:
+    """Give the first name that occurs more than once, and how often; blank ones do not count.
+
+    Examples
+    --------
+    >>> repeated_name(["t", "", "u", "", "u"])
+    ('u', 2)
+    """
+    counts = Counter(name for name in names if name)
+    return next(((name, count) for name, count in counts.items() if count > 1), None)
 
 
 def all_numbers(cells: Sequence[str]) -> bool:
@@ -161,7 +187,9 @@ def unit_cells(cells: Sequence[str], width: int) -> tuple[str, ...]:
     return tuple(re.sub(r"^[\[(]\s*|\s*[\])]$", "", text) for text in texts)
 
 
-def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[FloatArray], list[int]]:
+def read_columns(
+    table: TextTable, columns: Sequence[int]
+) -> tuple[list[FloatArray], Sequence[int]]:
     """Read some columns of a table as numbers.
 
     Parameters
@@ -175,7 +203,7 @@ def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[FloatAr
     -------
     values : list of ndarray, shape (n_rows,)
         One array for each of `columns`; nan for a blank cell.
-    lines : list of int
+    lines : sequence of int
         Line of the file that the rows stand on: either the first row's alone, the others following
         without a gap, or every row's.
 
@@ -189,7 +217,10 @@ def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[FloatAr
         A row is longer or shorter than the header.
     EmptyFileError
         There is no row.
+    FileTooLargeError
+        The numbers would fill the memory.
     """
+    lines: Sequence[int]
     values = _read_clean(table, columns)
     if values is None:
         try:
@@ -248,32 +279,32 @@ def _not_text(file: Path, reason: str) -> UnreadableFileError:
 
 
 def _encoding(file: Path) -> str:
-    """Tell the encoding: by its mark, UTF-8 if all bytes are, else Latin-1 if they may be text."""
-    decoder = codecs.getincrementaldecoder("utf-8")()
-    encoding = "utf-8-sig"
+    """Tell the encoding by the first MiB: by its mark, as UTF-8, else Latin-1 if it may be text."""
     try:
         with file.open("rb") as stream:
-            if stream.read(2) in (b"\xff\xfe", b"\xfe\xff"):
-                return "utf-16"
-            stream.seek(0)
-            while chunk := stream.read(_CHUNK):
-                if encoding == "utf-8-sig":
-                    try:
-                        decoder.decode(chunk)
-                    except UnicodeDecodeError:
-                        encoding = "latin-1"
-                        stream.seek(0)
-                elif found := _CONTROLS.search(chunk):
-                    raise _not_text(file, f"binary content or another encoding ({found[0]!r})")
-            try:
-                decoder.decode(b"", final=encoding == "utf-8-sig")
-            except UnicodeDecodeError:
-                return "latin-1"
-    except UnreadableFileError:
-        raise
+            piece = stream.read(_CHUNK)
     except OSError as error:
         raise _not_text(file, f"a read error ({error.strerror})") from error
-    return encoding
+    if piece[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "utf-16"
+    try:
+        # a character may be cut at the end of the piece
+        codecs.getincrementaldecoder("utf-8")().decode(piece, final=len(piece) < _CHUNK)
+    except UnicodeDecodeError:
+        if found := _CONTROLS.search(piece):
+            raise _not_text(file, f"binary content or another encoding ({found[0]!r})") from None
+        return "latin-1"
+    return "utf-8-sig"
+
+
+def _as_latin_1(error: UnicodeError) -> tuple[str, int]:
+    """Decode what is no UTF-8 behind the piece that told the encoding."""
+    if not isinstance(error, UnicodeDecodeError) or not error.encoding.startswith("utf-8"):
+        raise error
+    return error.object[error.start : error.end].decode("latin-1"), error.end
+
+
+codecs.register_error(_LATER_BYTES, _as_latin_1)
 
 
 @dataclass(frozen=True)
@@ -288,15 +319,18 @@ class _Opening:
 def _opening(file: Path, encoding: str) -> _Opening:
     comment, number = "", 0
     try:
-        with file.open(encoding=encoding, newline=None) as stream:
+        with file.open(encoding=encoding, errors=_LATER_BYTES, newline=None) as stream:
             for number in range(1, 10_000):
-                line = stream.readline(_CHUNK)
+                line = stream.readline(LONGEST_ROW)
+                _check_row(file, len(line), number)
                 text = line.strip()
                 if line and (not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text)):
                     comment = text.lstrip("#% ") if text.startswith(COMMENTS) else comment
                     continue
                 plain = re.sub(r'"[^"]*"', "", line)
                 return _Opening(max(SEPARATORS, key=plain.count), number, comment)
+    except UnreadableFileError:
+        raise
     except UnicodeError as error:
         raise _not_text(file, "binary content or another encoding") from error
     except OSError as error:
@@ -308,14 +342,24 @@ def _rows(
     file: Path, encoding: str, separator: str, first_line: int
 ) -> Iterator[tuple[list[str], int]]:
     """Give cells and line number of every row that is no comment."""
+    length = 0
+
+    def lines(stream: TextIO) -> Iterator[str]:
+        nonlocal length
+        number = 0
+        while line := stream.readline(LONGEST_ROW):
+            number += 1
+            length += len(line)
+            _check_row(file, length, number)
+            if len(line) > MOST_COLUMNS and line.count(separator) >= MOST_COLUMNS:
+                raise _not_text(file, f"more than {MOST_COLUMNS:,} columns in line {number}")
+            yield "\n" if number < first_line else line
+
     try:
-        with file.open(encoding=encoding, newline="") as stream:
-            lines = (
-                "\n" if number < first_line else line
-                for number, line in enumerate(_lines(stream), 1)
-            )
-            reader = csv.reader(lines, delimiter=separator)
+        with file.open(encoding=encoding, errors=_LATER_BYTES, newline="") as stream:
+            reader = csv.reader(lines(stream), delimiter=separator)
             for cells in reader:
+                length = 0
                 if any("\0" in cell for cell in cells):
                     raise _not_text(file, f"binary content at line {reader.line_num}")
                 if not (cells and cells[0].lstrip().startswith(COMMENTS)):
@@ -330,10 +374,14 @@ def _rows(
         raise _not_text(file, f"a read error ({error.strerror})") from error
 
 
-def _lines(stream: TextIO) -> Iterator[str]:
-    """Lines with their ends, in pieces where one is longer than any line of a table."""
-    while line := stream.readline(_CHUNK):
-        yield line
+def _check_row(file: Path, length: int, line: int) -> None:
+    """Refuse what goes on without an end, before it fills the memory."""
+    if length >= LONGEST_ROW:
+        raise UnreadableFileError(
+            f"found a row of more than {LONGEST_ROW:,} characters at line {line} of "
+            f"{shown(file.name)}; expected shorter ones; split the table, or repair the quotes or "
+            "line ends that are missing"
+        )
 
 
 def read_number(cell: str, decimal: str = ".") -> float | None:
@@ -372,7 +420,8 @@ def _count_clean_rows(table: TextTable) -> int | None:
 
 
 def _read_clean(table: TextTable, columns: Sequence[int]) -> list[FloatArray] | None:
-    if table.encoding != "utf-8-sig":
+    # polars takes no name that is not UTF-8
+    if table.encoding != "utf-8-sig" or not _in_utf_8(table.path):
         return None
     try:
         n_rows = _count_clean_rows(table)
@@ -381,6 +430,7 @@ def _read_clean(table: TextTable, columns: Sequence[int]) -> list[FloatArray] | 
         return None
     if n_rows is None:
         return None
+    check_size(8 * n_rows * len(columns), table.path)
     import polars as pl
 
     # by position: how polars names the columns of a file without header depends on its version
@@ -405,11 +455,19 @@ def _read_clean(table: TextTable, columns: Sequence[int]) -> list[FloatArray] | 
     return [item.to_numpy() for item in series] if frame.height == n_rows else None
 
 
+def _in_utf_8(path: Path) -> bool:
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
 def _read_exactly(
     table: TextTable, columns: Sequence[int], decimal: str
-) -> tuple[list[FloatArray], list[int]]:
+) -> tuple[list[FloatArray], Sequence[int]]:
     values = [array("d") for _ in columns]
-    lines: list[int] = []
+    lines = array("q")
     groups = [_Groups() for _ in columns]
     width = len(table.names)
     for cells, line in _rows(table.path, table.encoding, table.separator, table.first_line):
@@ -431,6 +489,8 @@ def _read_exactly(
             if decimal == ",":
                 seen.note(cells[column].strip(), line)
         lines.append(line)
+        if len(lines) % _LOOK == 0:
+            check_size(8 * len(lines) * (len(columns) + 1), table.path)
     for column, seen in zip(columns, groups, strict=True):
         if seen.ambiguous:
             raise _text_in_column(table, column, seen.line, seen.cell, decimal)

@@ -17,6 +17,7 @@ from tridentify.errors import (
 from tridentify.formats.assemble import find_channel
 from tridentify.formats.channels import SECONDS, Channel, FloatArray, OpenFile, header_channel
 from tridentify.formats.read import TIME_NAMES
+from tridentify.formats.text_table import repeated_name
 
 __all__ = ["Asked", "Columns", "find_columns"]
 
@@ -128,13 +129,11 @@ def find_columns(names: Sequence[str], units: Sequence[str], asked: Asked) -> Co
     >>> found.places, found.scale
     ((0, 1, 2), 0.001)
     """
-    named = [name for name in names if name]
-    for name in named:
-        if named.count(name) > 1:
-            raise DuplicateColumnError(
-                f"found the column {shown(name)} {named.count(name)} times in {asked.name}; "
-                "expected every name once; rename one"
-            )
+    if repeated := repeated_name(names):
+        raise DuplicateColumnError(
+            f"found the column {shown(repeated[0])} {repeated[1]} times in {asked.name}; "
+            "expected every name once; rename one"
+        )
     table = _Header(Path(asked.name), tuple(_channels(names, units)))
     clock = None if asked.uniform else _clock(table, asked)
     channels = [find_channel(table, name) for name in (*asked.inputs, *asked.outputs)]

@@ -6,16 +6,20 @@ goes on from such a place.
 
 A file that grows is followed by its name, as log files are: when the name stands for another file
 (rotation) the old one is read to its end and the new one from its beginning; when the file got
-shorter (truncation) it is read from its beginning.
+shorter (truncation), or no longer holds what was read last (truncation, and filled again beyond
+its old length), it is read from its beginning.
 """
 
 from __future__ import annotations
 
+import contextlib
 import ipaddress
 import os
 import queue
 import socket
 import stat
+import struct
+import sys
 import threading
 import time
 import zlib
@@ -43,6 +47,11 @@ WAIT = 0.1
 """How long to wait before None is given [s]."""
 WINDOW = 4096
 """Bytes at the beginning and before a position by which a file is known again."""
+_RXQ_OVFL = getattr(socket, "SO_RXQ_OVFL", 40) if sys.platform == "linux" else None
+"""Socket option that has Linux tell, with a datagram, how many were dropped before it."""
+_MEMINFO, _DROPS = 55, slice(32, 36)
+"""Socket option that tells it at any time (Linux 4.12 and later), and where in its answer."""
+_COUNT = struct.Struct("=I")
 
 Tell = Callable[[str], None]
 
@@ -95,6 +104,10 @@ class Source(Protocol):
     def pieces(self) -> Iterator[Piece | None]:
         """Give what comes, None when nothing came for a while; ends where the source ends."""
 
+    @property
+    def dropped(self) -> int | None:
+        """How many pieces were lost before they could be read; None where nobody knows."""
+
     def mark(self, position: int) -> Mark | None:
         """Remember a place that was passed; None where there are none."""
 
@@ -122,6 +135,7 @@ class PipeSource:
     """
 
     positioned = False
+    dropped = None
 
     def __init__(self, name: str, open_it: Callable[[], BinaryIO], *, ours: bool = False) -> None:
         self.name = name
@@ -191,8 +205,10 @@ class FileSource:
     follow: bool = False
     tell: Tell = field(default=lambda _: None)
     positioned = True
+    dropped = None
     _stream: BinaryIO | None = None
     _position: int = 0
+    _last: bytes = b""  # what was read last, by which the file is known again
 
     @property
     def name(self) -> str:
@@ -208,14 +224,13 @@ class FileSource:
             # looked at before reading, so that the end of a file that was replaced is its end
             replaced = self.follow and self._replaced(stream)
             data = self._next(stream)
-            if data:
-                yield Piece(data, self._position)
-                self._position += len(data)
+            if data is None:
+                self.tell(f"{self.name} {self._cut(stream)}; reading it from its beginning")
+                yield Piece(b"", 0, fresh=True)
+            elif data:
+                yield Piece(data, self._position - len(data))
             elif not self.follow:
                 return
-            elif self._shorter(stream):
-                self.tell(f"{self.name} was cut to a shorter length; reading it from its beginning")
-                yield Piece(b"", 0, fresh=True)
             elif replaced:
                 self.tell(f"{self.name} is another file now; reading it from its beginning")
                 stream = self._reopened()
@@ -225,8 +240,14 @@ class FileSource:
                 time.sleep(WAIT)
 
     def mark(self, position: int) -> Mark | None:
-        """Remember a place in the file that is read now."""
-        return self._mark(self._opened(), position)
+        """Remember a place in the file that is read now.
+
+        If the file was cut meanwhile, that is its beginning.
+        """
+        stream = self._opened()
+        # first the mark: a file that is still the same afterwards was the same then
+        mark = self._mark(stream, position)
+        return mark if not self._last or self._holds_last(stream) else self._mark(stream, 0)
 
     def seek(self, mark: Mark | None) -> None:
         """Go on from a place.
@@ -252,6 +273,8 @@ class FileSource:
                 f"checkpoint was written; expected the same {mark.position} bytes; {advice}"
             )
         self._position = mark.position
+        stream.seek(max(mark.position - WINDOW, 0))
+        self._last = stream.read(min(WINDOW, mark.position))
 
     def close(self) -> None:
         """Close the file."""
@@ -270,21 +293,33 @@ class FileSource:
 
     def _reopened(self) -> BinaryIO:
         self.close()
-        self._position = 0
+        self._position, self._last = 0, b""
         return self._opened()
 
-    def _next(self, stream: BinaryIO) -> bytes:
+    def _next(self, stream: BinaryIO) -> bytes | None:
+        """Read on; None if what was read last is no longer there."""
+        known = len(self._last)
         try:
-            stream.seek(self._position)
-            return stream.read(PIECE)
+            stream.seek(self._position - known)
+            # in one go, so that nothing can happen to the file between the known and the new
+            data = stream.read(known + PIECE)
         except OSError as error:
             raise _unreadable(str(self.path), error) from error
+        if self.follow and data[:known] != self._last:
+            return None
+        self._last = data[-WINDOW:]
+        self._position += len(data) - known
+        return data[known:]
 
-    def _shorter(self, stream: BinaryIO) -> bool:
-        if os.fstat(stream.fileno()).st_size >= self._position:
-            return False
-        self._position = 0
-        return True
+    def _holds_last(self, stream: BinaryIO) -> bool:
+        stream.seek(self._position - len(self._last))
+        return stream.read(len(self._last)) == self._last
+
+    def _cut(self, stream: BinaryIO) -> str:
+        """Go back to the beginning, and say why."""
+        shorter = os.fstat(stream.fileno()).st_size < self._position
+        self._position, self._last = 0, b""
+        return "was cut to a shorter length" if shorter else "was cut and filled again"
 
     def _replaced(self, stream: BinaryIO) -> bool:
         try:
@@ -394,6 +429,12 @@ class UdpSource:
     port : int
         Zero for any that is free; `name` then says which.
 
+    Attributes
+    ----------
+    dropped : int or None
+        Datagrams that the system dropped since nobody had read those before; None where the system
+        does not tell.
+
     Raises
     ------
     UnreadableFileError
@@ -407,6 +448,7 @@ class UdpSource:
         self._socket = socket.socket(family, socket.SOCK_DGRAM)
         try:
             self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+            self._told: int | None = self._ask_for_drops()
             self._socket.bind((host, port))
         except OSError as error:
             self._socket.close()
@@ -430,12 +472,46 @@ class UdpSource:
         self._socket.settimeout(WAIT)
         while size < PIECE:
             try:
-                data = self._socket.recv(1 << 16)
+                data = self._receive()
             except (TimeoutError, BlockingIOError):
                 return
             self._socket.setblocking(False)
             size += len(data)
             yield data if data.endswith(b"\n") else data + b"\n"
+
+    def _ask_for_drops(self) -> int | None:
+        if _RXQ_OVFL is None:
+            return None
+        try:
+            self._socket.setsockopt(socket.SOL_SOCKET, _RXQ_OVFL, 1)
+        except OSError:
+            return None
+        return 0
+
+    def _receive(self) -> bytes:
+        if self._told is None:
+            return self._socket.recv(1 << 16)
+        data, notes, _, _ = self._socket.recvmsg(1 << 16, socket.CMSG_SPACE(_COUNT.size))
+        for level, kind, value in notes:
+            if (level, kind) == (socket.SOL_SOCKET, _RXQ_OVFL) and len(value) >= _COUNT.size:
+                self._count(value)
+        return data
+
+    def _count(self, value: bytes) -> None:
+        """Take up the system's counter, which begins anew after 2**32."""
+        assert self._told is not None
+        now = int(_COUNT.unpack_from(value)[0])
+        self._told += (now - self._told) % (1 << 32)
+
+    @property
+    def dropped(self) -> int | None:
+        """Datagrams that were dropped so far, with those behind the last one that was read."""
+        if self._told is not None:
+            with contextlib.suppress(OSError):
+                value = self._socket.getsockopt(socket.SOL_SOCKET, _MEMINFO, 64)[_DROPS]
+                if len(value) == _COUNT.size:
+                    self._count(value)
+        return self._told
 
     def mark(self, position: int) -> Mark | None:
         """Give nothing: what was received is gone."""
