@@ -16,6 +16,7 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 OTHER_DELAYS = "other delays explain the record almost as well"
+REPEATED_INPUT = "the input repeats itself"
 
 
 def freeze_arrays(noun: object) -> None:

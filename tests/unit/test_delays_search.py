@@ -11,7 +11,8 @@ from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import evaluate
 from tridentify.output_error.problem import Problem
 from tridentify.regression import Experiment
-from tridentify.strategy.delays import delay_places, with_delays
+from tridentify.strategy.delay_search import delay_places
+from tridentify.strategy.delays import with_delays
 
 POLES = np.array([-1.0 + 2.0j, -1.0 - 2.0j])
 

@@ -9,7 +9,7 @@ import numpy as np
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding
 from tridentify.record import Record
-from tridentify.trace import OTHER_DELAYS
+from tridentify.trace import OTHER_DELAYS, REPEATED_INPUT
 
 VAGUE = 0.5
 """Relative standard error above which a coefficient says little about itself."""
@@ -62,6 +62,17 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
         )
         for told in estimate.trace.decisions
         if told.startswith(OTHER_DELAYS)
+    ]
+    found += [
+        Finding(
+            "not-determined",
+            "warning",
+            f"{told[0].upper()}{told[1:]}. The standard errors do not allow for the others.",
+            "Check that so short a delay makes sense, or excite the system with an input that "
+            "does not repeat.",
+        )
+        for told in estimate.trace.decisions
+        if told.startswith(REPEATED_INPUT)
     ]
     found += _at_bounds(estimate)
     parameters = estimate.parameters.values()

@@ -47,7 +47,8 @@ from tridentify.output_error.point import evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
-from tridentify.strategy.delays import Place, best_of_places
+from tridentify.strategy.delay_search import Place
+from tridentify.strategy.delays import best_of_places
 from tridentify.strategy.starts import discrete_poles, laguerre_starts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction

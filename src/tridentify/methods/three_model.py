@@ -52,7 +52,8 @@ from tridentify.output_error.point import Point
 from tridentify.output_error.problem import Problem
 from tridentify.posterior.weigh import FinishChoice, check_finish, weigh
 from tridentify.record import Record
-from tridentify.strategy.delays import Place, best_of_places
+from tridentify.strategy.delay_search import Place
+from tridentify.strategy.delays import best_of_places
 from tridentify.strategy.passes import series_model
 from tridentify.strategy.search import Search
 from tridentify.structure import Structure

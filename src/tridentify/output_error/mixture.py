@@ -74,6 +74,12 @@ class Component(NamedTuple):
     mean: Array
     cov: Array
 
+    @property
+    def is_finite(self) -> bool:
+        """Whether its mass and its moments are known."""
+        moments = (self.mean, self.cov)
+        return bool(np.isfinite(self.log_mass) and all(np.isfinite(one).all() for one in moments))
+
     def within(self, where: int, low: float, high: float) -> Component:
         """The part whose coefficient lies between two ends, by its first two moments."""
         center, variance = float(self.mean[where]), float(self.cov[where, where])
@@ -120,7 +126,13 @@ def combined(components: Sequence[Component], about: Array) -> Mixture:
     >>> two = [Component(0.0, np.array([m]), np.eye(1)) for m in (0.0, 2.0)]
     >>> combined(two, np.zeros(1)).cov
     array([[3.]])
+
+    One whose curvature says nothing, not even how much it holds, does not count.
+
+    >>> combined([*two, Component(np.nan, np.ones(1), np.eye(1))], np.zeros(1)).cov
+    array([[3.]])
     """
+    components = [one for one in components if one.is_finite]
     logs = np.array([one.log_mass for one in components])
     shares = np.exp(logs - logs.max())
     kept = np.flatnonzero(shares > LEAST * shares.sum()).tolist()
@@ -251,7 +263,8 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
     Returns
     -------
     Mixture or None
-        About the coefficients of ``best``; None where that alone counts and has no kink beside it.
+        About the coefficients of ``best``; None where that alone counts and has no kink beside it,
+        or has no curvature.
     """
     if at_rounding(best):
         return None
@@ -263,6 +276,8 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
     first = home.end(problem, problem.delays, best.poles) if home.kinked else best
     ends = [(first, home)]
     found = [component(first, home, whole=True)]
+    if not found[0].is_finite:
+        return None
     tried = 0
     queue = [(np.inf, delays, poles) for delays, poles in others]
     queue += [(np.inf, one, best.poles) for one in home.beside(problem.delays)]

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimate import Estimate, Nuisance, Status, Trace
+from tridentify.finding import Finding
 from tridentify.models.response import Response, nuisance_blocks
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Complex, denominator, numerators
@@ -37,6 +38,8 @@ from tridentify.transfer_function import TransferFunction
 Array = NDArray[np.float64]
 
 SINGULAR = 1e12
+# share of the samples that delays may leave out before a caution says so
+MOST_LEFT_OUT = 0.1
 
 
 def estimate_from(
@@ -103,6 +106,7 @@ def estimate_from(
         dt=first.dt,
         record_fingerprint=fingerprint(records),
         noise_model=point.problem.noise,
+        findings=_left_out(point.problem),
     )
 
 
@@ -121,6 +125,26 @@ def _told(trace: Trace, problem: Problem) -> Trace:
         "delayed, came before the record (initial_state='rest' or 'equilibrium' states them)"
     )
     return replace(trace, decisions=(*trace.decisions, told))
+
+
+def _left_out(problem: Problem) -> tuple[Finding, ...]:
+    """A word where delays leave out more of the output than goes without saying."""
+    lost = sum(e.start for e in problem.experiments)
+    samples = sum(e.n_samples for e in problem.experiments)
+    if lost <= MOST_LEFT_OUT * samples:
+        return ()
+    return (
+        Finding(
+            "samples-left-out",
+            "warning",
+            f"{100.0 * lost / samples:.0f} % of the output samples ({lost} of {samples}) are left "
+            "out, as the inputs that reached them, delayed, came before the record: fit and "
+            "coefficients say nothing of them.",
+            "Check the delay, and compare with a shorter one; or state what was before "
+            "(--initial-state rest or equilibrium, in Python initial_state=...), which uses all "
+            "samples.",
+        ),
+    )
 
 
 def output_rss(point: Point) -> Array:

@@ -1,161 +1,57 @@
-"""Where the delays lie: a profile of convex parallel models, then low-order models from there.
+"""Delays that are estimated along: from the places of the search to one estimate.
 
-The output-error cost has many minima along a delay, about one to each period of what the output
-does, and one for each way in which a fast pole can stand for a part of the delay. So its range is
-looked at as a whole before anything is refined.
+The places (`strategy.delay_search`), one for every kind of start, are finished on the same samples,
+those that the longest of them allows, and the best by AICc counts, where what it leaves out beyond
+a tenth of the record counts against it. It is finished once more on all samples that it allows
+itself, but for two, in which it may move. The covariance is that of all minima near it and of the
+cells between the kinks (`output_error.mixture`).
 
-1. *Parallel models.* At every place of a grid the record is fitted by Laguerre functions of the
-   delayed inputs, which is convex, and AICc says how many of them and how well. Too short a delay
-   costs functions, too long a one misses the beginning of the response; the criterion is lowest
-   near the delay, whatever the poles. With several inputs one delay is taken along the grid at a
-   time, the others held, beginning from what is best for all in common.
-2. *Low order.* At the lowest places the poles are searched (`strategy.search`), and poles and
-   delays are refined together (`output_error.finish`).
-3. *Away from there.* With the poles held the reduced cost is taken along each delay, and other
-   minima that come near it are followed. Nearer by, where a delay can be traded for poles and
-   zeros and the cost of a held input has a kink at every step, poles and delays are refined anew
-   from half a step away, one, two, four, and so on up to the step of the grid, the delay held at
-   first. Both are repeated as long as that helps.
-
-All this runs on a stand-in where the record is long, and with a start of every kind that the
-structure allows. A free initial state stands for the inputs before the record, so output samples
-that the longest delay leaves unexplained are not looked at; a start at rest uses all.
+An input that repeats itself explains an output as well with a delay of a period more, or of half
+of one with the gain reversed: the shortest is given, and the others are told.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
-from typing import NamedTuple, cast
+from dataclasses import replace
 
 import numpy as np
+import scipy.signal
 from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, UnsupportedError
 from tridentify.estimate import Estimate
 from tridentify.numerics.realization import Complex, sort_poles
-from tridentify.output_error.finish import criterion, finish
 from tridentify.output_error.mixture import mixture
-from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.output_error.point import Point, evaluate
-from tridentify.output_error.problem import Problem, Variant
+from tridentify.output_error.nuisance import Nuisances, build, first_explained
+from tridentify.output_error.point import evaluate
 from tridentify.record import Record
-from tridentify.strategy.search import Search
-from tridentify.strategy.starts import parallel_criterion, rate_limits
-from tridentify.strategy.thin import is_large, is_usable, window
-from tridentify.structure import InitialState, Structure
-from tridentify.trace import OTHER_DELAYS
+from tridentify.strategy.delay_search import (
+    MOST_ROUNDS,
+    ROOM,
+    STRETCHES,
+    Place,
+    delay_places,
+    price,
+)
+from tridentify.structure import Structure
+from tridentify.trace import OTHER_DELAYS, REPEATED_INPUT
 
 Array = NDArray[np.float64]
 
-LONGEST = 0.3
-LONGEST_STATED = 0.6
-PLACES = 32
-FINE = 96
-RATES = 5
-FUNCTIONS = 10
-MOST_PLACES = 4
-MOST_RUNGS = 6
-STARTS = 2
-MOST_STEPS = 12
-HELD_STEPS = 6
-MOST_ROUNDS = 4
-SWEEPS = 2
-NEAR = 20.0
+# share of the probability from which another delay is named
 NAMED = 0.05
-MOST_RIVALS = 6
-HELPED = 0.005
-EQUAL = 1.0
-FEW_STEPS = 5.0
-HOPELESS = 30.0
-KEPT_RATES = 2
-APART = 0.5
-AGREE = 0.25
+# steps; nearer delays are one minimum
 MOVED = 0.1
-MARGIN_STEPS = 2.0
-MARGIN_SHARE = 0.1
-
-
-class Found(NamedTuple):
-    """The end of lowest cost, all ends, and the rates that suit the parallel models."""
-
-    best: Point
-    ends: list[Point]
-    rates: Array
-
-
-@dataclass(frozen=True, eq=False)
-class Place:
-    """Delays and poles worth beginning from.
-
-    Attributes
-    ----------
-    delays : (n_inputs,) array [s]
-    poles : (n,) complex array
-    rivals : tuple of (delays, poles)
-        Other ends of the search whose cost is not much higher.
-    """
-
-    delays: Array
-    poles: Complex
-    rivals: tuple[tuple[Array, Complex], ...] = ()
-
-
-def delay_places(records: Sequence[Record], structure: Structure) -> list[Place]:
-    """Delays and poles to begin from, the best of every kind of start.
-
-    Parameters
-    ----------
-    records : sequence of Record
-    structure : Structure
-        With free delays.
-
-    Returns
-    -------
-    list of Place
-        At least one.
-    """
-    step = min(float(np.median(np.diff(record.t))) for record in records)
-    kept: list[Place] = []
-    near: Found | None = None
-    for problem in _problems(records, structure):
-        near = _best(problem, near)
-        best, ends = _earliest(near.best, near.ends, step), near.ends
-        delays = best.problem.delays
-        if not any(np.all(np.abs(one.delays - delays) < APART * step) for one in kept):
-            kept.append(Place(delays, best.poles, _rivals(best, ends, step)))
-    return kept
-
-
-def _earliest(best: Point, ends: Sequence[Point], step: float) -> Point:
-    """Of ends that explain the record as well, the one with the shortest delays.
-
-    With an input that repeats itself a delay of a period more is as good. Places a few steps apart
-    are left to the cost.
-    """
-
-    def sooner(end: Point) -> bool:
-        less = best.problem.delays - end.problem.delays
-        return bool(np.all(less > -APART * step) and less.max() > FEW_STEPS * step)
-
-    equal = [end for end in ends if end.objective < best.objective + EQUAL and sooner(end)]
-    return min(equal, key=lambda end: float(end.problem.delays.sum()), default=best)
-
-
-def _rivals(best: Point, ends: Sequence[Point], step: float) -> tuple[tuple[Array, Complex], ...]:
-    """Where the search ended otherwise and not much higher, the lowest first."""
-    kept: list[tuple[Array, Complex]] = []
-    for end in sorted(ends, key=lambda point: point.objective):
-        delays = end.problem.delays
-        if end.objective > best.objective + NEAR or len(kept) == MOST_RIVALS:
-            break
-        if all(
-            np.any(np.abs(delays - other) > APART * step)
-            for other in [best.problem.delays, *[one for one, _ in kept]]
-        ):
-            kept.append((delays, end.poles))
-    return tuple(kept)
+# samples that may be left out beyond those that the delay itself takes, before it is done again
+SPARE = 2
+# share of the limit from which a delay lies at it
+AT_LIMIT = 0.999
+# share of the shortest record that a delay must leave
+LONGEST_SHARE = 0.9
+# correlation with itself, later, at which an input repeats itself, and below which it has moved
+# on before that
+REPEATED, MOVED_ON = 0.99, 0.5
 
 
 def best_of_places(
@@ -164,7 +60,7 @@ def best_of_places(
     located: Callable[[Structure, Place, Array], Estimate],
     given: Array | None = None,
 ) -> Estimate:
-    """The best of the estimates from every place; again where a delay ended at its limit.
+    """The best of the estimates from every place, on all samples that it allows.
 
     Parameters
     ----------
@@ -188,15 +84,104 @@ def best_of_places(
             refusals.append(refusal)
     if not found:
         raise refusals[0]
-    best, place = min(found, key=lambda one: one[0].aicc)
+    samples = float(sum(record.y.size for record in records))
+
+    def cost(one: tuple[Estimate, Place]) -> float:
+        own = with_delays(records, structure, [_delays(one[0])])[0]
+        return one[0].aicc + price(_left_out(records, own), samples)
+
+    best, place = min(found, key=cost)
     for _ in range(MOST_ROUNDS):
-        delays = best.theta[-best.model.n_inputs :]
-        if np.all(delays < 0.999 * limits):
+        delays = _delays(best)
+        own, _ = with_delays(records, structure, [delays])
+        spare = _left_out(records, known) - _left_out(records, own)
+        if (
+            np.all(delays < AT_LIMIT * limits)
+            and spare <= SPARE * len(records) * records[0].n_outputs
+        ):
             break
         known, limits = with_delays(records, structure, [delays])
-        best = located(known, Place(delays, none), limits)
+        best = located(known, Place(delays, _poles(best)), limits)
     rivals = [*place.rivals, (place.delays, place.poles)] if place.poles.size else []
-    return _spread(best, records, known, limits, rivals)
+    return _spread(_with_repeats(best, records), records, known, limits, rivals)
+
+
+def _delays(estimate: Estimate) -> Array:
+    """(n_inputs,) delays that were estimated along [s]."""
+    return estimate.theta[-estimate.model.n_inputs :]
+
+
+def _left_out(records: Sequence[Record], known: Structure) -> float:
+    """Output samples before the first that the inputs explain."""
+    return float(sum(first_explained(one, known) * one.n_outputs for one in records))
+
+
+def _with_repeats(estimate: Estimate, records: Sequence[Record]) -> Estimate:
+    """The estimate with a word on inputs whose delay is one of several that are as good."""
+    told = []
+    for j, name in enumerate(estimate.input_names):
+        found = [one for record in records if (one := repeats(record, j))]
+        if len(found) < len(records):
+            continue
+        after, sign = found[0]
+        step = records[0].duration / max(records[0].n_samples - 1, 1)
+        if all(abs(one[0] - after) < step and one[1] == sign for one in found):
+            reversed_ = "" if sign > 0 else " with the gain reversed"
+            told.append(
+                f"{REPEATED_INPUT} ({name}, after {after:.4g} s{', inverted' * (sign < 0)}): a "
+                f"delay later by that explains the record as well{reversed_}, and the shortest is "
+                "given"
+            )
+    if not told:
+        return estimate
+    decisions = (*estimate.trace.decisions, *told)
+    return replace(estimate, trace=replace(estimate.trace, decisions=decisions))
+
+
+def repeats(record: Record, channel: int) -> tuple[float, int] | None:
+    """After how long an input repeats itself, within the range where delays are looked for.
+
+    Parameters
+    ----------
+    record : Record
+    channel : int
+        Position of the input.
+
+    Returns
+    -------
+    tuple or None
+        The time [s] and the sign with which it comes again; None where it does not, or where time
+        is not uniform.
+
+    Examples
+    --------
+    >>> u = np.tile([1.0, 1.0, 1.0, 0.0], 20)
+    >>> repeats(Record(u, u, dt=0.5), 0)
+    (2.0, 1)
+    """
+    if record.dt is None:
+        return None
+    n = record.n_samples
+    u = record.u[:, channel] - record.u[:, channel].mean()
+    most = int(STRETCHES[-1] * n)
+    energy = np.cumsum(u * u)
+    if most < 2 or not energy[-1] > 0:
+        return None
+    products = scipy.signal.correlate(u, u, method="fft")[n - 1 : n - 1 + most]
+    first = energy[n - 1 - np.arange(most)]
+    last = energy[-1] - np.concatenate([[0.0], energy[: most - 1]])
+    correlation = products / np.sqrt(np.maximum(first * last, 1e-300))
+    away = np.flatnonzero(correlation < MOVED_ON)
+    if not away.size:
+        return None
+    again = np.flatnonzero(np.abs(correlation[away[0] :]) > REPEATED)
+    if not again.size:
+        return None
+    # the highest of those beside each other
+    k = int(away[0] + again[0])
+    while k + 1 < most and abs(correlation[k + 1]) > abs(correlation[k]):
+        k += 1
+    return k * record.dt, int(np.sign(correlation[k]))
 
 
 def _spread(
@@ -210,9 +195,9 @@ def _spread(
     chosen = estimate.structure
     nuisances = Nuisances(chosen.initial_state, bool(chosen.offset), bool(chosen.drift))
     built = build(records, replace(known, initial_state=chosen.initial_state), nuisances)
-    delays = estimate.theta[-built.n_inputs :]
+    delays = _delays(estimate)
     problem = built.whitened(estimate.noise_model).delayed(delays).freed(limits)
-    best = evaluate(problem, _poles(estimate, problem))
+    best = evaluate(problem, _poles(estimate))
     step = max(e.dt for e in problem.experiments)
     others = [one for one in rivals if np.any(np.abs(one[0] - delays) > MOVED * step)]
     found = mixture(best, others)
@@ -225,9 +210,13 @@ def _spread(
     return replace(estimate, cov=found.cov, trace=trace)
 
 
-def _poles(estimate: Estimate, problem: Problem) -> Complex:
+def _poles(estimate: Estimate) -> Complex:
     """Of every denominator."""
-    dens = [estimate.model.den[i][j] for i, j in (g.channels[0] for g in problem.groups)]
+    model = estimate.model
+    if estimate.structure.shared:
+        dens = [model.den[0][0]]
+    else:
+        dens = [den for row in model.den for den in row]
     return np.concatenate([sort_poles(np.roots(den).astype(np.complex128)) for den in dens])
 
 
@@ -294,173 +283,8 @@ def with_delays(
     longest = max(float(one.max()) for one in delays)
     step = max(float(np.median(np.diff(record.t))) for record in records)
     shortest = min(record.duration for record in records)
-    room = longest + max(MARGIN_STEPS * step, MARGIN_SHARE * longest)
-    room = min(room, 0.9 * shortest)
+    room = min(longest + ROOM * step, LONGEST_SHARE * shortest)
     known = replace(structure, delay=((room,) * first.n_inputs,) * first.n_outputs)
     stated = structure.initial_state in ("rest", "equilibrium")
-    limit = 0.9 * shortest if stated else room
+    limit = LONGEST_SHARE * shortest if stated else room
     return known, np.full(first.n_inputs, limit)
-
-
-def _problems(records: Sequence[Record], structure: Structure) -> list[Problem]:
-    """Small problems without delay, their limits the longest that is looked for."""
-    kinds: tuple[str, ...] = (structure.initial_state,)
-    if structure.initial_state == "auto":
-        moved = any(np.any(record.u[0]) for record in records)
-        kinds = ("free", "rest", "equilibrium") if moved else ("free", "rest")
-    first = records[0]
-    shortest = min(record.duration for record in records)
-    found = []
-    for kind in kinds:
-        offset = structure.offset is not False or kind == "equilibrium"
-        chosen = Nuisances(kind, offset, structure.drift is not False)
-        longest = (LONGEST if kind == "free" else LONGEST_STATED) * shortest
-        late = ((longest,) * first.n_inputs,) * first.n_outputs
-        state = cast("InitialState", kind)
-        known = replace(structure, delay=late, initial_state=state, offset=offset)
-        problem = build(records, known, chosen)
-        piece = window(problem) if is_large(problem) else problem
-        if is_large(problem) and not is_usable(piece):
-            piece = problem
-        nothing = np.zeros(first.n_inputs)
-        limits = np.full(first.n_inputs, min(longest, LONGEST_STATED * piece.shortest))
-        found.append(piece.delayed(nothing).freed(limits))
-    return found
-
-
-def _best(problem: Problem, near: Found | None) -> Found:
-    """Poles and delays of the lowest cost that was found, and all other ends.
-
-    With another kind of start only the lowest place is searched anew, where the end of the first is
-    not near it, and what lies around is looked at only where the two kinds do not agree.
-    """
-    places, rates = _profile(problem, near.rates if near else None)
-    ends = []
-    if near:
-        assert problem.limits is not None
-        delays = np.minimum(near.best.problem.delays, problem.limits)
-        ends = [_from(problem, delays, problem.admissible(near.best.poles)[0])]
-        apart = np.abs(places[0][1] - delays) > problem.limits / PLACES
-        places = places[:1] if apart.any() else []
-    for cost, delays in places:
-        if ends and cost > min(criterion(end) for end in ends) + HOPELESS:
-            continue
-        ends.append(_refined(problem, delays))
-    best = min(ends, key=lambda point: point.objective)
-    step = min(e.dt for e in problem.experiments)
-    agree = near and np.all(np.abs(best.problem.delays - near.best.problem.delays) < AGREE * step)
-    for _ in range(0 if agree else MOST_ROUNDS):
-        before = best
-        ends += [_from(problem, delays, before.poles) for delays in _elsewhere(before)]
-        best = min(ends, key=lambda point: point.objective)
-        for delays in _ladder(before):
-            ends.append(_held(problem, delays, best.poles))
-            best = min((best, ends[-1]), key=lambda point: point.objective)
-        if best.objective > before.objective - HELPED:
-            break
-    return Found(best, ends, rates)
-
-
-def _profile(problem: Problem, rates: Array | None) -> tuple[list[tuple[float, Array]], Array]:
-    """Delays where the parallel models' criterion is low, the lowest first, and the best rates."""
-    assert problem.limits is not None
-    grid = np.linspace(0.0, float(problem.limits[0]), PLACES + 1)
-    count = problem.n_inputs
-    tried = np.geomspace(*rate_limits(problem), RATES) if rates is None else rates
-
-    def cost(delays: Array, rates: Array) -> Array:
-        late = problem.delayed(delays).freed(None)
-        return np.array([parallel_criterion(late, rate, FUNCTIONS) for rate in rates])
-
-    every = np.array([cost(np.full(count, delay), tried) for delay in grid])
-    kept = tried[np.argsort(every.min(axis=0))[:KEPT_RATES]]
-    common = every.min(axis=1)
-    found = [(float(common[k]), np.full(count, grid[k])) for k in _low(common)]
-    nothing = (float(common[0]), np.zeros(count))
-    if count > 1:
-        at = found[0][1].copy()
-        low = found[0][0]
-        others: list[tuple[float, Array]] = []
-        for sweep in range(SWEEPS):
-            for j in range(count):
-                moved = [np.where(np.arange(count) == j, d, at) for d in grid]
-                costs = np.array([cost(one, kept).min() for one in moved])
-                places = _low(costs)
-                at[j], low = grid[places[0]], float(costs[places[0]])
-                if sweep == SWEEPS - 1:
-                    others += [(float(costs[k]), moved[k]) for k in places[1:3]]
-        found = [(low, at.copy()), found[0], *others]
-    return _distinct([*found[:MOST_PLACES], nothing]), kept
-
-
-def _low(costs: Array) -> NDArray[np.intp]:
-    """Positions of the local minima, the lowest first."""
-    around = np.concatenate([[np.inf], costs, [np.inf]])
-    low = np.flatnonzero((costs <= around[:-2]) & (costs <= around[2:]))
-    return low[np.argsort(costs[low], kind="stable")]
-
-
-def _distinct(places: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]]:
-    kept: list[tuple[float, Array]] = []
-    for cost, one in places:
-        if not any(np.array_equal(one, other) for _, other in kept):
-            kept.append((cost, one))
-    return kept
-
-
-def _refined(problem: Problem, delays: Array) -> Point:
-    """The search for poles at given delays, and both refined together."""
-    late = problem.delayed(delays).freed(None)
-    return _from(problem, delays, Search(STARTS).begin(late, [_kept(problem)]).point.poles)
-
-
-def _from(problem: Problem, delays: Array, poles: Complex) -> Point:
-    late = problem.delayed(delays)
-    at = partial(evaluate, late)
-    return finish(at, at(poles), None, MOST_STEPS)[0]
-
-
-def _held(problem: Problem, delays: Array, poles: Complex) -> Point:
-    """The poles first, with the delays held, so that these do not slide back at once."""
-    late = problem.delayed(delays).freed(None)
-    at = partial(evaluate, late)
-    return _from(problem, delays, finish(at, at(poles), None, HELD_STEPS)[0].poles)
-
-
-def _elsewhere(point: Point) -> list[Array]:
-    """Delays, one of them moved with the poles held, where the cost has another low minimum."""
-    problem, found = point.problem, []
-    assert problem.limits is not None
-    for j, limit in enumerate(problem.limits):
-        grid = np.linspace(0.0, float(limit), FINE + 1)
-        tried = [np.where(np.arange(problem.n_inputs) == j, d, problem.delays) for d in grid]
-        costs = np.array([evaluate(problem, point.poles, 1, delays=d).objective for d in tried])
-        here = APART * (grid[1] - grid[0])
-        found += [
-            (float(costs[k]), tried[k])
-            for k in _low(costs)
-            if costs[k] < point.objective + NEAR and abs(grid[k] - problem.delays[j]) > here
-        ]
-    return [delays for _, delays in sorted(found, key=lambda one: one[0])[:MOST_PLACES]]
-
-
-def _ladder(point: Point) -> list[Array]:
-    """Delays, one of them half a step away, one step, two, up to the step of the grid."""
-    problem, found = point.problem, []
-    assert problem.limits is not None
-    for j, limit in enumerate(problem.limits):
-        away = 0.5 * min(e.dt for e in problem.experiments)
-        rungs = max(int(np.ceil(np.log2(float(limit) / PLACES / away))), 0) + 1
-        for rung in range(min(rungs, MOST_RUNGS)):
-            for sign in (-1.0, 1.0):
-                moved = problem.delays.copy()
-                moved[j] += sign * away * 2.0**rung
-                if 0.0 <= moved[j] <= limit:
-                    found.append(moved)
-    return found
-
-
-def _kept(problem: Problem) -> Variant:
-    """The problem as it is: no nuisance term dropped."""
-    e = problem.experiments[0]
-    return Variant(e.free, e.offset, e.drift, (None,) * len(problem.experiments))
