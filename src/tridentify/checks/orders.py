@@ -27,6 +27,10 @@ Gain = float | tuple[tuple[float | None, ...], ...]
 Number = TypeVar("Number", int, float)
 Matrix = tuple[tuple[Number, ...], ...]
 
+HIGHEST_ORDER = 200
+"""Most poles of a channel: far below, no digit of a coefficient is left in double precision, and
+the roots of a polynomial of this degree still take milliseconds."""
+
 
 def channel_matrix(
     label: str, value: Number | Matrix[Number], n_outputs: int, n_inputs: int
@@ -56,17 +60,17 @@ def _nested(label: str, value: object) -> list[list[object]]:
 
 
 def checked_orders(label: str, value: object, lowest: int) -> int | Matrix[int]:
-    """Give a whole number, or nested ones ``[output][input]``, of at least `lowest`."""
+    """Give a whole number from `lowest` to `HIGHEST_ORDER`, or nested ones ``[output][input]``."""
 
     def order(item: object) -> int:
         try:
             whole = operator.index(item)  # type: ignore[arg-type]
         except TypeError:
             whole = lowest - 1
-        if whole < lowest or isinstance(item, (bool, np.bool_)):
+        if not lowest <= whole <= HIGHEST_ORDER or isinstance(item, (bool, np.bool_)):
             raise OrderError(
-                f"found {label}={shown(item)}; expected a whole number of at least {lowest}; "
-                f"correct {label}"
+                f"found {label}={shown(item)}; expected a whole number of at least {lowest} and at "
+                f"most {HIGHEST_ORDER}; correct {label}"
             )
         return whole
 
