@@ -552,9 +552,7 @@ class Estimate:
         Raises
         ------
         UnreadableFileError
-            There is no such file, or it is not JSON.
-        FileTooLargeError
-            It is larger than 64 MiB.
+            There is no such file, or it is not JSON, or too large (128 MiB, four million values).
         DataError
             It is of another schema version, or damaged: a field is missing, unknown, not of its
             type, or does not go with the others.

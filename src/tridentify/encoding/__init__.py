@@ -14,7 +14,8 @@ from tridentify.encoding.consistency import (
 from tridentify.encoding.document import (
     document_text,
     load_document,
-    read_json_document,
+    one_line,
+    read_json,
     save_document,
 )
 from tridentify.encoding.values import decode, encode, plain_model
@@ -31,7 +32,8 @@ __all__ = [
     "document_text",
     "encode",
     "load_document",
+    "one_line",
     "plain_model",
-    "read_json_document",
+    "read_json",
     "save_document",
 ]

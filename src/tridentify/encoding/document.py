@@ -10,14 +10,17 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from tridentify.encoding.values import encode
-from tridentify.errors import DataError, FileTooLargeError, UnreadableFileError, shown
+from tridentify.errors import DataError, UnreadableFileError, shown
 from tridentify.files import published, write_atomically
 
 T = TypeVar("T")
 
-LARGEST = 64 * 1024 * 1024
-"""Largest document that is read [bytes]: a million outliers or three million numbers, a hundred
-times what estimates of long records take; as Python objects it fills a gigabyte or two."""
+MOST_BYTES = 1 << 27
+"""Largest document that is read [bytes]: some million samples that an on-line estimator keeps."""
+
+MOST_VALUES = 4_000_000
+"""Most values of a document that is read: a million outliers, a hundred times what estimates of
+long records hold. Each takes up to a hundred bytes of memory."""
 
 DEEPEST = 30
 """Deepest nesting of lists and mappings that is read; an estimate has ten levels."""
@@ -72,12 +75,16 @@ def load_document(
     ------
     UnreadableFileError
         There is no such file, or it is not JSON.
-    FileTooLargeError
-        It is larger than `LARGEST`.
     DataError
         It is of another schema version, or damaged.
     """
-    document = read_json_document(path, what, writer)
+    try:
+        document = read_json(path)
+    except (OSError, ValueError) as error:
+        raise UnreadableFileError(
+            f"found no readable {what} in {path} ({one_line(error)}); expected a JSON file written "
+            f"by {writer}.save; check the path"
+        ) from error
     found = document.pop(key, None) if isinstance(document, dict) else None
     if type(found) is not int or found != schema:
         raise DataError(
@@ -88,19 +95,17 @@ def load_document(
         return build(document)
     except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError) as error:
         raise DataError(
-            f"found a damaged {what} in {path} ({_reason(error)}); expected the fields that "
+            f"found a damaged {what} in {path} ({one_line(error)}); expected the fields that "
             f"{writer}.save wrote; identify the record again and save it"
         ) from error
 
 
-def read_json_document(path: str | os.PathLike[str], what: str, writer: str) -> Any:
-    """Parse a file: bounded in size and depth, its numbers finite, no key twice.
+def read_json(path: str | os.PathLike[str]) -> Any:
+    """What a JSON file of any origin holds: finite numbers, no key twice, an end to its depth.
 
     Parameters
     ----------
     path : str or path
-    what, writer : str
-        In words, for the messages.
 
     Returns
     -------
@@ -109,35 +114,39 @@ def read_json_document(path: str | os.PathLike[str], what: str, writer: str) -> 
 
     Raises
     ------
-    UnreadableFileError
-        There is no such file, or it is not JSON.
-    FileTooLargeError
-        It is larger than `LARGEST`.
+    OSError
+        It cannot be read.
+    ValueError
+        It is no JSON, or too large or too deep to be one that was written by this package.
     """
+    with open(published(path), "rb") as stream:
+        content = stream.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        raise ValueError(f"more than {MOST_BYTES >> 20} MiB")
+    values = sum(map(content.count, (b",", b"[", b"{")))
+    if values > MOST_VALUES:
+        raise ValueError(f"{values} values, and at most {MOST_VALUES} can be")
     try:
-        with open(published(path), "rb") as stream:
-            content = stream.read(LARGEST + 1)
-        if len(content) > LARGEST:
-            raise FileTooLargeError(
-                f"found more than {LARGEST >> 20} MiB in {path}; expected {what} written by "
-                f"{writer}.save; check the path"
-            )
         document = json.loads(
-            content.decode("utf-8"), object_pairs_hook=_no_key_twice, parse_constant=_no_number
+            content.decode("utf-8"),
+            object_pairs_hook=_no_key_twice,
+            parse_constant=_no_number,
+            parse_float=_finite,
         )
-        _check(document)
-    except FileTooLargeError:
-        raise
-    except (OSError, ValueError, RecursionError) as error:
-        raise UnreadableFileError(
-            f"found no readable {what} in {path} ({_reason(error)}); expected a JSON file written "
-            f"by {writer}.save; check the path"
-        ) from error
+    except RecursionError as error:
+        raise ValueError(f"nested more than {DEEPEST} deep") from error
+    _check(document)
     return document
 
 
-def _reason(error: BaseException) -> str:
-    """What an error says, on one line and not for ever."""
+def one_line(error: BaseException) -> str:
+    r"""What an error says, on one line and not for ever.
+
+    Examples
+    --------
+    >>> one_line(ValueError("two\nlines")), one_line(KeyError("theta"))
+    ('two lines', "KeyError('theta')")
+    """
     text = repr(error) if isinstance(error, (KeyError, AttributeError)) else str(error)
     plain = "".join(one if one.isprintable() else " " for one in text)
     return plain if len(plain) <= _EXPLAINED else shown(plain, _EXPLAINED)[1:-1]
@@ -154,20 +163,25 @@ def _no_number(text: str) -> float:
     raise ValueError(f"{text} in it is no number of JSON")
 
 
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text[:40]} in it leaves the range of a float")
+    return value
+
+
 def _check(document: object) -> None:
     """Level by level, so that no depth can exhaust the stack."""
     level, depth = [document], 0
     while level:
         depth += 1
         if depth > DEEPEST:
-            raise ValueError(f"it is nested more than {DEEPEST} deep")
+            raise ValueError(f"nested more than {DEEPEST} deep")
         below: list[object] = []
         for item in level:
             for value in item.values() if isinstance(item, dict) else _items(item):
                 if isinstance(value, (list, dict)):
                     below.append(value)
-                elif isinstance(value, float) and not math.isfinite(value):
-                    raise ValueError("a number in it leaves the range of a float")
                 elif isinstance(value, int) and abs(value) >= LARGEST_WHOLE:
                     raise ValueError("a whole number in it is larger than any that is written")
         level = below

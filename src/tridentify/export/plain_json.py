@@ -6,7 +6,8 @@ import json
 import os
 from pathlib import Path
 
-from tridentify.encoding import plain_model, read_json_document
+from tridentify.encoding import one_line, plain_model
+from tridentify.encoding import read_json as read_document
 from tridentify.errors import DataError, StructureError, shown
 from tridentify.estimate import Estimate
 from tridentify.files import write_atomically
@@ -70,7 +71,10 @@ def read_json(path: str | os.PathLike[str]) -> TransferFunction | Estimate:
     DataError
         It holds neither, is damaged, or of another schema version.
     """
-    content = read_json_document(path, "model", "write_json or Estimate")
+    try:
+        content = read_document(path)
+    except (OSError, ValueError):
+        return Estimate.load(path)  # which says what is the matter
     if not isinstance(content, dict) or "model_schema" not in content:
         return Estimate.load(path)
     schema = content.pop("model_schema")
@@ -83,6 +87,6 @@ def read_json(path: str | os.PathLike[str]) -> TransferFunction | Estimate:
         return plain_model(content)
     except (StructureError, ValueError) as error:
         raise DataError(
-            f"found a damaged model in {path} ({error}); expected what write_json wrote; write it "
-            "again"
+            f"found a damaged model in {path} ({one_line(error)}); expected what write_json wrote; "
+            "write it again"
         ) from error
