@@ -257,12 +257,15 @@ class Estimate:
             for j, input_ in enumerate(self.input_names):
                 num, den, cov = self.channel(i, j)
                 label = f"[{output},{input_}]" if several else ""
-                if not shared or (i, j) == (0, 0):
+                # what has no room in a float is shown as infinite or nan
+                with np.errstate(all="ignore"):
+                    gain = delta_method.dc_gain(num, den, cov)
                     n, where = len(den) - 1, "" if shared else label
-                    poles = delta_method.pole_quantities(den, cov[:n, :n])
-                    rows += [(row[0] + where, *row[1:]) for row in poles]
+                    if not shared or (i, j) == (0, 0):
+                        poles = delta_method.pole_quantities(den, cov[:n, :n])
+                        rows += [(row[0] + where, *row[1:]) for row in poles]
                 unit = self._ratio_unit(output, input_, 0)
-                gains.append(("dc gain" + label, *delta_method.dc_gain(num, den, cov), unit))
+                gains.append(("dc gain" + label, *gain, unit))
         # below the rounding of the value there is no error, as of a frequency that is held
         return tuple(
             (name, value, 0.0 if std <= HELD * abs(value) else std, unit)

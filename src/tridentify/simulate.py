@@ -12,7 +12,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
-from tridentify.errors import ChannelCountError
+from tridentify.errors import ChannelCountError, ScaleError, TridentifyError
 from tridentify.numerics.realization import cascade, monomials, sort_poles
 from tridentify.numerics.sampled import Sampled, States
 from tridentify.record import Record
@@ -54,6 +54,8 @@ def simulate(
     ------
     ChannelCountError
         If the numbers of inputs differ.
+    ScaleError
+        If the output leaves the range of a float, as that of an unstable model does in the end.
 
     Examples
     --------
@@ -69,6 +71,31 @@ def simulate(
             f"found a record with {record.n_inputs} inputs; expected {model.n_inputs} as in the "
             "model; select the channels"
         )
+    # what overflows is not finite at the end, and said there in one line
+    with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
+        try:
+            result = _response(model, record, free_response, free_after)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            if isinstance(error, TridentifyError):
+                raise
+            raise _no_room(model, record) from error
+    if not np.isfinite(result).all():
+        raise _no_room(model, record)
+    return result
+
+
+def _no_room(model: TransferFunction, record: Record) -> ScaleError:
+    return ScaleError(
+        f"found a model of {model.n_outputs} outputs whose response over {record.duration:.3g} s "
+        "leaves the range of numbers; expected one below 1e308; shorten the record, or correct the "
+        "poles, the gain or the units of the model"
+    )
+
+
+def _response(
+    model: TransferFunction, record: Record, free_response: Array | None, free_after: float
+) -> Array:
+    """The output, not finite where it leaves the range of a float."""
     result = np.zeros((record.n_samples, model.n_outputs))
     for delays in dict.fromkeys(tuple(row) for row in model.delay.tolist()):
         signal = _signal(record, np.ascontiguousarray(record.u), delays)

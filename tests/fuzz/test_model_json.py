@@ -28,7 +28,8 @@ VALUES: tuple[Any, ...] = (
     "a\nb", "\u202etxt", "\x1b[2J", "\ud800", "x" * 300, "x" * 30_000, [], {}, [[]], [1], [0.0],
     [1, 2, 3, 4], [[1e9] * 5], [None], ["inf"], [[1.0, 0.0], [0.0, 1.0]], [[0.0]], [[[0.0]]],
     [-1.0], [[-1.0]], [1.0] * 2000, [[1, [2]]], {"a0": 1}, {"a0": 1.0, "b9": 2.0},
-    {"a0": [None, None]}, {"a0": [1.0, 0.1]}, [[{"a0": 1.0}, 0.0]], {"u": "rad"}, {"u": 1}, {"": ""}, {"num": [[[1.0]]]},
+    {"a0": [None, None]}, {"a0": [1.0, 0.1]}, [[{"a0": 1.0}, 0.0]], {"u": "rad"},
+    {"u": 1}, {"": ""}, {"num": [[[1.0]]]},
 )  # fmt: skip
 TEXTS = ("1e999", "NaN", "-Infinity", "9" * 5000, "[" * 200_000, '"\\ud800"', '{"a":1,"a":2}')
 
@@ -66,9 +67,36 @@ def _moved(value: Any, rng: np.random.Generator) -> Any:
     return {k: v for k, v in value.items() if rng.random() < 0.7}
 
 
+def _other_coefficients(document: dict[str, Any], rng: np.random.Generator) -> None:
+    """Other coefficients and terms, of any size, that belong together."""
+    structure = Structure.from_dict(document["structure"])
+    outputs, inputs = len(document["output_names"]), len(document["input_names"])
+    theta = np.array(document["theta"]) * rng.choice([-1.0, 1.0, 1.0], len(document["theta"]))
+    size = 10.0 ** rng.choice([0, 1, 5, 20, 80, 150, 290])
+    theta *= size ** rng.uniform(-1.0, 1.0, theta.size) * (rng.random(theta.size) > 0.1)
+    if structure.delay == "free":
+        theta[-inputs:] = np.abs(theta[-inputs:])
+        document["model"]["delay"] = [theta[-inputs:].tolist()] * outputs
+    num, den = structure.split(theta, outputs, inputs)
+    document["theta"] = theta.tolist()
+    document["model"]["num"] = [[one.tolist() for one in row] for row in num]
+    document["model"]["den"] = [[one.tolist() for one in row] for row in den]
+    spread = min(size, 1e140) ** rng.uniform(-1.0, 1.0, theta.size) * (rng.random(theta.size) > 0.1)
+    root = rng.standard_normal((theta.size, theta.size)) * spread[:, None]
+    document["cov"] = (root @ root.T).tolist()
+    for terms in document["nuisance"]:
+        terms["offset"] = [size * rng.standard_normal() for _ in range(outputs)]
+        free = np.array(terms["free_response"], dtype=np.float64)
+        terms["free_response"] = (size * rng.standard_normal(free.shape)).tolist()
+
+
 def spoiled(document: dict[str, Any], rng: np.random.Generator) -> str:
     """The text of a document with one to three changes."""
     found = copy.deepcopy(document)
+    if "theta" in document and rng.random() < 0.4:
+        _other_coefficients(found, rng)
+        if rng.random() < 0.7:
+            return json.dumps(found)
     for _ in range(int(rng.integers(1, 4))):
         everywhere = list(places(found))
         if not everywhere:

@@ -34,6 +34,11 @@ SAME = 1e-9
 """Relative difference between a coefficient and its place in the model that counts as rounding."""
 
 
+LARGEST = 1e145
+"""Largest coefficient that is read, and inverted smallest: its square, a variance, is a float with
+room to spare."""
+
+
 def check_model(
     model: TransferFunction,
     structure: Structure,
@@ -52,6 +57,12 @@ def check_model(
         raise ShapeError(
             f"found {theta.size} coefficients; expected at most {MOST_COEFFICIENTS} in a file; "
             "estimate the outputs one by one"
+        )
+    sizes = np.abs(theta[theta != 0.0])
+    if np.any(sizes > LARGEST) or np.any(sizes < 1.0 / LARGEST):
+        raise CoefficientError(
+            f"found the coefficients {shown(theta.tolist())}; expected sizes from "
+            f"{1.0 / LARGEST:.0e} to {LARGEST:.0e}"
         )
     if (model.input_names, model.output_names) != (tuple(input_names), tuple(output_names)):
         raise CoefficientError(

@@ -136,7 +136,7 @@ def pole_quantities(den: npt.ArrayLike, cov: Real) -> tuple[tuple[str, float, fl
             std = float(standard_deviation(derivative.real, cov))
             rows.append(("real pole", value, std, "1/s"))
             if value != 0:
-                rows.append(("time constant", -1 / value, std / value**2, "s"))
+                rows.append(("time constant", -1 / value, std / value / value, "s"))
             continue
         frequency = abs(pole)
         damping = -pole.real / frequency
