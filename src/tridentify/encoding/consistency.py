@@ -61,7 +61,7 @@ def check_model(
     sizes = np.abs(theta[theta != 0.0])
     if np.any(sizes > LARGEST) or np.any(sizes < 1.0 / LARGEST):
         raise CoefficientError(
-            f"found the coefficients {shown(theta.tolist())}; expected sizes from "
+            f"found theta {shown(theta.tolist())}; expected sizes from "
             f"{1.0 / LARGEST:.0e} to {LARGEST:.0e}"
         )
     if (model.input_names, model.output_names) != (tuple(input_names), tuple(output_names)):
