@@ -77,10 +77,10 @@ def document(single, tmp_path):
 
 def refused(text, path):
     path.write_text(text, encoding="utf-8")
-    begin = time.monotonic()
+    begin = time.process_time()
     with pytest.raises(TridentifyError) as caught:
         Estimate.load(path)
-    assert time.monotonic() - begin < 5.0
+    assert time.process_time() - begin < 5.0
     assert str(caught.value).isprintable()
     assert len(str(caught.value)) < 1000
     return caught.value
