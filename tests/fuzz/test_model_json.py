@@ -19,7 +19,7 @@ from tridentify.export import read_json, write_c_header, write_json, write_matla
 from tridentify.methods.output_error import OutputError
 
 LONGEST = 5.0
-"""Processor seconds that a file of some hundred kilobytes may take to be refused, or read and used."""
+"""Processor seconds in which a file of some hundred kilobytes is refused, or read and used."""
 
 VALUES: tuple[Any, ...] = (
     None, True, False, 0, 1, -1, -5, 2, 3, 10**9, -(10**9), 2**63, 10**400, 0.5, -0.5, 1e9, -1e9,
