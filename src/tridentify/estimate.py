@@ -13,15 +13,28 @@ import os
 import re
 import textwrap
 from collections.abc import Mapping
-from functools import partial
 from pathlib import Path
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.encoding import decode, load_document, save_document
-from tridentify.errors import DataError
+from tridentify.checks.names import check_names, check_units
+from tridentify.checks.samples import check_distinct, checked_units
+from tridentify.encoding import (
+    check_covariance,
+    check_draws,
+    check_model,
+    check_noise,
+    check_nuisance,
+    check_outliers,
+    check_sampling,
+    decode,
+    load_document,
+    save_document,
+)
+from tridentify.errors import DataError, ParameterNameError, ShapeError, shown
 from tridentify.finding import Finding
 from tridentify.markup import fraction
 from tridentify.numerics import delta_method
@@ -135,20 +148,46 @@ class Estimate:
         if not self.outliers.size:
             object.__setattr__(self, "outliers", np.zeros((0, 4)))
             self.outliers.setflags(write=False)
+        self._check_shapes()
+        self._check_names()
+        object.__setattr__(self, "units", dict(self.units))
+
+    def _check_shapes(self) -> None:
         n_parameters, n_outputs = len(self.names), len(self.output_names)
         shapes: dict[str, tuple[int, ...]] = {"theta": (n_parameters,), "fit": (n_outputs,)}
         shapes |= {"cov": (n_parameters, n_parameters), "noise_variance": (n_outputs,)}
         for field, shape in shapes.items():
             if getattr(self, field).shape != shape:
                 found = getattr(self, field).shape
-                raise ValueError(f"found {field} of shape {found}; expected {shape}")
-        object.__setattr__(self, "units", dict(self.units))
+                raise ShapeError(
+                    f"found {field} of shape {found}; expected {shape}; order it as names"
+                )
+
+    def _check_names(self) -> None:
+        """Names and units stand in tables, files and code: they are what the structure gives."""
+        inputs, outputs = self.input_names, self.output_names
+        check_names((*inputs, *outputs))
+        check_distinct((*inputs, *outputs))
+        check_units(self.units)
+        # counted first: to name the coefficients of a billion poles takes for ever
+        n = len(self.names)
+        same = (
+            len(outputs) * len(inputs) <= n
+            and n == self.structure.n_parameters(len(outputs), len(inputs))
+            and self.names == self.structure.names(inputs, outputs)
+        )
+        if not same:
+            raise ParameterNameError(
+                f"found the {n} coefficients {shown(self.names, 120)} of {len(outputs)} outputs "
+                f"and {len(inputs)} inputs; expected those that Structure.names gives; correct them"
+            )
 
     def _freeze_noise_model(self) -> None:
         given = self.noise_model or (np.zeros(0),) * len(self.output_names)
         if len(given) != len(self.output_names):
-            raise ValueError(
-                f"found {len(given)} noise models; expected {len(self.output_names)}, one an output"
+            raise ShapeError(
+                f"found {len(given)} noise models; expected {len(self.output_names)}, one an "
+                "output; give an empty one for white noise"
             )
         model = tuple(np.array(a, dtype=np.float64).reshape(-1) for a in given)
         for a in model:
@@ -201,11 +240,12 @@ class Estimate:
         position = {name: k for k, name in enumerate(self.names)}
         wanted = [f"a{k}" for k in range(len(den) - 2, -1, -1)]
         wanted += [f"b{k}" for k in range(len(num) - 1, -1, -1)]
-        where = [position.get(name + label, position.get(name, -1)) for name in wanted]
+        places = [position.get(name + label, position.get(name, -1)) for name in wanted]
         delay = f"delay[{self.input_names[input_]}]"
-        where.append(position.get(delay, position.get("delay", -1)))
-        padded = np.pad(self.cov, ((0, 1), (0, 1)))
-        return num, den, padded[np.ix_(where, where)]
+        places.append(position.get(delay, position.get("delay", -1)))
+        where = np.array(places)
+        free = where >= 0
+        return num, den, np.where(free[:, None] & free, self.cov[np.ix_(where, where)], 0.0)
 
     def derived_rows(self) -> tuple[Row, ...]:
         """(name, value, std, unit) of poles, dampings and static gains, to first order."""
@@ -217,12 +257,15 @@ class Estimate:
             for j, input_ in enumerate(self.input_names):
                 num, den, cov = self.channel(i, j)
                 label = f"[{output},{input_}]" if several else ""
-                if not shared or (i, j) == (0, 0):
+                # what has no room in a float is shown as infinite or nan
+                with np.errstate(all="ignore"):
+                    gain = delta_method.dc_gain(num, den, cov)
                     n, where = len(den) - 1, "" if shared else label
-                    poles = delta_method.pole_quantities(den, cov[:n, :n])
-                    rows += [(row[0] + where, *row[1:]) for row in poles]
+                    if not shared or (i, j) == (0, 0):
+                        poles = delta_method.pole_quantities(den, cov[:n, :n])
+                        rows += [(row[0] + where, *row[1:]) for row in poles]
                 unit = self._ratio_unit(output, input_, 0)
-                gains.append(("dc gain" + label, *delta_method.dc_gain(num, den, cov), unit))
+                gains.append(("dc gain" + label, *gain, unit))
         # below the rounding of the value there is no error, as of a frequency that is held
         return tuple(
             (name, value, 0.0 if std <= HELD * abs(value) else std, unit)
@@ -512,14 +555,44 @@ class Estimate:
         Raises
         ------
         UnreadableFileError
-            There is no such file, or it is not JSON.
+            There is no such file, or it is not JSON, or too large (128 MiB, four million values).
         DataError
-            It is of another schema version, or damaged.
+            It is of another schema version, or damaged: a field is missing, unknown, not of its
+            type, or does not go with the others.
         """
-        estimate: Estimate = load_document(
-            path, "schema", SCHEMA, partial(decode, cls), "estimate", "Estimate"
+        return load_document(path, "schema", SCHEMA, cls.from_document, "estimate", "Estimate")
+
+    @classmethod
+    def from_document(cls, document: Mapping[str, Any]) -> Estimate:
+        """Build an estimate from what JSON holds of it, and refuse what does not belong together.
+
+        Parameters
+        ----------
+        document : mapping
+            The content of a file of `save`, without its schema.
+
+        Returns
+        -------
+        Estimate
+
+        Raises
+        ------
+        DataError, StructureError, ValueError
+            A field is missing, unknown, not of its type, or does not go with the others.
+        """
+        made: Estimate = decode(cls, document)
+        inputs, outputs = made.input_names, made.output_names
+        checked_units(made.units, (*inputs, *outputs))
+        check_model(made.model, made.structure, made.theta, inputs, outputs)
+        check_covariance(made.cov)
+        check_draws(made.draws, len(made.names))
+        check_noise(made.noise_variance, made.fit, made.noise_model)
+        check_nuisance(made.nuisance, made.model)
+        check_outliers(made.outliers, len(made.nuisance), len(outputs), made.n_samples)
+        check_sampling(
+            made.n_samples, made.degrees_of_freedom, made.dt, made.intersample, made.loss
         )
-        return estimate
+        return made
 
 
 def _row(parameter: Parameter, held: str = "") -> tuple[str, ...]:

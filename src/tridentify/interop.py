@@ -74,13 +74,33 @@ def to_control(
     input_names: Sequence[str],
     output_names: Sequence[str],
 ) -> Any:
-    """A `control.TransferFunction`."""
+    """A `control.TransferFunction`; names without dots, which python-control keeps for itself."""
     return import_control().TransferFunction(
         [[np.array(item) for item in row] for row in num],
         [[np.array(item) for item in row] for row in den],
-        inputs=list(input_names),
-        outputs=list(output_names),
+        inputs=_without_dots(input_names),
+        outputs=_without_dots(output_names),
     )
+
+
+def _without_dots(names: Sequence[str]) -> list[str]:
+    """Names with underscores in place of dots, still all different.
+
+    Examples
+    --------
+    >>> _without_dots(["q.x", "q_x", "p"])
+    ['q_x_2', 'q_x', 'p']
+    """
+    found: list[str] = []
+    taken = {name for name in names if "." not in name}
+    for name in names:
+        made, k = name.replace(".", "_"), 2
+        other = made
+        while "." in name and other in taken:
+            other, k = f"{made}_{k}", k + 1
+        taken.add(other)
+        found.append(other)
+    return found
 
 
 def from_control(system: Any) -> Coefficients:

@@ -49,7 +49,7 @@ FloatArray = NDArray[np.float64]
 Choice = bool | Literal["auto"]
 InitialState = Literal["free", "rest", "equilibrium", "auto"]
 
-_PARAMETER = re.compile(r"([ab])(\d+)(\[.+\])?|delay(\[.+\])?")
+_PARAMETER = re.compile(r"([ab])([0-9]{1,4})(\[.+\])?|delay(\[.+\])?")
 _DEFAULT = (("u",), ("y",))
 
 
@@ -178,16 +178,14 @@ class Structure:
                     )
 
     def _check_constraints(self) -> None:
+        highest = {"a": _largest(self.poles) - 1, "b": _largest(self.zeros)}
         for name in self.known:
             match = _PARAMETER.fullmatch(name)
-            orders = self.poles if match and match[1] == "a" else self.zeros
-            largest = orders if isinstance(orders, int) else max(max(row) for row in orders)
-            highest = largest - 1 if match and match[1] == "a" else largest
-            missing = match is None or (match[1] is not None and int(match[2]) > highest)
+            missing = match is None or (match[1] and int(match[2]) > highest[match[1]])
             if missing or (name.startswith("delay") and self.delay != "free"):
                 raise ParameterNameError(
                     f"found {shown(name)} among what is known; expected a coefficient such as "
-                    f"{', '.join(self.names())}; correct the name"
+                    f"{_listed(self.names())}; correct the name"
                 )
         for name in self._fixed.keys() & self._bounds.keys():
             raise BoundsError(
@@ -385,11 +383,14 @@ class Structure:
         if self.delay == "free":
             one = len(input_names) == 1
             names += ["delay"] if one else [f"delay[{source}]" for source in input_names]
+        existing = set(names)
         for name in self.known:
             # without channels at hand (the default names) a bracketed name cannot be judged
-            if name not in names and not ("[" in name and (input_names, output_names) == _DEFAULT):
+            if name not in existing and not (
+                "[" in name and (input_names, output_names) == _DEFAULT
+            ):
                 raise ParameterNameError(
-                    f"found {shown(name)} among what is known; expected one of {', '.join(names)}; "
+                    f"found {shown(name)} among what is known; expected one of {_listed(names)}; "
                     "correct the name"
                 )
         return tuple(names)
@@ -539,3 +540,11 @@ class Structure:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Structure.from_dict, (self.to_dict(),)
+
+
+def _largest(orders: int | Sequence[Sequence[int]]) -> int:
+    return orders if isinstance(orders, int) else max(max(row) for row in orders)
+
+
+def _listed(names: Sequence[str]) -> str:
+    return shown(", ".join(names), 300)[1:-1]

@@ -80,6 +80,7 @@ def test_free_delay_enters_the_channel_covariance(single):
     cov = np.diag([1.0, 2.0, 3.0, 4.0])
     estimate = dataclasses.replace(
         single.estimate,
+        structure=dataclasses.replace(single.estimate.structure, delay="free"),
         names=("a1", "a0", "b0", "delay"),
         theta=np.array([1.0, 3.0, 0.5, 0.1]),
         cov=cov,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import subprocess
@@ -13,6 +14,7 @@ from scipy.io import loadmat
 from tridentify import Estimate, Record, Structure, TransferFunction, simulate
 from tridentify.errors import OptionError, OutputPathError, UnsupportedError
 from tridentify.export import write_c_header, write_json, write_matlab
+from tridentify.export.c_header import c_header
 
 COMPILER = shutil.which("cc") or shutil.which("gcc")
 OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
@@ -163,6 +165,53 @@ def test_names_cannot_break_out_of_the_comment(tmp_path):
         [1.0], [1.0, 1.0], input_names=["*/ int x = 1; /*"], output_names=["??/ (§)"]
     )
     run_in_c(write_c_header(model, 0.1, tmp_path / "safe.h"), inputs(n=3))
+
+
+UNCHECKED = (
+    "[*\\\n/ static void evil(void){} /",
+    "???/",
+    "*/ #error no",
+    "/*/",
+    "a\\",
+    "x\u2028y\x85z\r\nsystem('ls')\n%{",
+)
+
+
+def with_unchecked(estimate, text):
+    """The estimate with a unit and a name that no check has seen."""
+    found = dataclasses.replace(estimate)
+    object.__setattr__(found, "units", {"elevator": text, "q": text})
+    model = TransferFunction.from_dict(estimate.model.to_dict())
+    object.__setattr__(model, "output_names", (text,))
+    object.__setattr__(found, "model", model)
+    return found
+
+
+@needs_compiler
+@pytest.mark.parametrize("text", UNCHECKED)
+def test_what_no_check_has_seen_stays_in_the_comment(single, text, tmp_path):
+    plain = c_header(single.estimate, 0.05, "m").split("*/", 1)[1]
+    header = c_header(with_unchecked(single.estimate, text), 0.05, "m")
+    assert header.split("*/", 1)[1] == plain
+    (tmp_path / "m.h").write_text(header)
+    command = [COMPILER, *STRICT, "-trigraphs", "-E", "-P", "m.h"]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "evil" not in done.stdout
+    run_in_c(
+        write_c_header(with_unchecked(single.estimate, text), 0.05, tmp_path / "n.h"), inputs(n=3)
+    )
+
+
+@pytest.mark.parametrize("text", UNCHECKED)
+def test_what_no_check_has_seen_makes_no_line_of_a_script(single, text, tmp_path):
+    plain = write_matlab(single.estimate, tmp_path / "m.m").read_text("utf-8")
+    script = write_matlab(with_unchecked(single.estimate, text), tmp_path / "m.m").read_text(
+        "utf-8"
+    )
+    assert len(script.splitlines()) == len(plain.splitlines())
+    assert all(one.isprintable() for one in script.split("\n"))
+    write_matlab(with_unchecked(single.estimate, text), tmp_path / "m.mat")
 
 
 @needs_compiler

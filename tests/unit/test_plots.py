@@ -129,6 +129,7 @@ def test_integrators_and_repeated_poles_can_be_drawn(single, den):
     estimate = dataclasses.replace(
         single.estimate,
         model=TransferFunction([2.0], den, input_names=["elevator"], output_names=["q"]),
+        structure=dataclasses.replace(single.estimate.structure, poles=n),
         names=names,
         theta=np.array([*den[1:], 2.0]),
         cov=np.eye(n + 1) * 1e-4,

@@ -228,3 +228,9 @@ def test_text_of_one_channel_and_of_several() -> None:
     assert "q <- r:" in text
     assert "2 s + 1" in text
     assert repr(PAPER) == "TransferFunction([0.5], [1.0, 1.0, 3.0])"
+
+
+def test_python_control_takes_names_with_dots():
+    pytest.importorskip("control")
+    model = TransferFunction([[[1.0], [2.0]]], [1.0, 3.0], input_names=["q.x", "q_x"])
+    assert model.to_control().input_labels == ["q_x_2", "q_x"]

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from tridentify import METHODS, Record, Structure, errors, identify, read_record
+from tridentify.excitation import doublet
 from tridentify.numerics.propagate import warm_up
+from tridentify.physical import PhysicalParameter
 
 N = 200
 
@@ -61,3 +63,24 @@ def test_units_of_a_file_reach_the_coefficients(arrays, tmp_path: Path) -> None:
     }
     assert estimate.parameters["a0"].value == pytest.approx(1.0, rel=1e-6)
     assert "1/s^2" in estimate.summary()
+
+
+def test_a_unit_in_a_file_that_is_not_printable_is_refused_by_its_channel(tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text(
+        't,"u [*\\\n/ static void evil(void){} /]",y [deg\u00a0C]\n0,1,2\n1,2,3\n2,1,4\n'
+    )
+    with pytest.raises(errors.UnitError, match="for 'u'; expected printable") as caught:
+        read_record(path, time="t", inputs=["u"], outputs=["y"])
+    assert str(caught.value).isprintable()
+    stated = read_record(path, time="t", inputs=["u"], outputs=["y"], units={"u": "rad"})
+    assert dict(stated.units) == {"u": "rad", "y": "deg C"}
+
+
+def test_a_unit_of_an_excitation_or_a_physical_parameter_is_checked() -> None:
+    with pytest.raises(errors.UnitError, match="printable"):
+        doublet(1.0, 1.0, dt=0.5).named(["u"], {"u": "V\n"})
+    with pytest.raises(errors.UnitError, match="printable"):
+        PhysicalParameter("m", "kg\u2028")
+    with pytest.raises(errors.PhysicalParameterError, match="printable"):
+        PhysicalParameter("m\n", "kg")

@@ -29,8 +29,9 @@ Gain = float | tuple[tuple[float | None, ...], ...]
 Number = TypeVar("Number", int, float)
 Matrix = tuple[tuple[Number, ...], ...]
 
-MOST_ORDER = 1000
-"""Poles or zeros of a structure: far above what can be estimated, and its names are a list."""
+HIGHEST_ORDER = 200
+"""Most poles of a channel: far below, no digit of a coefficient is left in double precision, and
+the roots of a polynomial of this degree still take milliseconds."""
 
 
 def channel_matrix(
@@ -61,22 +62,17 @@ def _nested(label: str, value: object) -> list[list[object]]:
 
 
 def checked_orders(label: str, value: object, lowest: int) -> int | Matrix[int]:
-    """Give a whole number, or nested ones ``[output][input]``, of at least `lowest`."""
+    """Give a whole number from `lowest` to `HIGHEST_ORDER`, or nested ones ``[output][input]``."""
 
     def order(item: object) -> int:
         try:
             whole = operator.index(item)  # type: ignore[arg-type]
         except TypeError:
             whole = lowest - 1
-        if whole < lowest or isinstance(item, (bool, np.bool_)):
+        if not lowest <= whole <= HIGHEST_ORDER or isinstance(item, (bool, np.bool_)):
             raise OrderError(
-                f"found {label}={shown(item)}; expected a whole number of at least {lowest}; "
-                f"correct {label}"
-            )
-        if whole > MOST_ORDER:
-            raise OrderError(
-                f"found {label}={shown(item)}; expected at most {MOST_ORDER}, more than any record "
-                f"determines; lower {label}"
+                f"found {label}={shown(item)}; expected a whole number of at least {lowest} and at "
+                f"most {HIGHEST_ORDER}; correct {label}"
             )
         return whole
 

@@ -14,6 +14,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tridentify.checks.names import check_names, check_units
 from tridentify.checks.scales import check_samples, check_time
 from tridentify.errors import (
     ChannelNameError,
@@ -64,7 +65,7 @@ def channel_names(names: Sequence[str] | None, n_channels: int, default: str) ->
     Raises
     ------
     ChannelNameError
-        Names are repeated, blank, or not as many as the channels.
+        Names are repeated, blank, not printable, too long, or not as many as the channels.
 
     Examples
     --------
@@ -81,13 +82,7 @@ def channel_names(names: Sequence[str] | None, n_channels: int, default: str) ->
             f"found {len(chosen)} names {shown(list(chosen))} for {n_channels} channels of "
             f"{default}; expected one name per channel; give as many names as columns"
         )
-    given: tuple[object, ...] = chosen
-    for name in given:
-        if not isinstance(name, str) or not name.strip() or not name.isprintable():
-            raise ChannelNameError(
-                f"found the channel name {shown(name)}; expected printable text that is not blank; "
-                "rename the channel"
-            )
+    check_names(chosen)
     check_distinct(chosen)
     return chosen
 
@@ -367,12 +362,14 @@ def check_band_limited(step: float | None, n_samples: int) -> None:
 
 def check_distinct(names: tuple[str, ...]) -> None:
     """Refuse repeated names."""
+    seen: set[str] = set()
     for name in names:
-        if names.count(name) > 1:
+        if name in seen:
             raise ChannelNameError(
                 f"found the channel name {shown(name)} more than once; expected all inputs and "
                 "outputs to have different names; rename one"
             )
+        seen.add(name)
 
 
 def check_inputs(u: FloatArray, names: tuple[str, ...]) -> None:
@@ -412,17 +409,13 @@ def checked_units(units: Mapping[str, str] | None, names: tuple[str, ...]) -> Ma
             "example units={'elevator': 'rad'}"
         )
     given: Mapping[str, object] = units or {}
-    for key, unit in given.items():
+    for key in given:
         if key != "t" and key not in names:
             raise UnitError(
                 f"found a unit for {shown(key)}; expected a channel name among "
-                f"{', '.join(names)} or 't'; correct the name"
+                f"{shown(', '.join(names), 300)[1:-1]} or 't'; correct the name"
             )
-        if not isinstance(unit, str):
-            raise UnitError(
-                f"found the unit {shown(unit)} for {shown(key)}; expected text such as 'rad/s'; "
-                "put it in quotes"
-            )
+    check_units(given)
     return MappingProxyType(dict(units or {}))
 
 

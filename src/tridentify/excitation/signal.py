@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tridentify.checks.names import check_units
 from tridentify.checks.samples import Intersample, channel_names
 from tridentify.errors import OptionError, ShapeError, shown
 from tridentify.excitation.checks import count, positive
@@ -53,6 +54,8 @@ class Excitation:
     ------
     OptionError, ShapeError
         The samples are no finite array, or `dt` is not positive.
+    ChannelNameError, UnitError
+        A name or a unit is not printable or too long, or a name is repeated.
 
     Examples
     --------
@@ -90,6 +93,7 @@ class Excitation:
             )
         u.setflags(write=False)
         names = channel_names(self.input_names or None, u.shape[1], "u")
+        check_units(self.units or {})
         fields: dict[str, object] = {
             "u": u,
             "dt": positive("dt", self.dt),

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from tridentify.errors import OptionError, shown
 from tridentify.estimate import Estimate
 from tridentify.export.discrete import Block, Method, blocks_of
+from tridentify.export.words import in_c_comment
 from tridentify.files import write_atomically
 from tridentify.text import format_std
 from tridentify.transfer_function import TransferFunction
@@ -275,7 +276,7 @@ def _comment(
             std = format_std(p.std) if np.isfinite(p.std) else "unknown"
             unit = f" {p.unit}" if p.unit else ""
             lines += [f"  {p.name} = {p.value:.17g} +- {std}{unit}"]
-    return ["/*", *(f" * {_harmless(line)}".rstrip() for line in lines), " */"]
+    return ["/*", *(f" * {in_c_comment(line)}".rstrip() for line in lines), " */"]
 
 
 def _unit(units: Mapping[str, str], name: str) -> str:
@@ -284,11 +285,6 @@ def _unit(units: Mapping[str, str], name: str) -> str:
 
 def _powers(coefficients: Array) -> str:
     return " ".join(f"{value:.9g}" for value in coefficients)
-
-
-def _harmless(line: str) -> str:
-    """Nothing that begins or ends a comment, or is a trigraph."""
-    return line.replace("*/", "* /").replace("/*", "/ *").replace("??", "? ?")
 
 
 def _identifier(name: str | None, path: Path) -> str:

@@ -31,7 +31,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from tridentify.errors import OptionError, UnsupportedError, shown
+from tridentify.errors import (
+    OptionError,
+    ScaleError,
+    TridentifyError,
+    UnsupportedError,
+    shown,
+)
 from tridentify.simulate import realize
 from tridentify.transfer_function import TransferFunction
 
@@ -79,6 +85,12 @@ class Block:
         return int(self.change.shape[0])
 
     @property
+    def is_finite(self) -> bool:
+        """Whether every number has room in a float."""
+        parts = (self.change, self.new, self.old, self.rows, self.direct, self.direct_old)
+        return all(bool(np.all(np.isfinite(part))) for part in parts)
+
+    @property
     def memory(self) -> int:
         """How many steps back an input is needed."""
         return self.delay + int(np.any(self.old) or np.any(self.direct_old))
@@ -117,6 +129,30 @@ def blocks_of(
     True
     """
     _check(dt, method, prewarp)
+    # what overflows is not finite at the end, and said there in one line
+    with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
+        try:
+            found = _blocks(model, dt, method, prewarp)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            if isinstance(error, TridentifyError):
+                raise
+            raise _no_room(model, dt) from error
+    if not all(block.is_finite for block in found):
+        raise _no_room(model, dt)
+    return found
+
+
+def _no_room(model: TransferFunction, dt: float) -> ScaleError:
+    return ScaleError(
+        f"found a model of {model.n_outputs} outputs whose change within {dt:.3g} s leaves the "
+        "range of numbers; expected one below 1e308; choose a shorter dt, or correct the poles, "
+        "the gain or the units of the model"
+    )
+
+
+def _blocks(
+    model: TransferFunction, dt: float, method: Method, prewarp: float | None
+) -> tuple[Block, ...]:
     groups: dict[tuple[int, float, bytes], list[int]] = {}
     for j in range(model.n_inputs):
         for i in range(model.n_outputs):

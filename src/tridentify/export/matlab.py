@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimate import Estimate
+from tridentify.export.words import in_matlab_comment, matlab_string
 from tridentify.files import write_atomically
 from tridentify.text import format_std
 from tridentify.transfer_function import TransferFunction
@@ -124,7 +125,7 @@ def _cells(polynomials: tuple[tuple[Array, ...], ...]) -> NDArray[np.object_]:
 
 def _texts(names: tuple[str, ...]) -> NDArray[np.object_]:
     found = np.empty((len(names), 1), dtype=object)
-    found[:, 0] = names
+    found[:, 0] = [in_matlab_comment(name) for name in names]  # a lone surrogate cannot be encoded
     return found
 
 
@@ -192,7 +193,8 @@ def _coefficients(estimate: Estimate, named: list[str]) -> list[str]:
     for name, p in zip(named, estimate.parameters.values(), strict=True):
         std = f"+- {format_std(p.std)}" if np.isfinite(p.std) else "+- unknown"
         unit = f" {p.unit}" if p.unit else ""
-        lines.append(f"{name} = {p.value:.17g}; % {std}{unit} ({p.name})")
+        remark = in_matlab_comment(f"{std}{unit} ({p.name})")
+        lines.append(f"{name} = {p.value:.17g}; % {remark}")
     return [*lines, ""]
 
 
@@ -230,5 +232,4 @@ def _cell_text(rows: list[list[str]]) -> str:
 
 
 def _text_column(texts: NDArray[np.object_]) -> str:
-    quoted = ("'" + str(text).replace("'", "''") + "'" for text in texts[:, 0])
-    return "{" + "; ".join(quoted) + "}"
+    return "{" + "; ".join(matlab_string(str(text)) for text in texts[:, 0]) + "}"

@@ -6,9 +6,11 @@ import json
 import os
 from pathlib import Path
 
-from tridentify.errors import DataError, StructureError
+from tridentify.encoding import one_line, plain_model
+from tridentify.encoding import read_json as read_document
+from tridentify.errors import DataError, StructureError, shown
 from tridentify.estimate import Estimate
-from tridentify.files import published, write_atomically
+from tridentify.files import write_atomically
 from tridentify.transfer_function import TransferFunction
 
 SCHEMA = 1
@@ -70,21 +72,21 @@ def read_json(path: str | os.PathLike[str]) -> TransferFunction | Estimate:
         It holds neither, is damaged, or of another schema version.
     """
     try:
-        content = json.loads(published(path).read_text(encoding="utf-8"))
+        content = read_document(path)
     except (OSError, ValueError):
         return Estimate.load(path)  # which says what is the matter
     if not isinstance(content, dict) or "model_schema" not in content:
         return Estimate.load(path)
     schema = content.pop("model_schema")
-    if schema != SCHEMA:
+    if type(schema) is not int or schema != SCHEMA:
         raise DataError(
-            f"found model schema {schema!r} in {path}; expected {SCHEMA}; write the model again "
-            "with this version"
+            f"found model schema {shown(schema)} in {path}; expected {SCHEMA}; write the model "
+            "again with this version"
         )
     try:
-        return TransferFunction.from_dict(content)
-    except StructureError as error:
+        return plain_model(content)
+    except (StructureError, ValueError) as error:
         raise DataError(
-            f"found a damaged model in {path} ({error}); expected what write_json wrote; write it "
-            "again"
+            f"found a damaged model in {path} ({one_line(error)}); expected what write_json wrote; "
+            "write it again"
         ) from error

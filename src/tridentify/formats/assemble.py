@@ -24,6 +24,7 @@ from typing import Literal, cast
 
 import numpy as np
 
+from tridentify.checks.names import file_units
 from tridentify.checks.samples import (
     TIME_TOLERANCE,
     Intersample,
@@ -202,7 +203,7 @@ def _given_units(
 def _kept_units(
     channels: Mapping[str, Channel], clock: Channel | None, units: Mapping[str, str]
 ) -> dict[str, str]:
-    kept = {name: units[c.header] for name, c in channels.items() if c.header in units}
+    kept = file_units({n: units[c.header] for n, c in channels.items() if c.header in units})
     return kept | ({"t": "s"} if clock is not None and clock.header in units else {})
 
 

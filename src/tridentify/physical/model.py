@@ -22,6 +22,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.checks.names import LONGEST_NAME, check_units, is_plain
 from tridentify.errors import CoefficientMapError, PhysicalParameterError, shown
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -53,7 +54,9 @@ class PhysicalParameter:
     Raises
     ------
     PhysicalParameterError
-        The name is blank or the guess is of no use.
+        The name is blank, not printable or too long, or the guess is of no use.
+    UnitError
+        The unit is not printable or too long.
 
     Examples
     --------
@@ -68,10 +71,12 @@ class PhysicalParameter:
     positive: bool = False
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.name, str) and self.name.strip()):
+        if not (is_plain(self.name, LONGEST_NAME) and self.name.strip()):
             raise PhysicalParameterError(
-                f"found the name {shown(self.name)}; expected text; name the parameter"
+                f"found the name {shown(self.name)}; expected printable text of at most "
+                f"{LONGEST_NAME} characters; name the parameter"
             )
+        check_units({self.name: self.unit})
         usable = isinstance(self.guess, (int, float)) and math.isfinite(self.guess)
         if not usable or self.guess == 0 or (self.positive and self.guess < 0):
             wanted = "a positive number" if self.positive else "a finite number other than zero"

@@ -13,14 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.encoding import decode, load_document, save_document
-from tridentify.errors import (
-    PhysicalParameterError,
-    UndeterminedError,
-)
+from tridentify.encoding import check_covariance, decode, load_document, save_document
+from tridentify.errors import PhysicalParameterError, ShapeError, UndeterminedError
 from tridentify.estimate import Estimate
 from tridentify.parameter import Parameter
-from tridentify.physical.model import model_of
+from tridentify.physical.model import PhysicalParameter, model_of
 from tridentify.text import format_std, format_table, format_value, html_table
 from tridentify.trace import freeze_arrays
 from tridentify.transfer_function import TransferFunction
@@ -90,6 +87,9 @@ class PhysicalEstimate:
     def __post_init__(self) -> None:
         freeze_arrays(self)
         object.__setattr__(self, "known", MappingProxyType(dict(self.known)))
+        if not self.alternatives.size:
+            object.__setattr__(self, "alternatives", np.zeros((0, len(self.names))))
+            self.alternatives.setflags(write=False)
 
     def __repr__(self) -> str:
         pairs = zip(self.names, self.values.tolist(), self.std.tolist(), strict=True)
@@ -219,23 +219,23 @@ class PhysicalEstimate:
 
 
 def _decoded(document: Mapping[str, Any]) -> PhysicalEstimate:
-    """Build the estimate from what `encode` made of it."""
-    fields = {f.name: str(f.type) for f in dataclasses.fields(PhysicalEstimate)}
-    if document.keys() != fields.keys():
-        raise KeyError(*(document.keys() ^ fields.keys()))
-    made: dict[str, Any] = {}
-    for name, value in document.items():
-        match fields[name]:
-            case "Array":
-                made[name] = np.array(value, dtype=np.float64)
-            case "tuple[str, ...]":
-                made[name] = tuple(str(item) for item in value)
-            case "float":
-                made[name] = np.nan if value is None else float(value)
-            case _:
-                made[name] = value
-    made["known"] = {str(k): (float(v), float(s)) for k, (v, s) in document["known"].items()}
-    made["combinations"] = tuple(decode(Parameter, one) for one in document["combinations"])
-    made["alternatives"] = made["alternatives"].reshape(-1, len(made["names"]))
-    made["estimate"] = decode(Estimate, document["estimate"])
-    return PhysicalEstimate(**made)
+    """Build the estimate from what `encode` made of it, and compare its parts."""
+    made: PhysicalEstimate = decode(
+        PhysicalEstimate, dict(document), {"Estimate": Estimate.from_document}
+    )
+    n, m = len(made.names), len(made.estimate.names)
+    shapes = {"values": (n,), "cov": (n, n), "by_distance": (n,), "theta": (m,)}
+    shapes |= {"theta_cov": (m, m), "fit": (len(made.estimate.output_names),)}
+    shapes["alternatives"] = (len(made.alternatives), n)
+    for field, shape in shapes.items():
+        if getattr(made, field).shape != shape:
+            raise ShapeError(
+                f"found {field} of shape {getattr(made, field).shape}; expected {shape}"
+            )
+    if len({len(made.names), len(made.units), len(made.descriptions)}) > 1:
+        raise ShapeError("found other numbers of names, units and descriptions; expected one each")
+    for parameter in (*made.parameters.values(), *made.combinations):
+        PhysicalParameter(parameter.name, parameter.unit)
+    check_covariance(made.cov)
+    check_covariance(made.theta_cov)
+    return made

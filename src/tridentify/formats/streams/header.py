@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from tridentify.checks.names import file_units
 from tridentify.errors import (
     ChannelNameError,
     DuplicateColumnError,
@@ -121,7 +122,7 @@ def find_columns(names: Sequence[str], units: Sequence[str], asked: Asked) -> Co
     SamplingError
         There is no column of time.
     UnitError
-        The unit of time is none.
+        The unit of time is none; that of another column is not printable or too long.
 
     Examples
     --------
@@ -154,7 +155,7 @@ def find_columns(names: Sequence[str], units: Sequence[str], asked: Asked) -> Co
         tuple(table.channels.index(channel) for channel in wanted),
         len(names),
         1.0 if clock is None else _scale(clock, given),
-        tuple((name, unit) for name, unit in kept.items() if unit),
+        tuple(file_units({name: unit for name, unit in kept.items() if unit}).items()),
     )
 
 

@@ -1,0 +1,104 @@
+"""Names of channels and units as text that is safe to print, to draw and to write into files.
+
+A name stands in tables, pictures, HTML, comments of exported code and on terminals. What is not
+printable has no place there: a line break would begin a line of its own, a control character moves
+the cursor, a bidirectional mark shows the text in another order than it has. `str.isprintable`
+refuses all of these (Unicode categories C and Z, save the plain space).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping
+
+from tridentify.errors import ChannelNameError, UnitError, shown
+
+LONGEST_NAME = 200
+"""Longest name of a channel [characters]: twice the longest paths of buses and topics that loggers
+write; beyond it a table has no column and a picture no room for anything else."""
+
+LONGEST_UNIT = 100
+"""Longest unit of a channel [characters]: one in words fits, a paragraph does not."""
+
+_OTHER_SPACES = re.compile("[\u00a0\u1680\u2000-\u200a\u202f\u205f\u3000]")
+
+
+def is_plain(text: object, longest: int) -> bool:
+    """Whether this is text of printable characters, not longer than so many.
+
+    Examples
+    --------
+    >>> is_plain("rad/s", 10), is_plain("rad" + chr(10), 10), is_plain("rad/s", 4), is_plain(1, 4)
+    (True, False, False, False)
+    """
+    return isinstance(text, str) and len(text) <= longest and text.isprintable()
+
+
+def check_names(names: Iterable[object]) -> None:
+    """Refuse names of channels that are no text, blank, not printable or too long.
+
+    Raises
+    ------
+    ChannelNameError
+
+    Examples
+    --------
+    >>> check_names(("alpha", "pitch rate"))
+    """
+    for name in names:
+        if not is_plain(name, LONGEST_NAME) or not str(name).strip():
+            length = f" of {len(name)} characters" if isinstance(name, str) else ""
+            raise ChannelNameError(
+                f"found the channel name {shown(name)}{length}; expected printable text that is "
+                f"not blank, of at most {LONGEST_NAME} characters; rename the channel"
+            )
+
+
+def check_units(units: Mapping[str, object], advice: str = "correct it") -> None:
+    """Refuse units that are no text, not printable or too long.
+
+    Parameters
+    ----------
+    units : mapping of str to object
+        Channel to unit.
+    advice : str
+        What to do about a unit that is refused.
+
+    Raises
+    ------
+    UnitError
+
+    Examples
+    --------
+    >>> check_units({"alpha": "deg", "q": "°/s"})
+    """
+    for name, unit in units.items():
+        if not isinstance(unit, str):
+            raise UnitError(
+                f"found the unit {shown(unit)} for {shown(name)}; expected text such as 'rad/s'; "
+                "put it in quotes"
+            )
+        if not is_plain(unit, LONGEST_UNIT):
+            raise UnitError(
+                f"found the unit {shown(unit)} of {len(unit)} characters for {shown(name)}; "
+                f"expected printable text of at most {LONGEST_UNIT} characters, such as 'rad/s'; "
+                f"{advice}"
+            )
+
+
+def file_units(units: Mapping[str, str]) -> dict[str, str]:
+    """Units as they stand in a file, by channel: spaces of every kind become plain ones.
+
+    Raises
+    ------
+    UnitError
+        A unit is not printable or too long; the message names the channel.
+
+    Examples
+    --------
+    >>> file_units({"T": "deg" + chr(160) + "C"})
+    {'T': 'deg C'}
+    """
+    found = {name: _OTHER_SPACES.sub(" ", unit) for name, unit in units.items()}
+    check_units(found, "correct it in the file, or state the unit of this channel yourself")
+    return found
