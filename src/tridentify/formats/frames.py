@@ -166,7 +166,7 @@ def record_from_frame(
     >>> frame = pl.DataFrame({"t [ms]": [0, 20, 40], "u": [0, 1, 1], "q [deg/s]": [0, None, 2]})
     >>> record = record_from_frame(frame, time="t", inputs=["u"], outputs=["q"])
     >>> record
-    Record(3 samples, 0.04 s, dt=0.02 s, zoh, inputs: u, outputs: q [deg/s])
+    Record(3 samples, 0.04 s, dt=0.02 s, auto, inputs: u, outputs: q [deg/s])
     >>> record.y.ravel()
     array([ 0., nan,  2.])
     """

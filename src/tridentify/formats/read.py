@@ -154,7 +154,7 @@ def read_record(
     ...     path = pathlib.Path(folder, "doublet.csv")
     ...     _ = path.write_text("t,elevator [rad],q\n0,0,0\n0.5,1,0\n1,1,0.2\n")
     ...     read_record(path, time="t", inputs=["elevator"], outputs=["q"])
-    Record('doublet', 3 samples, 1 s, dt=0.5 s, zoh, inputs: elevator [rad], outputs: q)
+    Record('doublet', 3 samples, 1 s, dt=0.5 s, auto, inputs: elevator [rad], outputs: q)
     """
     wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop, instants)
     with opened(path) as source:

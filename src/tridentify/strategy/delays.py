@@ -16,7 +16,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, UnsupportedError
@@ -167,7 +166,10 @@ def repeats(record: Record, channel: int) -> tuple[float, int] | None:
     energy = np.cumsum(u * u)
     if most < 2 or not energy[-1] > 0:
         return None
-    products = scipy.signal.correlate(u, u, method="fft")[n - 1 : n - 1 + most]
+    # imported here: it takes half a second
+    from scipy.signal import correlate
+
+    products = correlate(u, u, method="fft")[n - 1 : n - 1 + most]
     first = energy[n - 1 - np.arange(most)]
     last = energy[-1] - np.concatenate([[0.0], energy[: most - 1]])
     correlation = products / np.sqrt(np.maximum(first * last, 1e-300))
