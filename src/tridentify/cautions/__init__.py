@@ -9,8 +9,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tridentify.causes.first_samples import Predictions
 from tridentify.causes.intersample import Behaviours, intersample_findings
-from tridentify.cautions.beginning import Predictions
 from tridentify.cautions.coefficients import coefficient_findings
 from tridentify.cautions.outliers import outlier_findings
 from tridentify.cautions.residual import residual_findings

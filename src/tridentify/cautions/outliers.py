@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from tridentify.cautions.beginning import Predictions, beginning
+from tridentify.causes.first_samples import Predictions, beginning
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding
 from tridentify.numerics.robust import median_scale

@@ -7,7 +7,7 @@ import math
 import numpy as np
 from scipy.special import chdtri
 
-from tridentify.cautions.beginning import Predictions, beginning
+from tridentify.causes.first_samples import Predictions, beginning
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding
 from tridentify.numerics.autoregression import whiten

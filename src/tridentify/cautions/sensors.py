@@ -32,7 +32,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.cautions.beginning import Predictions, beginning
+from tridentify.causes.first_samples import Predictions, beginning
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding, Severity
 from tridentify.numerics.converter import Runs, quantum, runs

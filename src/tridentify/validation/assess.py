@@ -25,11 +25,10 @@ from tridentify.validation.correlation import correlate
 from tridentify.validation.evidence import (
     CALLED,
     Evidence,
-    beside_remedy,
     examine,
     without_outliers,
 )
-from tridentify.validation.remedies import Remedy, best_remedy
+from tridentify.validation.explained import explanations, same_records
 from tridentify.validation.result import (
     Check,
     CrossCorrelation,
@@ -39,7 +38,7 @@ from tridentify.validation.result import (
     Whiteness,
 )
 from tridentify.validation.transfer import carried_over
-from tridentify.validation.verdict import family, findings, in_words
+from tridentify.validation.verdict import Beside, family, findings, in_words
 from tridentify.validation.view import View, look, refitted
 
 Array = NDArray[np.float64]
@@ -152,13 +151,17 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
     outputs, n_inputs = range(len(view.outputs)), view.records[0].n_inputs
     rate = (1.0 - level) * OUTLIERS / len(outputs)
     evidence = [_examined(view, i, estimate, n_lags, rate) for i in outputs]
-    missed = [i for i in outputs if evidence[i].past < CALLED]
-    remedy = best_remedy(view, estimate, [one.noise for one in evidence]) if missed else Remedy("")
-    if remedy.point is not None:
-        other = refitted(view, remedy.point)
-        for i in missed:
-            again = _examined(other, i, estimate, n_lags, rate)
-            evidence[i] = beside_remedy(evidence[i], again)
+    explained = None
+    if any(_called(one) for one in evidence):
+        explained = explanations(view, estimate, [one.noise for one in evidence])
+    named = explained.named if explained is not None else None
+    again: list[Evidence | None] = [None for _ in outputs]
+    if named is not None and same_records(named):
+        other = refitted(view, named.attempts[0].point)
+        again = [
+            _examined(other, i, estimate, n_lags, rate) if _called(evidence[i]) else None
+            for i in outputs
+        ]
     noises = [one.noise for one in evidence]
     transfer = None if view.own else carried_over(view, estimate, noises)
     tests = family(evidence, estimate.output_names, transfer)
@@ -180,7 +183,7 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         for i in outputs
         for j in range(n_inputs)
     )
-    found = findings(view, evidence, pictures, tests, transfer, remedy)
+    found = findings(view, evidence, pictures, tests, transfer, Beside(estimate, explained, again))
     if estimate.loss != "squared":
         # a robust loss does not follow them
         found = tuple(replace(f, severity="note") if f.code == "bad-samples" else f for f in found)
@@ -196,6 +199,11 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         tuple(tests),
         (found, in_words(found, view, transfer, fit.tolist()), _notes(view, evidence)),
     )
+
+
+def _called(one: Evidence) -> bool:
+    """Whether something but noise may be left in a residual."""
+    return min(one.past, one.level, one.later, one.squares) < CALLED
 
 
 def _examined(view: View, index: int, estimate: Estimate, n_lags: int, rate: float) -> Evidence:

@@ -14,7 +14,7 @@ model.
 *Confusion.* A drift may look like a late response to a step, and missing dynamics like a change of
 the coefficients. Where both drift and past inputs are called for, each is tested again beside the
 other. Later tests are made beside whatever was found before: feedback beside past inputs, changed
-coefficients and squares beside both. And where a remedy was found (`validation.remedies`), all but
+coefficients and squares beside both. And where a cause was found (`tridentify.causes`), all but
 the past inputs is tested on what that leaves.
 """
 
@@ -297,34 +297,6 @@ def without_outliers(view: View, index: int, found: Evidence) -> View:
     outputs = list(view.outputs)
     outputs[index] = replace(output, residual=tuple(residual))
     return replace(view, outputs=tuple(outputs))
-
-
-def beside_remedy(first: Evidence, second: Evidence) -> Evidence:
-    """What was found, but for what a missing response alone made of it.
-
-    Parameters
-    ----------
-    first : Evidence
-        With a response missing.
-    second : Evidence
-        With the best remedy that was tried. Where it leaves a response missing too, what would
-        follow from that is not judged.
-    """
-    if second.past < CALLED:
-        nothing = dict.fromkeys(("level", "feedback", "later", "squares", "scale"), np.nan)
-        return replace(first, coloured=np.nan, **nothing)  # type: ignore[arg-type]
-    return replace(
-        first,
-        coloured=second.coloured,
-        level=second.level,
-        feedback=second.feedback,
-        later=second.later,
-        squares=second.squares,
-        scale=second.scale,
-        normality=second.normality,
-        scales=second.scales,
-        noise=second.noise,
-    )
 
 
 def _white(output: Output, noise: Array, fitted: tuple[Array, ...]) -> tuple[Array, Array]:

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from tridentify.causes.explain import Explanation, Explanations
+from tridentify.estimate import Estimate
 from tridentify.finding import Finding, Severity, ranked
 from tridentify.validation.evidence import CALLED, Evidence
-from tridentify.validation.remedies import Remedy
+from tridentify.validation.explained import finding_of
 from tridentify.validation.result import Check, CrossCorrelation, Transfer
 from tridentify.validation.view import View
 
@@ -39,13 +42,40 @@ def family(
     return found
 
 
+class Beside(NamedTuple):
+    """What is known of causes when test results are put into words.
+
+    Attributes
+    ----------
+    estimate : Estimate
+    explained : Explanations or None
+        The causes that were fitted; None where nothing called for it.
+    again : list of Evidence or None
+        Per output, what is found beside the cause that is named; None where that was not looked
+        at.
+    """
+
+    estimate: Estimate
+    explained: Explanations | None
+    again: list[Evidence | None]
+
+    @property
+    def named(self) -> Explanation | None:
+        """The cause that explains most."""
+        return None if self.explained is None else self.explained.named
+
+
+CALLING = ("past inputs", "level", "coefficients constant", "linear")
+"""Tests that a cause may explain."""
+
+
 def findings(
     view: View,
     evidence: Sequence[Evidence],
     pictures: Sequence[CrossCorrelation],
     tests: Sequence[Check],
     transfer: Transfer | None,
-    remedy: Remedy,
+    beside: Beside,
 ) -> tuple[Finding, ...]:
     """All findings, the most important first.
 
@@ -58,21 +88,67 @@ def findings(
     tests : sequence of Check
         Judged.
     transfer : Transfer or None
-    remedy : Remedy
-        What would explain a residual that follows an input.
+    beside : Beside
+        What would explain the residual.
     """
     rejected = {(test.name, test.output): test.p_value for test in tests if test.rejected}
     found: list[Finding] = []
     n_inputs = view.records[0].n_inputs
+    concerned = []
     for i, (one, output) in enumerate(zip(evidence, view.outputs, strict=True)):
         own = pictures[n_inputs * i : n_inputs * (i + 1)]
         name = output.name
-        if ("past inputs", name) in rejected:
-            found += _dynamics(view, one, own, remedy)
-        found += _about_one(view, one, name, rejected, own)
+        calling = [test for test in CALLING if (test, name) in rejected]
+        left = dict(rejected)
+        if calling and beside.named is not None:
+            concerned.append((name, _where(one, own, calling)))
+            left = _left(rejected, name, beside.again[i])
+        elif ("past inputs", name) in rejected:
+            found.append(_unexplained(one, own, beside))
+        found += _about_one(view, one, name, left, own)
+    if concerned and beside.named is not None and beside.explained is not None:
+        names = [name for name, _ in concerned]
+        where = _sentence(concerned[0][1])
+        base, estimate = beside.explained.present, beside.estimate
+        found.append(finding_of(beside.named, base, estimate, names, where))
     if transfer is not None:
         found += _carried(view, transfer, rejected)
     return ranked(found)
+
+
+def _left(
+    rejected: dict[tuple[str, str], float], name: str, again: Evidence | None
+) -> dict[tuple[str, str], float]:
+    """What is still rejected beside a cause that was fitted along."""
+    quiet = set(CALLING) | {"white"}
+    if again is not None and again.past >= CALLED:
+        still = {
+            "level": again.level,
+            "coefficients constant": again.later,
+            "linear": again.squares,
+            "white": again.coloured,
+            "feedback": again.feedback,
+            "scale": again.scale,
+        }
+        quiet = {"past inputs"} | {test for test, p in still.items() if not p < CALLED}
+    return {key: p for key, p in rejected.items() if key[1] != name or key[0] not in quiet}
+
+
+def _where(one: Evidence, pictures: Sequence[CrossCorrelation], calling: Sequence[str]) -> str:
+    """What the residual shows."""
+    name = pictures[0].output
+    if calling[0] == "past inputs":
+        j = int(np.argmin(one.by_input))
+        low, high = _around(pictures[j], True)
+        return (
+            f"the residual of {name} is correlated with {pictures[j].input} at {seconds(low, high)}"
+        )
+    said = {
+        "level": f"the level of the residual of {name} moves slowly over the record",
+        "coefficients constant": f"the coefficients behind {name} do not hold over the record",
+        "linear": f"the residual of {name} follows squares of the input or of the output",
+    }
+    return said[calling[0]]
 
 
 def seconds(low: float, high: float) -> str:
@@ -115,41 +191,30 @@ def _around(picture: CrossCorrelation, past: bool) -> tuple[float, float]:
     return (first, last) if past else (-last, -first)
 
 
-def _dynamics(
-    view: View, one: Evidence, pictures: Sequence[CrossCorrelation], remedy: Remedy
-) -> list[Finding]:
+def _unexplained(one: Evidence, pictures: Sequence[CrossCorrelation], beside: Beside) -> Finding:
+    """A response that is missing, by no cause that was tried."""
     name = pictures[0].output
-    worst = [j for j, p in enumerate(one.by_input) if p < CALLED] or [int(np.argmin(one.by_input))]
-    found = []
-    for j in worst:
-        picture = pictures[j]
-        low, high = _around(picture, True)
-        where = f"the residual of {name} is correlated with {picture.input} at {seconds(low, high)}"
-        kind, other = remedy.kind, "try more poles or zeros, or delay='free' (--delay free)"
-        if kind == "delay" and remedy.input != picture.input and len(worst) > 1:
-            continue
-        how = f"with {remedy.text} its sum of squares falls by {100 * remedy.share:.0f} %"
-        code = {"delay": "delay", "order": "order-low"}.get(kind, "unmodelled-response")
-        effect = ""
-        if kind == "delay":
-            text, effect = f"{where}: a delay is missing", how
-        elif kind == "order":
-            text, effect = f"{where}: the order is too low", how
-        elif low == high == 0.0:
-            # a strictly proper response begins later: neither poles nor a delay make this
-            text = (
-                f"{where}: the input reacts to the output within the sample (feedback), or "
-                "the output has a share of the input itself"
-            )
-            other = (
-                "open the loop, or add a test signal that is large against the feedback; without "
-                "one, try as many zeros as poles"
-            )
-        else:
-            text = f"{where}: the order is too low or a delay is missing"
-        advice = remedy.advice or other
-        found.append(_finding(code, name, text, advice, effect=effect))
-    return found
+    j = int(np.argmin(one.by_input))
+    low, high = _around(pictures[j], True)
+    where = _where(one, pictures, ("past inputs",))
+    if low == high == 0.0:
+        # a strictly proper response begins later: neither poles nor a delay make this
+        return _finding(
+            "unmodelled-response",
+            name,
+            f"{where}: the input reacts to the output within the sample (feedback), or the output "
+            "has a share of the input itself",
+            "open the loop, or add a test signal that is large against the feedback; without one, "
+            "try as many zeros as poles",
+        )
+    tried = "" if beside.explained is None else ", and none of the causes that were tried is it"
+    return _finding(
+        "unmodelled-response",
+        name,
+        f"{where}: part of the response is missing{tried}",
+        "check that the input is what acted on the system, and look for inputs that were not "
+        "recorded; the standard errors do not allow for what is missing",
+    )
 
 
 def _finding(

@@ -19,21 +19,20 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.cautions.beginning import beginning
+from tridentify.causes.first_samples import beginning
+from tridentify.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.checks.samples import typical_step
 from tridentify.errors import ChannelCountError, DataError, TooFewSamplesError
 from tridentify.estimate import Estimate
 from tridentify.models.response import Response
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import solve
-from tridentify.numerics.realization import Complex, monomials, sort_poles
-from tridentify.output_error.nuisance import Nuisances, build, reference_of
+from tridentify.numerics.realization import monomials
+from tridentify.output_error.nuisance import Nuisances, reference_of
 from tridentify.output_error.point import Point, evaluate, free_states
-from tridentify.output_error.problem import Problem
 from tridentify.output_error.result import fingerprint, physical_map
 from tridentify.record import Record
 from tridentify.simulate import simulate
-from tridentify.structure import Structure
 from tridentify.trace import Status
 
 Array = NDArray[np.float64]
@@ -160,7 +159,7 @@ def look(estimate: Estimate, records: Sequence[Record], experiment: int | None) 
         told.append(f"the first {LONGEST} samples of each record are looked at")
     kept = tuple(beginning(record, LONGEST) for record in records)
     if own:
-        chosen = _stated(estimate)
+        chosen = stated(estimate)
         what = "the record that was identified" if identified else f"as experiment {experiment}"
         told.insert(0, f"{what}: offset and initial state are those of the estimate")
         point = _point(estimate, kept, chosen)
@@ -219,11 +218,6 @@ def _leave_out(estimate: Estimate, residual: Array, experiment: int) -> None:
             residual[int(k), int(i)] = np.nan
 
 
-def _stated(estimate: Estimate) -> Nuisances:
-    s = estimate.structure
-    return Nuisances(str(s.initial_state), bool(s.offset), bool(s.drift))
-
-
 def _choices(estimate: Estimate, records: Sequence[Record]) -> list[Nuisances]:
     """Ways in which other records may begin."""
     drift = bool(estimate.structure.drift)
@@ -235,30 +229,8 @@ def _choices(estimate: Estimate, records: Sequence[Record]) -> list[Nuisances]:
 
 def _point(estimate: Estimate, records: Sequence[Record], nuisances: Nuisances) -> Point:
     """The records filtered on the poles of the estimate."""
-    given = estimate.structure
-    structure = Structure(
-        given.poles,
-        given.zeros,
-        delay=estimate.model.delay.tolist(),
-        offset=nuisances.offset,
-        drift=nuisances.drift,
-        initial_state=nuisances.initial_state,  # type: ignore[arg-type]
-    )
-    problem = build(records, structure, nuisances)
-    if not any(record.dt is None for record in records):
-        problem = problem.whitened(estimate.noise_model)
-    if given.delay == "free":
-        problem = problem.freed(np.full(problem.n_inputs, np.inf))
+    problem = problem_of(estimate, records, nuisances)
     return evaluate(problem, poles_of_estimate(estimate, problem))
-
-
-def poles_of_estimate(estimate: Estimate, problem: Problem) -> Complex:
-    """Poles of every denominator, moved where a record cannot show them."""
-    found = []
-    for group in problem.groups:
-        i, j = group.channels[0]
-        found.append(sort_poles(np.roots(estimate.model.den[i][j]).astype(np.complex128)))
-    return problem.admissible(np.concatenate(found))[0]
 
 
 def _response(estimate: Estimate, point: Point, whose: Sequence[int] | None) -> Response:

@@ -1,4 +1,4 @@
-"""The stretch of a long record that cautions look at."""
+"""The stretch of a long record that is looked at, and what an estimate says of it."""
 
 from __future__ import annotations
 

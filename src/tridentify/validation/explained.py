@@ -1,0 +1,115 @@
+"""Causes that were tried on the records at hand, put into findings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.causes.attempt import Attempt
+from tridentify.causes.explain import Explanation, Explanations, explain, moved
+from tridentify.causes.present import Present
+from tridentify.estimate import Estimate
+from tridentify.finding import Finding
+from tridentify.output_error.nuisance import Nuisances
+from tridentify.record import Record
+from tridentify.validation.view import View
+
+Array = NDArray[np.float64]
+
+
+def explanations(view: View, estimate: Estimate, noises: Sequence[Array]) -> Explanations | None:
+    """Fit what may explain the records of a view better than the estimate.
+
+    Parameters
+    ----------
+    view : View
+    estimate : Estimate
+    noises : sequence of (p,) arrays
+        Model of each output's noise.
+
+    Returns
+    -------
+    Explanations or None
+        None for a structure with constraints: what is known is not to be given up for a fit.
+    """
+    if estimate.structure.constrained:
+        return None
+    records = [_without(record, view, e) for e, record in enumerate(view.records)]
+    delay = np.array(estimate.model.delay)
+    present = Present.of(
+        records, estimate.structure, delay, _nuisances(view), noises, view.point.poles
+    )
+    skip = ("delay",) if estimate.structure.delay == "free" else ()
+    return explain(present, skip=skip)
+
+
+def _without(record: Record, view: View, experiment: int) -> Record:
+    """The record without the samples that the view leaves out."""
+    y = np.array(record.y)
+    for i, output in enumerate(view.outputs):
+        y[np.isnan(output.residual[experiment]), i] = np.nan
+    return record._derive(y=y)
+
+
+def _nuisances(view: View) -> Nuisances:
+    one = view.point.problem.experiments[0]
+    if one.free:
+        return Nuisances("free", one.offset, one.drift)
+    # an input that counts from another value than recorded started in equilibrium
+    moved_by = not np.array_equal(one.u, view.records[0].u)
+    return Nuisances("equilibrium" if moved_by else "rest", one.offset, one.drift)
+
+
+def finding_of(
+    found: Explanation, base: Attempt, estimate: Estimate, outputs: Sequence[str], where: str
+) -> Finding:
+    """A cause that was fitted, in words, with what it brings.
+
+    Parameters
+    ----------
+    found : Explanation
+    base : Attempt
+        The present explanation.
+    estimate : Estimate
+    outputs : sequence of str
+        Names of those whose residual is concerned.
+    where : str
+        What the residual shows, a sentence.
+    """
+    rival = found.rival
+    verb = "explains" if rival.code != "order-low" else "explain"
+    message = f"{where} {rival.what[0].upper()}{rival.what[1:]} {verb} it best of all causes tried."
+    return Finding(
+        rival.code,
+        "error" if rival.refits and rival.code in ("intersample", "delay") else "warning",
+        message,
+        rival.advice,
+        tuple(outputs),
+        effect=_effect(found, base, estimate),
+    )
+
+
+def _effect(found: Explanation, base: Attempt, estimate: Estimate) -> str:
+    """Fit from ... to ..., coefficient from ... to ...."""
+    said = []
+    if len(found.attempts) == 1:
+        pairs = zip(estimate.output_names, base.fits, found.attempts[0].fits, strict=True)
+        said += [f"fit of {name} from {a:.2f} to {b:.2f} %" for name, a, b in pairs]
+    k, before, after, size = moved(found, base, np.asarray(estimate.std))
+    if k >= 0 and size > 0.1:
+        name = estimate.names[k]
+        said.append(f"{name} from {before:.4g} to {after:.4g} ({size:.1f} standard errors)")
+    said.append(f"its sum of squares falls by {_percent(found.share)}")
+    return f"With it: {', '.join(said)}."
+
+
+def _percent(share: float) -> str:
+    percent = 100.0 * max(share, 0.0)
+    return f"{percent:.1f} %" if 0.05 < percent < 10 or percent > 99 else f"{percent:.0f} %"
+
+
+def same_records(found: Explanation) -> bool:
+    """Whether a cause leaves one model on the records as they are, which can be looked at again."""
+    return len(found.attempts) == 1
