@@ -134,12 +134,17 @@ def colour(rng: np.random.Generator, n: int) -> Array:
 
 
 def recorded(
-    rng: np.random.Generator, plant: Plant, n: int, *, measured: bool = False
+    rng: np.random.Generator,
+    plant: Plant,
+    n: int,
+    *,
+    measured: bool = False,
+    slower: float = 1.0,
 ) -> tuple[Array, Array, float]:
     """Input and noise-free output at the samples, and the standard deviation of the noise."""
     fine = np.repeat(input_of(rng, n, plant), FINE)
     if measured:
-        pole = np.exp(-1.0 / (FINE * rng.uniform(1.5, 4.0)))
+        pole = np.exp(-1.0 / (FINE * slower * rng.uniform(1.5, 4.0)))
         fine = lfilter([1 - pole], [1, -pole], fine)
     late = np.concatenate([np.full(plant.delay * FINE, fine[0]), fine])[: fine.size]
     y = run(plant, late)
@@ -162,16 +167,17 @@ def right(rng: np.random.Generator, plant: Plant, n: int) -> Case:
 
 def right_measured(rng: np.random.Generator, plant: Plant, n: int) -> Case:
     """A measured input whose behaviour is left open."""
-    u, y, size = recorded(rng, plant, n, measured=True)
+    u, y, size = recorded(rng, plant, n, measured=True, slower=3.0)
     record = Record(u, y + size * colour(rng, n), dt=plant.dt, intersample="auto")
     return Case("", (record,), plant.structure, plant.theta, ())
 
 
 def right_twice(rng: np.random.Generator, plant: Plant, n: int) -> Case:
     """Two experiments of one plant, the second with an offset."""
-    records = []
+    records, size = [], 0.0
     for _ in range(2):
-        u, y, size = recorded(rng, plant, n // 2)
+        u, y, own = recorded(rng, plant, n // 2)
+        size = size or own
         records.append(Record(u, y + 0.3 + size * colour(rng, n // 2), dt=plant.dt))
     return Case("", tuple(records), plant.structure, plant.theta, ())
 
@@ -275,9 +281,10 @@ def cubic(rng: np.random.Generator, plant: Plant, n: int) -> Case:
 def two_plants(rng: np.random.Generator, plant: Plant, n: int) -> Case:
     """Two experiments, the stiffness of the second 30 to 100 % higher, identified as one."""
     other = replace(plant, a0=plant.a0 * rng.uniform(1.3, 2.0))
-    records = []
+    records, size = [], 0.0
     for own in (plant, other):
-        u, y, size = recorded(rng, own, n // 2)
+        u, y, noise = recorded(rng, own, n // 2)
+        size = size or noise
         records.append(Record(u, y + size * colour(rng, n // 2), dt=plant.dt))
     codes = ("disagreeing-experiments",)
     return Case("", tuple(records), plant.structure, plant.theta, codes)

@@ -10,13 +10,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.causes.present import Present
 from tridentify.errors import TridentifyError
-from tridentify.numerics.autoregression import deviance, fit_autoregression
+from tridentify.numerics.autoregression import deviance, fit_autoregression, whiten
 from tridentify.numerics.realization import Complex
 from tridentify.output_error.finish import finish
 from tridentify.output_error.point import Point, evaluate
@@ -32,6 +33,13 @@ ROUNDS = 2
 
 ROUNDING = 1e-20
 """Mean square of a residual over that of the output, below which it is rounding."""
+
+
+class Part(NamedTuple):
+    """``-2 log L`` and residual energy on some of the samples."""
+
+    deviance: float
+    energy: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +63,40 @@ class Attempt:
     def count(self) -> float:
         """Samples of all outputs."""
         return float(self.point.counts.sum())
+
+    @property
+    def energy(self) -> float:
+        """Geometric mean over the outputs of the residual's sums of squares, whitened."""
+        n = self.point.counts
+        rss = self.point.rss + ROUNDING * n * self.point.problem.size
+        return float(np.exp(n @ np.log(rss) / n.sum()))
+
+    def on(self, masks: Sequence[NDArray[np.bool_]]) -> Part:
+        """The same end, judged on some of its samples alone.
+
+        Parameters
+        ----------
+        masks : sequence of (n_samples, n_outputs) bool arrays
+            Per experiment, the samples that count.
+        """
+        noise = self.point.problem.noise
+        deviances, energies, counts = [], [], []
+        for i in range(self.point.problem.n_outputs):
+            series = [
+                np.where(mask[:, i], one[:, i], np.nan)
+                for mask, one in zip(masks, self.point.residuals(), strict=True)
+            ]
+            a = noise[i] if noise else np.zeros(0)
+            whitened = [whiten(one, a)[0] for one in series]
+            n = sum(int(np.isfinite(one).sum()) for one in whitened)
+            rss = sum(float(np.nansum(one**2)) for one in whitened)
+            least = ROUNDING * float(self.point.problem.size[i])
+            plain = n * float(np.log(rss / max(n, 1) + least))
+            deviances.append(deviance(series, a) if a.size else plain)
+            energies.append(rss + n * least)
+            counts.append(n)
+        n_all = np.array(counts, dtype=np.float64)
+        return Part(sum(deviances), float(np.exp(n_all @ np.log(energies) / n_all.sum())))
 
     @property
     def criterion(self) -> float:

@@ -16,7 +16,11 @@ GRID = 10
 samples, and the best is refined."""
 
 SHARE = 4
-"""The longest delay that is tried is this part of a record."""
+"""The longest delay that is tried is this part of a record, where what came before is stated."""
+
+SHARE_FREE = 10
+"""The same where the initial state is free: the samples before the delay are then explained by
+nothing, and what is left may be a free response alone."""
 
 FINER = (1.0, 0.5, 0.25)
 """Steps [samples] of the refinement."""
@@ -35,7 +39,8 @@ def delay_rivals(present: Present) -> Iterator[Rival]:
 
 
 def _best(present: Present, rows: tuple[int, ...], j: int) -> Rival | None:
-    longest = min(record.n_samples for record in present.records) // SHARE
+    share = SHARE_FREE if present.nuisances.initial_state == "free" else SHARE
+    longest = min(record.n_samples for record in present.records) // share
     known: dict[float, float] = {}
 
     def later(steps: float) -> Present:
@@ -56,13 +61,32 @@ def _best(present: Present, rows: tuple[int, ...], j: int) -> Rival | None:
         best = min([best, *(s for s in (best - width, best + width) if s > 0)], key=at)
     if not np.isfinite(at(best)):
         return None
-    first = present.records[0]
+    return _rival(later(best), rows, j)
+
+
+def neighbours(present: Present, rival: Rival) -> Iterator[Rival]:
+    """Delays beside that of a rival: a step ahead promises little more than where to begin."""
+    (part,) = rival.parts
+    moved = np.argwhere(part.delay != present.delay)
+    rows, j = tuple(moved[:, 0].tolist()), int(moved[0, 1])
+    steps = (part.delay[rows[0], j] - present.delay[rows[0], j]) / present.step
+    near = {steps - 0.5, steps - 0.25, steps + 0.25, steps + 0.5}
+    near |= {float(np.floor(steps)), float(np.ceil(steps))}
+    for other in sorted(near - {steps}):
+        if other > 0:
+            late = np.array(present.delay)
+            late[list(rows), j] += other * present.step
+            yield _rival(replace(present, delay=late), rows, j)
+
+
+def _rival(later: Present, rows: tuple[int, ...], j: int) -> Rival:
+    first = later.records[0]
     name = first.input_names[j]
     where = name if len(rows) == first.n_outputs else f"{name} to {first.output_names[rows[0]]}"
-    total = float(present.delay[rows[0], j]) + best * present.step
+    total = float(later.delay[rows[0], j])
     return one(
         "delay",
-        later(best),
+        later,
         f"a delay of about {total:.3g} s of {where}",
         f"State the delay (delay={total:.3g}; --delay), or have it estimated (delay='free').",
     )

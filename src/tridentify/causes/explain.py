@@ -9,14 +9,14 @@ rival gains the greater part of what the best one gains.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.causes.attempt import Attempt, attempt, promise
-from tridentify.causes.delay import delay_rivals
+from tridentify.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt, promise
+from tridentify.causes.delay import delay_rivals, neighbours
 from tridentify.causes.intersample import BEHAVIOURS, IN_WORDS, is_staircase
 from tridentify.causes.present import Present
 from tridentify.causes.rivals import (
@@ -40,6 +40,19 @@ CLEARLY = 10.0
 MOST_OF_IT = 0.7
 """Share of the best rival's gain from which an earlier cause is named in its place."""
 
+NEARLY = 0.8
+"""The same among rivals of one cause, of which the simplest is named."""
+
+LEAST_SHARE = 0.005
+"""Share of the sum of squares below which a cause changes nothing that anyone could see."""
+
+LOST = 3.0
+"""Fit [percent points] that a noise model may cost before it is not used to compare."""
+
+WORSE = 0.2
+"""Fall of the simulated fit [percent points] from which an explanation is none that anyone would
+use, whatever its likelihood on whitened samples."""
+
 FOLLOWED = 3
 """Rivals of one code that are fitted: those that promise most."""
 
@@ -57,12 +70,14 @@ class Explanation:
         Fall of AICc against the present explanation.
     share : float
         By how much the sum of squares of the residual falls with it (0 to 1).
+    unknowns : int
     """
 
     rival: Rival
     attempts: tuple[Attempt, ...]
     gain: float
     share: float
+    unknowns: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,16 +95,30 @@ class Explanations:
 
     @property
     def named(self) -> Explanation | None:
-        """The first cause that makes the greater part of what can be gained."""
-        clear = [one for one in self.found if one.gain > CLEARLY]
+        """The first cause that makes the greater part of what can be gained.
+
+        Of several rivals of that cause, the one with fewest unknowns that gains nearly as much as
+        the best of them.
+        """
+        clear = [
+            one
+            for one in self.found
+            if one.gain > CLEARLY and one.share > LEAST_SHARE and not self._is_worse(one)
+        ]
         if not clear:
             return None
         enough = MOST_OF_IT * clear[0].gain
         rank = list(CODES)
-        return min(
-            (one for one in clear if one.gain >= enough),
-            key=lambda one: (rank.index(one.rival.code), -one.gain),
-        )
+        code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
+        own = [one for one in clear if one.rival.code == code]
+        near = [one for one in own if one.gain >= NEARLY * own[0].gain]
+        return min(near, key=lambda one: (one.unknowns, -one.gain))
+
+    def _is_worse(self, one: Explanation) -> bool:
+        """Whether the simulated output of some channel is farther from the recorded one."""
+        if len(one.attempts) > 1:
+            return False
+        return bool(np.any(one.attempts[0].fits < self.present.fits - WORSE))
 
 
 def explain(present: Present, *, skip: Iterable[str] = ()) -> Explanations | None:
@@ -106,10 +135,9 @@ def explain(present: Present, *, skip: Iterable[str] = ()) -> Explanations | Non
     Explanations or None
         None where the present explanation itself cannot be fitted.
     """
-    here = _attempted(one("", present, "", ""))
-    if here is None:
+    base = settle(present)
+    if base is None:
         return None
-    (base,) = here
     settled = _from(present, base)
     pairs = zip(base.point.problem.experiments, base.point.residuals(), strict=True)
     fitted = [experiment.y - residual for experiment, residual in pairs]
@@ -122,7 +150,33 @@ def explain(present: Present, *, skip: Iterable[str] = ()) -> Explanations | Non
             ends = _attempted(rival)
             if ends is not None:
                 found.append(_explanation(rival, ends, base))
-    return Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
+    result = Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
+    named = result.named
+    if named is None or named.rival.code != "delay":
+        return result
+    better = [_explanation(rival, ends, base) for rival, ends in _refined(named.rival, settled)]
+    every = sorted([*result.found, *better], key=lambda one: -one.gain)
+    return Explanations(base, tuple(every))
+
+
+def settle(present: Present) -> Attempt | None:
+    """Where the present explanation ends on these records; None where it cannot be fitted."""
+    plain = _attempted(one("", replace(present, noise=()), "", ""))
+    if plain is None:
+        return None
+    here = _attempted(one("", present, "", "")) if present.has_noise else plain
+    if here is None or np.any(here[0].fits < plain[0].fits - LOST):
+        # a noise model that takes the system for noise compares nothing
+        here = plain
+    return here[0]
+
+
+def _refined(rival: Rival, present: Present) -> Iterator[tuple[Rival, tuple[Attempt, ...]]]:
+    """Delays beside the one that promised most, each fitted."""
+    for near in neighbours(present, rival):
+        ends = _attempted(near)
+        if ends is not None:
+            yield near, ends
 
 
 def _from(present: Present, base: Attempt) -> Present:
@@ -178,9 +232,11 @@ def _intersample_rivals(present: Present) -> list[Rival]:
 
 def _attempted(rival: Rival) -> tuple[Attempt, ...] | None:
     found = []
+    # parts are compared under the noise model that they share
+    rounds = ROUNDS if len(rival.parts) == 1 else 0
     for part, starts in zip(rival.parts, rival.starts, strict=True):
         try:
-            end = attempt(part.problem(), starts, part.orders)
+            end = attempt(part.problem(), starts, part.orders, rounds=rounds)
         except TridentifyError:
             return None
         if end is None:
@@ -190,19 +246,31 @@ def _attempted(rival: Rival) -> tuple[Attempt, ...] | None:
 
 
 def _explanation(rival: Rival, ends: tuple[Attempt, ...], base: Attempt) -> Explanation:
-    """A rival on fewer samples (those after a longer delay) counts as if it had all of them."""
+    """Compare on the samples that the rival explains: a longer delay leaves some out."""
+    masks = [np.isfinite(one) for end in ends for one in end.point.residuals()]
+    whole = [np.isfinite(one) for one in base.point.residuals()]
+    split = len(masks) != len(whole)
+    same = split or all(np.array_equal(a, b) for a, b in zip(masks, whole, strict=True))
+    before = base.deviance if same else base.on(masks).deviance
+    if len(ends) > 1:
+        # one variance for all parts: noise that changes its size is no change of the system
+        deviance, before = _joint(ends), _joint((base,))
+    else:
+        deviance = ends[0].deviance
     count = sum(end.count for end in ends)
-    unknowns = float(sum(end.unknowns for end in ends))
-    deviance = sum(end.deviance for end in ends)
-    if len(ends) > 1 and not any(end.point.problem.noise for end in ends):
-        deviance = _joint(ends)
-    deviance *= base.count / count
-    room = max(base.count - unknowns - 1.0, 0.5)
-    criterion = deviance + 2.0 * unknowns + 2.0 * unknowns * (unknowns + 1.0) / room
-    before = float(np.sum(base.point.rss / base.point.problem.power))
-    after = sum(float(np.sum(end.point.rss / base.point.problem.power)) for end in ends)
-    share = 1.0 - after * base.count / count / before if before > 0 else 0.0
-    return Explanation(rival, ends, base.criterion - criterion, share)
+    unknowns = sum(end.unknowns for end in ends)
+    if len(ends) > 1:
+        unknowns -= (len(ends) - 1) * sum(a.size for a in base.point.problem.noise)
+    gain = before - deviance + _penalty(base.unknowns, count) - _penalty(unknowns, count)
+    energy = base.energy if same else base.on(masks).energy
+    left = sum(end.energy for end in ends)
+    share = 1.0 - left / energy if energy > 0 else 0.0
+    return Explanation(rival, ends, gain, share, unknowns)
+
+
+def _penalty(unknowns: int, count: float) -> float:
+    k = float(unknowns)
+    return 2.0 * k + 2.0 * k * (k + 1.0) / max(count - k - 1.0, 0.5)
 
 
 def _joint(ends: Sequence[Attempt]) -> float:
@@ -210,7 +278,7 @@ def _joint(ends: Sequence[Attempt]) -> float:
     counts = np.sum([end.point.counts for end in ends], axis=0)
     rss = np.sum([end.point.rss for end in ends], axis=0)
     size = ends[0].point.problem.size
-    return float(counts @ np.log(rss / counts + 1e-20 * size))
+    return float(counts @ np.log(rss / counts + ROUNDING * size))
 
 
 def moved(explanation: Explanation, base: Attempt, std: Array) -> tuple[int, float, float, float]:

@@ -16,8 +16,9 @@ from tridentify.cautions.outliers import outlier_findings
 from tridentify.cautions.residual import residual_findings
 from tridentify.cautions.sensors import sensor_findings
 from tridentify.estimate import Estimate
-from tridentify.finding import Finding, ranked
+from tridentify.finding import Finding, joined, ranked
 from tridentify.record import Record
+from tridentify.validation.assess import looked_at
 
 
 def judged(
@@ -52,11 +53,14 @@ def judged(
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
     found += outlier_findings(estimate, records, known)
     found += [] if between is None else intersample_findings(estimate, between)
+    tested = looked_at(estimate, records) if estimate.status.ok else ()
+    found += tested
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)
         found += sensor_findings(estimate, record, number, known)
-        found += residual_findings(estimate, record, number, known)
-    return ranked(found)
+        if not tested:
+            found += residual_findings(estimate, record, number, known)
+    return joined(ranked(found))
 
 
 def _missing(record: Record, experiment: int | None) -> list[Finding]:

@@ -16,8 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from tridentify.errors import OptionError, SampleTypeError
+from tridentify.causes.first_samples import beginning
+from tridentify.causes.intersample import is_staircase
+from tridentify.errors import OptionError, SampleTypeError, TridentifyError
 from tridentify.estimate import Estimate
+from tridentify.finding import Finding
 from tridentify.numerics.lagrange import holm
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record import Record
@@ -26,9 +29,10 @@ from tridentify.validation.evidence import (
     CALLED,
     Evidence,
     examine,
+    suspicious,
     without_outliers,
 )
-from tridentify.validation.explained import explanations, same_records
+from tridentify.validation.explained import change, explanations, same_records, settled
 from tridentify.validation.result import (
     Check,
     CrossCorrelation,
@@ -44,7 +48,16 @@ from tridentify.validation.view import View, look, refitted
 Array = NDArray[np.float64]
 
 FEWEST_LAGS, MOST_LAGS = 20, 60
+AFTER_A_JUMP = 3
+"""Samples after a jump of a held input where a far sample is a misfit of the model."""
+MOSTLY_ALONE = 0.7
+"""Share of the far samples that stand elsewhere, from which jumps are a coincidence."""
+LEVEL = 0.99
+LONGEST_LOOK = 5_000
+"""Samples of each record that every estimate is judged by; `validate` takes them all."""
 FEW_LEFT = 0.9
+FEW_BAD = 0.97
+"""Share of the samples that must be left where those that stand alone are taken out."""
 OUTLIERS = 0.1
 """Share of the false alarms that is spent on outliers."""
 
@@ -126,6 +139,37 @@ def validate(
         return _judge(estimate, view, level, n_lags or _lags(estimate, view))
 
 
+def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]:
+    """What all tests find of the records that were identified, where a look calls for them.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified, their inputs' behaviour settled.
+
+    Returns
+    -------
+    tuple of Finding
+        As `validate`; empty where a quick look finds nothing, or too little is there to test.
+    """
+    short = [beginning(record, LONGEST_LOOK) for record in records]
+    cut = any(a is not b for a, b in zip(short, records, strict=True))
+    try:
+        view = look(estimate, short, None, own=True)
+        if any(output.is_rounding for output in view.outputs):
+            return ()
+        outputs = range(len(view.outputs))
+        if not any(suspicious(view, i, estimate) for i in outputs):
+            return ()
+        found = _judge(estimate, view, LEVEL, _lags(estimate, view)).findings
+    except (TridentifyError, np.linalg.LinAlgError):
+        return ()
+    if cut:
+        return tuple(f for f in found if f.code != "noise-size")
+    return found
+
+
 def _listed(record: Record | Sequence[Record]) -> list[Record]:
     found = [record] if isinstance(record, Record) else list(record)
     if not found or not all(isinstance(one, Record) for one in found):
@@ -151,7 +195,9 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
     outputs, n_inputs = range(len(view.outputs)), view.records[0].n_inputs
     rate = (1.0 - level) * OUTLIERS / len(outputs)
     evidence = [_examined(view, i, estimate, n_lags, rate) for i in outputs]
-    explained = None
+    explained, moved_by = None, ""
+    if any(len(one.normality.outliers) for one in evidence):
+        view, evidence, moved_by = _without_bad_samples(view, evidence, estimate, n_lags, rate)
     if any(_called(one) for one in evidence):
         explained = explanations(view, estimate, [one.noise for one in evidence])
     named = explained.named if explained is not None else None
@@ -183,7 +229,9 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         for i in outputs
         for j in range(n_inputs)
     )
-    found = findings(view, evidence, pictures, tests, transfer, Beside(estimate, explained, again))
+    found = findings(
+        view, evidence, pictures, tests, transfer, Beside(estimate, explained, again, moved_by)
+    )
     if estimate.loss != "squared":
         # a robust loss does not follow them
         found = tuple(replace(f, severity="note") if f.code == "bad-samples" else f for f in found)
@@ -201,6 +249,56 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
     )
 
 
+def _without_bad_samples(
+    view: View, evidence: list[Evidence], estimate: Estimate, n_lags: int, rate: float
+) -> tuple[View, list[Evidence], str]:
+    """The same model fitted without samples that stand alone, where these are few.
+
+    Returns
+    -------
+    view : View
+        Seen from there, where that is the identified record and something but noise was left.
+    evidence : list of Evidence
+    said : str
+        How far the coefficients move.
+    """
+    clean = view
+    for i, one in enumerate(evidence):
+        if len(one.normality.outliers):
+            clean = without_outliers(clean, i, one)
+    kept = [a.count / b.count for a, b in zip(clean.outputs, view.outputs, strict=True)]
+    if min(kept) < FEW_BAD:
+        return view, evidence, ""
+    end = settled(clean, estimate, [one.noise for one in evidence])
+    if end is None:
+        return view, evidence, ""
+    said = change(end, estimate)
+    if not (view.own and any(_called(one) for one in evidence)):
+        return view, evidence, said
+    seen = refitted(clean, end.point)
+    found = []
+    for i, one in enumerate(evidence):
+        again = _examined(seen, i, estimate, n_lags, rate)
+        found.append(replace(again, normality=one.normality, innovations=one.innovations))
+    return replace(seen, own=True, has_errors=view.has_errors), found, said
+
+
+def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
+    """Without far samples that follow a jump of a held input: there the model misses something."""
+    rows = found.normality.outliers
+    if not len(rows) or not is_staircase(view.records):
+        return found
+    kept = []
+    for e, t, _ in rows:
+        record = view.records[int(e)]
+        at = int(np.argmin(np.abs(record.t - t)))
+        before = record.u[max(at - AFTER_A_JUMP, 0) : at + 1]
+        kept.append(not np.ptp(before, axis=0).any())
+    if np.mean(kept) > MOSTLY_ALONE:
+        return found
+    return replace(found, normality=replace(found.normality, outliers=rows[kept]))
+
+
 def _called(one: Evidence) -> bool:
     """Whether something but noise may be left in a residual."""
     return min(one.past, one.level, one.later, one.squares) < CALLED
@@ -208,7 +306,7 @@ def _called(one: Evidence) -> bool:
 
 def _examined(view: View, index: int, estimate: Estimate, n_lags: int, rate: float) -> Evidence:
     """All tests of one output, on the samples that are no outliers."""
-    found = examine(view, index, estimate, n_lags, rate)
+    found = _with_bad_samples_alone(view, examine(view, index, estimate, n_lags, rate))
     if not len(found.normality.outliers) or found.past < CALLED:
         return found
     clean = without_outliers(view, index, found)

@@ -20,6 +20,8 @@ from tridentify.validation.view import Output, View
 Array = NDArray[np.float64]
 
 MOST_LAGS = 40
+AHEAD = 4
+"""Samples to come at which feedback is looked for first, where the input is not held."""
 SHORT = 4
 PER_COLUMN = 6
 WAVES = 4
@@ -69,8 +71,10 @@ def responses(
         for j in channels:
             u = np.asarray(record.u[:, j] - record.u[0, j])
             if coming:
-                # the last value stays; the present one belongs to the past
-                moved = np.append(u[1:], u[-1])[::-1]
+                # the last value stays; the present one belongs to the past, and so do the next
+                # ones of an input that is not held: what lies between the samples is not known
+                ahead = 1 if record.behaviour == "zoh" else AHEAD
+                moved = np.append(u[ahead:], np.full(ahead, u[-1]))[::-1]
                 columns += [one[::-1] for one in _hats(moved - moved[0], lags)]
             else:
                 columns += _hats(u, lags)

@@ -8,15 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.causes.attempt import Attempt
-from tridentify.causes.explain import Explanation, Explanations, explain, moved
+from tridentify.causes.explain import Explanation, Explanations, explain, moved, settle
 from tridentify.causes.present import Present
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding
+from tridentify.output_error.finish import coefficients
 from tridentify.output_error.nuisance import Nuisances
 from tridentify.record import Record
 from tridentify.validation.view import View
 
 Array = NDArray[np.float64]
+
+HARDLY = 1.0
+"""Movement of a coefficient [standard errors] below which it may stay as it is."""
 
 
 def explanations(view: View, estimate: Estimate, noises: Sequence[Array]) -> Explanations | None:
@@ -36,13 +40,39 @@ def explanations(view: View, estimate: Estimate, noises: Sequence[Array]) -> Exp
     """
     if estimate.structure.constrained:
         return None
+    skip = ("delay",) if estimate.structure.delay == "free" else ()
+    return explain(_present(view, estimate, noises), skip=skip)
+
+
+def settled(view: View, estimate: Estimate, noises: Sequence[Array]) -> Attempt | None:
+    """The model of an estimate fitted to the samples of a view; None where it cannot be."""
+    if estimate.structure.constrained:
+        return None
+    return settle(_present(view, estimate, noises))
+
+
+def _present(view: View, estimate: Estimate, noises: Sequence[Array]) -> Present:
     records = [_without(record, view, e) for e, record in enumerate(view.records)]
     delay = np.array(estimate.model.delay)
-    present = Present.of(
+    return Present.of(
         records, estimate.structure, delay, _nuisances(view), noises, view.point.poles
     )
-    skip = ("delay",) if estimate.structure.delay == "free" else ()
-    return explain(present, skip=skip)
+
+
+def change(end: Attempt, estimate: Estimate) -> str:
+    """How far the coefficients move to where another fit ended; empty where they hardly do."""
+    found = coefficients(end.point)
+    if found.size != estimate.theta.size:
+        return ""
+    std = np.where(estimate.std > 0, estimate.std, np.inf)
+    size = np.abs(found - estimate.theta) / std
+    k = int(np.argmax(size))
+    if not size[k] > HARDLY:
+        return "Without them no coefficient moves by more than its standard error."
+    return (
+        f"Without them {estimate.names[k]} goes from {estimate.theta[k]:.4g} to {found[k]:.4g} "
+        f"({size[k]:.1f} standard errors)."
+    )
 
 
 def _without(record: Record, view: View, experiment: int) -> Record:

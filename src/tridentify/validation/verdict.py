@@ -53,11 +53,15 @@ class Beside(NamedTuple):
     again : list of Evidence or None
         Per output, what is found beside the cause that is named; None where that was not looked
         at.
+    without_bad : str
+        How far the coefficients move without samples that stand alone; empty where that was not
+        tried.
     """
 
     estimate: Estimate
     explained: Explanations | None
     again: list[Evidence | None]
+    without_bad: str
 
     @property
     def named(self) -> Explanation | None:
@@ -105,7 +109,7 @@ def findings(
             left = _left(rejected, name, beside.again[i])
         elif ("past inputs", name) in rejected:
             found.append(_unexplained(one, own, beside))
-        found += _about_one(view, one, name, left, own)
+        found += _about_one(view, one, name, left, own, beside.without_bad)
     if concerned and beside.named is not None and beside.explained is not None:
         names = [name for name, _ in concerned]
         where = _sentence(concerned[0][1])
@@ -244,6 +248,7 @@ def _about_one(
     name: str,
     rejected: dict[tuple[str, str], float],
     pictures: Sequence[CrossCorrelation],
+    without_bad: str,
 ) -> list[Finding]:
     found = []
 
@@ -271,17 +276,16 @@ def _about_one(
         "estimate an offset and a drift (offset=True, drift='auto'; --drift auto), or cut the "
         "record",
     )
-    explained = ("past inputs", name) in rejected or ("level", name) in rejected
-    also = "also " if explained else ""
-    model_good = "" if explained else "; it follows no input, so the model itself is good"
-    noise = "the noise model does not fit" if _has_noise(view, name) else "the noise is not white"
-    reach = _reach(view, one)
+    modelled = _has_noise(view, name)
+    noise = "the noise model does not fit" if modelled else "the noise is not white"
     add(
         "noise-model",
         "white",
-        f"the residual of {name} is {also}correlated with itself at {reach}: {noise}"
-        f"{model_good}, but not its standard errors",
-        "use noise='ar' (--noise ar)",
+        f"the residual of {name} is correlated with itself at {_reach(view, one)}: {noise}, and "
+        "the standard errors do not allow for it",
+        "take the standard errors for too small"
+        if modelled
+        else "use noise='ar' (--noise ar), which estimates the noise along",
     )
     add(
         "nonlinear",
@@ -297,12 +301,16 @@ def _about_one(
         "samples",
         "identify the parts on their own, or use online.ThreeModel(forgetting=...)",
     )
-    found += _about_noise(view, one, name, rejected)
+    found += _about_noise(view, one, name, rejected, without_bad)
     return found
 
 
 def _about_noise(
-    view: View, one: Evidence, name: str, rejected: dict[tuple[str, str], float]
+    view: View,
+    one: Evidence,
+    name: str,
+    rejected: dict[tuple[str, str], float],
+    without_bad: str,
 ) -> list[Finding]:
     found = []
     if len(one.normality.outliers) and not np.isnan(one.scale):
@@ -320,6 +328,7 @@ def _about_noise(
                 f"{name} ({which} {at} s)",
                 "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing",
                 times=np.sort(rows[:, 1]).tolist(),
+                effect=without_bad.rstrip("."),
                 experiment=first if len(view.records) > 1 and np.all(rows[:, 0] == first) else None,
             )
         )

@@ -138,8 +138,19 @@ class View:
         return any(record.dt is None for record in self.records)
 
 
-def look(estimate: Estimate, records: Sequence[Record], experiment: int | None) -> View:
+def look(
+    estimate: Estimate, records: Sequence[Record], experiment: int | None, *, own: bool = False
+) -> View:
     """Put residual and derivatives together.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+    experiment : int, optional
+        Of the estimate, whose nuisance terms belong to the record.
+    own : bool
+        Whether the records are known to be those that were identified, or their beginnings.
 
     Raises
     ------
@@ -151,7 +162,7 @@ def look(estimate: Estimate, records: Sequence[Record], experiment: int | None) 
         The estimate has no such experiment.
     """
     _check(estimate, records, experiment)
-    identified = fingerprint(records) == estimate.record_fingerprint
+    identified = own or fingerprint(records) == estimate.record_fingerprint
     whose = [experiment] * len(records) if experiment is not None else [*range(len(records))]
     own = identified or experiment is not None
     told = []
