@@ -36,6 +36,7 @@ Array = NDArray[np.float64]
 
 FEWEST, FEWEST_USUAL = 20.0, 2.0
 CLEAR = 3.0
+WONTED = 1.5  # by how much the scores that are usual grow with a false alarm
 
 
 class Scatter(NamedTuple):
@@ -121,6 +122,14 @@ def keep_expected(old: Blueprint, was: Array, new: Blueprint, x: Array) -> None:
             for scale in range(slots.SCALES):
                 before = mean_of_scores(old, watch_of(old, i), scale)
                 x[mean_of_scores(new, watch_of(new, i), scale)] = was[before]
+
+
+def wonted(blueprint: Blueprint, x: Array) -> None:
+    """What led to a false alarm becomes more of the usual: the next one must be stronger."""
+    for i in range(int(blueprint.ints[slots.OUTPUTS])):
+        for scale in range(slots.SCALES):
+            at = mean_of_scores(blueprint, watch_of(blueprint, i), scale)
+            x[at] = (1.0 + x[at]) * WONTED - 1.0
 
 
 def expect_scatter(blueprint: Blueprint, x: Array) -> None:

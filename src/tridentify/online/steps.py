@@ -10,19 +10,20 @@ from numpy.typing import NDArray
 
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.numerics.realization import Complex
+from tridentify.numerics.slices import Slices, drain
 from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.kernels import slots
 from tridentify.online.scatter import with_scatter
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
-from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finish
+from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finishing
 from tridentify.output_error.nuisance import Nuisances
 from tridentify.output_error.point import Point, evaluate_variant, linear_blocks
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
 from tridentify.regression import Regression
-from tridentify.strategy.passes import adapt, series_model
+from tridentify.strategy.passes import adapting, series_model
 
 Array = NDArray[np.float64]
 
@@ -78,10 +79,23 @@ def solve_steps(
     IdentifiabilityError, numpy.linalg.LinAlgError
         The samples do not determine the coefficients.
     """
+    return drain(solving(setting, blueprint, x, poles, choose=choose, passes=passes))
+
+
+def solving(
+    setting: Setting,
+    blueprint: Blueprint,
+    x: Array,
+    poles: Complex,
+    *,
+    choose: bool,
+    passes: int = PASSES,
+) -> Slices[Solution]:
+    """`solve_steps` in slices."""
     base = problem_of(setting, blueprint, x)
     full = blueprint.nuisance
     start = "free" if full.free else setting.structure.initial_state
-    best = _solved(base, Nuisances(start, full.offset, full.drift), None, poles, passes)
+    best = yield from _solved(base, Nuisances(start, full.offset, full.drift), None, poles, passes)
     if not choose:
         return best
     begun_anew = x[slots.BORN] > 0.0
@@ -90,7 +104,7 @@ def solve_steps(
         if nuisances.initial_state == "equilibrium":
             at = int(blueprint.ints[slots.AT_FIRST_INPUT])
             constants = -x[at : at + setting.n_inputs]
-        found = _solved(base, nuisances, constants, best.point.poles, 0)
+        found = yield from _solved(base, nuisances, constants, best.point.poles, 0)
         if found.criterion < best.criterion:
             best = found
     return best
@@ -116,19 +130,21 @@ def _others(setting: Setting, full: Nuisances, begun_anew: bool) -> Sequence[Nui
 
 def _solved(
     base: Problem, nuisances: Nuisances, constants: Array | None, poles: Complex, passes: int
-) -> Solution:
+) -> Slices[Solution]:
     variant = Variant(
         nuisances.initial_state == "free", nuisances.offset, nuisances.drift, (constants,)
     )
     recorder = Recorder()
     admissible, _ = base.admissible(poles)
     if passes:
-        admissible = adapt(base, variant, admissible, recorder, passes).poles
+        admissible = (yield from adapting(base, variant, admissible, recorder, passes)).poles
 
     def at(trial: Complex) -> Point:
         return evaluate_variant(base, variant, trial)
 
-    point, status, why = finish(at, at(admissible), recorder, settled=SETTLED_LONG)
+    yield
+    start = at(admissible)
+    point, status, why = yield from finishing(at, start, recorder, settled=SETTLED_LONG)
     return Solution(point, status, why, nuisances, recorder, criterion(point))
 
 

@@ -19,7 +19,8 @@ import numpy as np
 
 from tridentify.estimate import Status
 from tridentify.numerics.realization import Complex
-from tridentify.output_error.finish import Recorder, at_rounding, criterion, finish
+from tridentify.numerics.slices import Slices, drain
+from tridentify.output_error.finish import Recorder, at_rounding, criterion, finishing
 from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import Point, bank_of, evaluate
 from tridentify.output_error.problem import Problem, Variant
@@ -101,6 +102,21 @@ def decide(
     seed : int
         Position of the seed that was followed.
     """
+    return drain(deciding(records, structure, choices, base, variants, seeds, most, say, known))
+
+
+def deciding(
+    records: Sequence[Record],
+    structure: Structure,
+    choices: Sequence[Nuisances],
+    base: Problem,
+    variants: Sequence[Variant],
+    seeds: Sequence[Complex],
+    most: int,
+    say: Callable[[str], None],
+    known: Mapping[bytes, tuple[Regression, ...]] = MappingProxyType({}),
+) -> Slices[tuple[Finished, tuple[str, ...], int]]:
+    """`decide` in slices."""
     promised, seed = _predict(base, variants, seeds, known)
     done: dict[int, Finished] = {}
     while len(done) < len(choices):
@@ -111,6 +127,7 @@ def decide(
         if best is not None and best.criterion <= promised[k].criterion:
             break
         say(f"output error ({choices[k].label})")
+        yield
         problem = build(records, structure, choices[k]).whitened(base.noise)
         if base.limits is not None:
             problem = problem.delayed(base.delays).freed(base.limits)
@@ -119,7 +136,7 @@ def decide(
         # the variant holds the inputs of the base: what is simulated later needs its own
         start = replace(promised[k].point, problem=problem) if same else at(promised[k].point.poles)
         recorder = Recorder()
-        point, status, why = finish(at, start, recorder, most)
+        point, status, why = yield from finishing(at, start, recorder, most)
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
         surprised = abs(done[k].criterion - promised[k].criterion) > SURPRISE
         if len(done) < len(choices) and (surprised or at_rounding(point)):

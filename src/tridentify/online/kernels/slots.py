@@ -8,7 +8,10 @@ from __future__ import annotations
 
 # slots of x
 COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA = range(12)
-INBOX = 16
+# of the work beside the stream (`online.task`): samples that it is about, slices that are done; and
+# the sample since which a change is suspected
+WORK_AT, WORK_DONE, SUSPECT = 16, 17, 18
+INBOX = 20
 
 # places in ints
 (
