@@ -33,6 +33,7 @@ Array = NDArray[np.float64]
 
 NEAR = 0.01
 CLEARLY = 10.0  # of -2 log L
+TAKEN = 0.8  # of the samples, for a model that explains them
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,13 +148,17 @@ def _found_better(
 
     The poles of an early search or of ``start`` can lie in a valley of their own, which steps
     downhill do not leave: the samples are searched once more before they are dropped, and as long
-    as they do not tell the poles.
+    as they do not tell the poles. A model that most samples seem far from has no say: it left them
+    out.
     """
     samples = yield from far_off(setting, samples)
-    found = yield from searching(setting, samples, begun_anew)
+    found = yield from searching(setting, samples, begun_anew, thorough=True)
     if found is None or not found.certain:
         return None
     point = solution.point
+    given = np.sum(np.isfinite(samples[:, 1 + setting.n_inputs :]), axis=0)
+    if np.any(point.counts < TAKEN * given):
+        return found
     gain = np.log(point.rss / point.counts) - 2.0 * np.log(found.noise_std)
     return found if float(point.counts @ gain) > CLEARLY else None
 

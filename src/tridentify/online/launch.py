@@ -20,9 +20,10 @@ from tridentify.online.blueprint import (
     with_directions,
 )
 from tridentify.online.kernels import slots
+from tridentify.online.residual import is_driven
 from tridentify.online.scatter import FEWEST, expect_scatter, keep_expected, scatter_of
 from tridentify.online.seam import kept_samples
-from tridentify.online.search import far_off, judged_poles, searching
+from tridentify.online.search import far_off, judged_poles, record_of, searching
 from tridentify.online.starting import admissible, calm, run_kept, take_clocks, without
 from tridentify.online.state import State
 from tridentify.online.steps import Solution, directions_of, estimate_of, solving
@@ -83,6 +84,9 @@ def searching_launch(
     samples = yield from far_off(setting, samples)
     found = yield from searching(setting, samples, begun_anew)
     if found is None or not (found.certain or full):
+        return None
+    yield
+    if not is_driven(setting, record_of(setting, samples), found.estimate.theta):
         return None
     nuisance = Nuisance.of(setting.structure, begun_anew)
     launch, flags = yield from launching(

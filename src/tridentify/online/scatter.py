@@ -10,8 +10,10 @@ long beside the memory of ``g v`` (batch means; White 1980, Newey & West 1987). 
 keeps ``M`` and, for blocks of 1, 4, 16 ... times the shortest length, ``B`` (`intake.scatter`).
 
 *Which blocks.* Long ones have little bias, many have little scatter. Of the levels with at least
-twenty blocks the longest is taken. *Whether.* Under white noise ``tr(M^{-1} B) / (k s^2)`` is one
-with the variance ``2 / (k blocks)``; only if it is three standard deviations off on a level is the
+twenty blocks the longest is taken; where a longer one, of six blocks or more, has a larger
+``tr(M^{-1} B)``, the covariance grows by the ratio of the two. *Whether.* Under white noise
+``tr(M^{-1} B) / (k s^2)`` is one with the variance ``2 / (k blocks)``; only if it is three standard
+deviations off on a level is the
 sandwich used, so that nothing is lost where the noise is white. The scores are of innovations over
 the scale of the noise, a median, and cut at three; their own mean square stands for ``s^2``.
 
@@ -35,6 +37,7 @@ from tridentify.online.kernels import slots
 Array = NDArray[np.float64]
 
 FEWEST, FEWEST_USUAL = 20.0, 2.0
+FEW = 6.0  # blocks that tell one number
 CLEAR = 3.0
 WONTED = 1.5  # by how much the scores that are usual grow with a false alarm
 
@@ -235,7 +238,7 @@ def with_scatter(
         total[at] += seen.information / variance[i]
         products[:, at[0], at[1]] += seen.products / (seen.power * variance[i])
         blocks = np.minimum(blocks, seen.blocks)
-    enough = np.flatnonzero(blocks >= FEWEST)
+    enough = np.flatnonzero(blocks >= FEW)
     live = np.diagonal(total) > 0.0
     if not enough.size or not np.all(live[:n]):
         return cov
@@ -251,9 +254,15 @@ def with_scatter(
     off = np.abs(ratios - 1.0) * np.sqrt(0.5 * size * blocks)
     if not np.any(off[enough] > CLEAR):
         return cov
+    longest = float(max(ratios[enough[-1]], 1.0))
+    many = np.flatnonzero(blocks >= FEWEST)
+    if not many.size:
+        return cov * longest
+    own = int(many[-1])
     first = np.cumsum(live)[:n] - 1
     bread = (unit[:, None] * inverse * unit)[np.ix_(first, first)]
-    middle = unit[:, None] * (inverse @ sums[enough[-1]] @ inverse) * unit
+    middle = unit[:, None] * (inverse @ sums[own] @ inverse) * unit
     left = np.linalg.solve(bread, np.linalg.solve(map_, cov)).T
     found = left @ middle[np.ix_(first, first)] @ left.T
+    found = found * max(longest / max(float(ratios[own]), 1e-12), 1.0)
     return np.asarray(0.5 * (found + found.T))

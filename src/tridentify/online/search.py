@@ -31,7 +31,7 @@ VAGUE = 0.5
 SUSPICIOUS = 10.0
 LEAST_FAR = 0.005
 GROWTH = 1.5
-STARTS = 4
+STARTS, FEW_STARTS = 4, 2
 USABLE = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.POSTERIOR_MEAN)
 
 
@@ -93,7 +93,9 @@ def next_try(count: int) -> int:
     return int(np.ceil(GROWTH * count))
 
 
-def searching(setting: Setting, samples: Array, begun_anew: bool) -> Slices[Found | None]:
+def searching(
+    setting: Setting, samples: Array, begun_anew: bool, *, thorough: bool = False
+) -> Slices[Found | None]:
     """Identify the model from the samples that were kept; None if they do not tell.
 
     The off-line search and its end, for white noise, a slice at a time.
@@ -105,6 +107,8 @@ def searching(setting: Setting, samples: Array, begun_anew: bool) -> Slices[Foun
         Interval, inputs, outputs.
     begun_anew : bool
         Whether they begin in the middle, from any state.
+    thorough : bool
+        Whether to look everywhere although coloured noise may be all that is left to explain.
     """
     structure = setting.structure
     if begun_anew:
@@ -114,7 +118,7 @@ def searching(setting: Setting, samples: Array, begun_anew: bool) -> Slices[Foun
         )  # fmt: skip
     try:
         record = record_of(setting, samples)
-        found = yield from _maximum(record, structure)
+        found = yield from _maximum(record, structure, thorough)
     except (TridentifyError, np.linalg.LinAlgError):
         return None
     return judged_poles(found, setting)
@@ -129,13 +133,13 @@ def clean_search(
     return found, kept
 
 
-def _maximum(record: Record, structure: Structure) -> Slices[Estimate]:
+def _maximum(record: Record, structure: Structure, thorough: bool) -> Slices[Estimate]:
     """The maximum of the likelihood for white noise (`methods.three_model`)."""
     records = [record]
     check(records, structure, "the search", ThreeModel().capabilities)
     choices = candidates(records, structure)
     base, variants = build_base(records, structure, choices)
-    search = Search(STARTS)
+    search = Search(STARTS) if thorough else Search(FEW_STARTS, further=("discrete",))
     yield from search.running(base, variants)
     best, _, _ = yield from deciding(
         records, structure, choices, base, variants, search.seeds, MOST_STEPS, _silent

@@ -37,11 +37,10 @@ from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices
 from tridentify.online.blueprint import Blueprint, Nuisance, Setting
 from tridentify.online.launch import Launch, launching
-from tridentify.online.result import model_of
+from tridentify.online.residual import gain_of, left_by
 from tridentify.online.search import VAGUE, Found, far_off, record_of, searching
 from tridentify.online.steps import estimate_of, solving
 from tridentify.record import Record
-from tridentify.simulate import simulate
 
 if TYPE_CHECKING:
     from tridentify.online.three_model import ThreeModel
@@ -49,9 +48,7 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CLEAR = 30.0  # of -2 log L: one in a million for four coefficients, were the noise model true
-PIECES = 12
 AGREEING = 0.6  # of the pieces; of noise alone, half
-MOST_LAGS, LAGS_PER_SAMPLE = 12, 0.05
 RARE = 1e-5
 FEWEST = 40  # samples that a comparison takes
 
@@ -135,62 +132,6 @@ def _differ(old: Old, new: Estimate, enlarged: float) -> bool:
     scaled = np.linalg.lstsq(unit[:, None] * cov * unit, unit * move, rcond=1e-12)[0]
     distance = float(unit * move @ scaled)
     return distance > float(scipy.stats.chi2.isf(RARE, move.size))
-
-
-def left_by(setting: Setting, record: Record, theta: Array) -> Array:
-    """(n_samples, n_outputs) what a model leaves of a record, with free initial state and offset.
-
-    Parameters
-    ----------
-    setting : Setting
-    record : Record
-    theta : (n_coefficients,) array
-    """
-    model, p, n = model_of(setting, theta), setting.n_outputs, setting.n_poles
-    rested = Record(
-        np.zeros_like(record.u), record.y, dt=record.dt, t=None if record.dt else record.t,
-        input_names=record.input_names, output_names=record.output_names,
-    )  # fmt: skip
-    free = [simulate(model, rested, free_response=np.tile(np.eye(n)[k], (p, 1))) for k in range(n)]
-    driven = simulate(model, Record(
-        record.u - record.u[0], record.y, dt=record.dt, t=None if record.dt else record.t,
-        intersample=record.intersample, input_names=record.input_names,
-        output_names=record.output_names,
-    ))  # fmt: skip
-    left = record.y - driven
-    for i in range(p):
-        table = np.column_stack([*(one[:, i] for one in free), np.ones(len(left))])
-        sizes = np.linalg.norm(table, axis=0)
-        table = table / np.where(sizes > 0.0, sizes, 1.0)
-        seen = np.isfinite(left[:, i])
-        weights = np.linalg.lstsq(table[seen], left[seen, i], rcond=None)[0]
-        left[:, i] -= table @ weights
-    return left
-
-
-def gain_of(before: Array, after: Array) -> Array:
-    """(PIECES,) fall of -2 log L from one residual to the other, whitened, piece by piece."""
-    one, other = whitened(before), whitened(after)
-    found = []
-    for a, b in zip(np.array_split(one, PIECES), np.array_split(other, PIECES), strict=True):
-        seen = np.isfinite(a) & np.isfinite(b)
-        top, below = float(np.sum(a[seen] ** 2)), float(np.sum(b[seen] ** 2))
-        found.append(seen.sum() * np.log(top / below) if min(top, below) > 0.0 else 0.0)
-    return np.array(found)
-
-
-def whitened(left: Array) -> Array:
-    """A residual through an autoregression of its own; without the first samples."""
-    filled = np.where(np.isfinite(left), left, 0.0)
-    order = int(min(MOST_LAGS, LAGS_PER_SAMPLE * left.size))
-    lags = np.array([filled[k:] @ filled[: filled.size - k] for k in range(order + 1)])
-    if order < 1 or not lags[0] > 0.0:
-        return left
-    lags[0] *= 1.0 + 1e-9
-    a = scipy.linalg.solve_toeplitz(lags[:-1], lags[1:])
-    white: Array = np.convolve(filled, np.append(1.0, -a))[: filled.size]
-    white[~np.isfinite(left)] = np.nan
-    return white[order:]
 
 
 def _enlarged(record: Record, left: Array) -> float:

@@ -42,6 +42,7 @@ DAMPINGS = (0.1, 0.5)
 REAL_STEP = 2.2
 FARTHER = 3.0
 FLOOR = 1e-30
+TOGETHER = 16  # places; more take some milliseconds at once
 
 
 class Move(NamedTuple):
@@ -74,7 +75,7 @@ def moved_poles(base: Problem, variant: Variant, poles: Complex) -> list[Move]:
 
 
 def moving_poles(base: Problem, variant: Variant, poles: Complex) -> Slices[list[Move]]:
-    """`moved_poles` in slices, one a line."""
+    """`moved_poles` in slices, ``TOGETHER`` places in each."""
     low, high = rate_limits(base)
     found: list[Move] = []
     for k, denominator in enumerate(base.groups):
@@ -83,8 +84,12 @@ def moving_poles(base: Problem, variant: Variant, poles: Complex) -> Slices[list
             kept = np.delete(own, group)
             lines = _lines(len(group), low, FARTHER * high)
             for line in lines:
-                yield
-                along = place_costs(base, variant, kept, line, (k, poles))
+                parts = []
+                for first in range(0, len(line), TOGETHER):
+                    yield
+                    some = line[first : first + TOGETHER]
+                    parts.append(place_costs(base, variant, kept, some, (k, poles)))
+                along = np.concatenate(parts)
                 around = np.concatenate([[np.inf], along, [np.inf]])
                 for at in np.flatnonzero((along <= around[:-2]) & (along < around[2:])):
                     moved = poles.copy()

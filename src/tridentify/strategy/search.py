@@ -86,6 +86,7 @@ PLAUSIBLE = 30.0
 HOPELESS = 2.0
 ALIKE = 0.02
 WINDOW = "window of the record: "
+FURTHER = ("discrete", "spread", "relaxed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,6 +169,8 @@ class Search:
         Triangles of the whole record, where they were made.
     end : End, optional
         Where the window's poles led on the whole record.
+    further : tuple of {"discrete", "spread", "relaxed"}
+        Other kinds of starts, for where a richer model explains more.
     """
 
     n_starts: int
@@ -179,6 +182,7 @@ class Search:
     scan: Scan | None = None
     known: Known | None = None
     end: End | None = None
+    further: tuple[str, ...] = FURTHER
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
@@ -354,8 +358,8 @@ class Search:
         found = yield from self._beginning(base, variants, where)
         best, variant, reachable = found.point, found.variant, found.reachable
         extremes = _extremes(variants)
-        further = ["discrete", "spread", "relaxed"]
-        if len(base.groups) > 1:
+        further = list(self.further)
+        if len(base.groups) > 1 and "discrete" in further:
             further.remove("discrete")
         for _ in range(MOST_ENRICHED):
             if at_rounding(best):
@@ -473,7 +477,8 @@ class Search:
         if zeros == base.n_zeros:
             return best
         relaxed = replace(base, n_zeros=zeros)
-        point = (yield from Search(self.n_starts).following(relaxed, variants)).point
+        inner = Search(self.n_starts, further=self.further)
+        point = (yield from inner.following(relaxed, variants)).point
         for variant in variants:
             name = where + "numerators of full degree first"
             best = yield from self._adapted(base, variant, point.poles, reachable, best, name)
