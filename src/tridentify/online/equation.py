@@ -56,6 +56,7 @@ from tridentify.online.blueprint import (
     watch_of,
 )
 from tridentify.online.equation_plan import maps_of
+from tridentify.online.findings import with_findings
 from tridentify.online.kernels import slots
 from tridentify.online.result import assembled
 from tridentify.online.scatter import forget_scatter, with_scatter
@@ -289,10 +290,11 @@ class EquationError(Estimator):
             cov = with_scatter(blueprint, x, cov, noise * scales**2, own, np.eye(k))
         trace = Trace((), (), (f"filter of degree {blueprint.poles.size}",), "recursive")
         cov = maps.matrix @ cov @ maps.matrix.T
-        return assembled(
+        found = assembled(
             setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name,
             None if filtering else float(np.linalg.cond(root[-k:])),
         )  # fmt: skip
+        return with_findings(state, found)
 
 
 def block_of_equation() -> Callable[..., int]:

@@ -85,6 +85,7 @@ from tridentify.online.blueprint import (
     fresh,
     watch_of,
 )
+from tridentify.online.findings import with_findings
 from tridentify.online.gradient_periods import (
     SURE,
     average,
@@ -642,9 +643,10 @@ class Gradient(Estimator):
         noise = noise_of(blueprint, x)
         notes = (f"mean over {len(used)} periods", f"rate {blueprint.constants[places.RATE]:.3g}")
         trace = Trace((), (), notes, "gradient rule")
-        return assembled(
+        found = assembled(
             setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name, condition
         )
+        return with_findings(state, found)
 
 
 def _searching(

@@ -258,11 +258,11 @@ def with_scatter(
     many = np.flatnonzero(blocks >= FEWEST)
     if not many.size:
         return cov * longest
-    own = int(many[-1])
+    level = int(many[-1])
     first = np.cumsum(live)[:n] - 1
     bread = (unit[:, None] * inverse * unit)[np.ix_(first, first)]
-    middle = unit[:, None] * (inverse @ sums[own] @ inverse) * unit
+    middle = unit[:, None] * (inverse @ sums[level] @ inverse) * unit
     left = np.linalg.solve(bread, np.linalg.solve(map_, cov)).T
     found = left @ middle[np.ix_(first, first)] @ left.T
-    found = found * max(longest / max(float(ratios[own]), 1e-12), 1.0)
+    found = found * max(longest / max(float(ratios[level]), 1e-12), 1.0)
     return np.asarray(0.5 * (found + found.T))

@@ -13,9 +13,11 @@ from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices, drain
 from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.equation_plan import from_directions
+from tridentify.online.findings import noise_finding
 from tridentify.online.kernels import slots
 from tridentify.online.scatter import with_scatter
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
+from tridentify.output_error.decide import TRUSTED
 from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finishing
 from tridentify.output_error.nuisance import Nuisances
 from tridentify.output_error.point import Point, evaluate_variant, linear_blocks
@@ -28,6 +30,7 @@ from tridentify.strategy.passes import adapting, series_model
 Array = NDArray[np.float64]
 
 PASSES = 4
+DOUBT = 1.0  # of AICc, by which a choice of nuisance terms may do better than it promised
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,15 +102,30 @@ def solving(
     if not choose:
         return best
     begun_anew = x[slots.BORN] > 0.0
+    at = int(blueprint.ints[slots.AT_FIRST_INPUT])
+    promised = []
     for nuisances in _others(setting, best.nuisances, begun_anew):
-        constants = None
-        if nuisances.initial_state == "equilibrium":
-            at = int(blueprint.ints[slots.AT_FIRST_INPUT])
-            constants = -x[at : at + setting.n_inputs]
+        yield
+        shifted = nuisances.initial_state == "equilibrium"
+        constants = -x[at : at + setting.n_inputs] if shifted else None
+        variant = _variant(nuisances, constants)
+        point = evaluate_variant(base, variant, best.point.poles)
+        # as off-line: what a step cannot promise is not followed (`output_error.decide`)
+        fall = min(point.step(0.0).decrease, TRUSTED * float(point.counts.sum()))
+        promised.append((criterion(point, fall), nuisances, constants))
+    for least, nuisances, constants in sorted(promised, key=lambda one: one[0]):
+        if least >= best.criterion + DOUBT:
+            break
         found = yield from _solved(base, nuisances, constants, best.point.poles, 0)
         if found.criterion < best.criterion:
             best = found
     return best
+
+
+def _variant(nuisances: Nuisances, constants: Array | None) -> Variant:
+    return Variant(
+        nuisances.initial_state == "free", nuisances.offset, nuisances.drift, (constants,)
+    )
 
 
 def _others(setting: Setting, full: Nuisances, begun_anew: bool) -> Sequence[Nuisances]:
@@ -131,9 +149,7 @@ def _others(setting: Setting, full: Nuisances, begun_anew: bool) -> Sequence[Nui
 def _solved(
     base: Problem, nuisances: Nuisances, constants: Array | None, poles: Complex, passes: int
 ) -> Slices[Solution]:
-    variant = Variant(
-        nuisances.initial_state == "free", nuisances.offset, nuisances.drift, (constants,)
-    )
+    variant = _variant(nuisances, constants)
     recorder = Recorder()
     admissible, _ = base.admissible(poles)
     if passes:
@@ -237,9 +253,12 @@ def estimate_of(
     share = float(np.mean(summary.shares))
     own = coefficients_of_directions(setting)
     map_ = from_directions(setting, poles)
+    white = found.cov * share
+    cov = with_scatter(blueprint, x, white, found.noise_variance, own, map_)
     return replace(
         found,
-        cov=with_scatter(blueprint, x, found.cov * share, found.noise_variance, own, map_),
+        cov=cov,
+        findings=noise_finding(white, cov),
         n_samples=int(x[slots.COUNT]),
         record_fingerprint="",
     )

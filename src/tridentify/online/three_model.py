@@ -57,6 +57,7 @@ from tridentify.online.blueprint import (
     fresh,
     parallel,
 )
+from tridentify.online.findings import with_findings
 from tridentify.online.follow import Turn, following, rearranged, turned
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
@@ -340,13 +341,14 @@ class ThreeModel(Estimator):
             with one_blas_thread():
                 solution = solve_steps(
                     stage.setting, stage.blueprint, x, stage.poles,
-                    choose=self.forgetting == 1.0, passes=1,
+                    choose=self.forgetting == 1.0, passes=0,
                 )  # fmt: skip
-                return estimate_of(
+                found = estimate_of(
                     stage.setting, stage.blueprint, x, solution, self.name, stage.poles
                 )
         except (TridentifyError, np.linalg.LinAlgError) as error:
             raise not_ready(count, "do not determine the coefficients") from error
+        return with_findings(state, found)
 
     def _found_already(self, state: State) -> State:
         """What the search under way comes to, if it is asked for before its time."""
