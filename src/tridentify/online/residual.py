@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from tridentify.numerics.slices import Slices
 from tridentify.online.blueprint import Setting
 from tridentify.online.result import model_of
 from tridentify.record import Record
@@ -14,7 +17,8 @@ from tridentify.simulate import simulate
 Array = NDArray[np.float64]
 
 PIECES = 12
-MOST_LAGS, LAGS_PER_SAMPLE = 12, 0.05
+MOST_LAGS, LAGS_PER_SAMPLE = 12, 0.1
+STEPS, SHORT = 3, 0.1  # of Gauss and Newton; of a standard error, for differences
 DRIVEN = 30.0  # of -2 log L
 
 
@@ -81,13 +85,76 @@ def gain_of(before: Array, after: Array) -> Array:
 
 def whitened(left: Array) -> Array:
     """A residual through an autoregression of its own; without the first samples."""
+    return through(autoregression(left), left)
+
+
+def through(a: Array, values: Array) -> Array:
+    """What an autoregression leaves of a series; without the first samples."""
+    filled = np.where(np.isfinite(values), values, 0.0)
+    white: Array = np.convolve(filled, np.append(1.0, -a))[: filled.size]
+    white[~np.isfinite(values)] = np.nan
+    return white[a.size :]
+
+
+def autoregression(left: Array) -> Array:
+    """(order,) coefficients that foretell a series from its past, by Yule and Walker."""
     filled = np.where(np.isfinite(left), left, 0.0)
     order = int(min(MOST_LAGS, LAGS_PER_SAMPLE * left.size))
     lags = np.array([filled[k:] @ filled[: filled.size - k] for k in range(order + 1)])
     if order < 1 or not lags[0] > 0.0:
-        return left
+        return np.zeros(0)
     lags[0] *= 1.0 + 1e-9
-    a = scipy.linalg.solve_toeplitz(lags[:-1], lags[1:])
-    white: Array = np.convolve(filled, np.append(1.0, -a))[: filled.size]
-    white[~np.isfinite(left)] = np.nan
-    return white[order:]
+    return np.asarray(scipy.linalg.solve_toeplitz(lags[:-1], lags[1:]))
+
+
+class Refined(NamedTuple):
+    """Coefficients at the minimum for coloured noise, and their covariance."""
+
+    theta: Array
+    cov: Array
+
+
+def refined(setting: Setting, record: Record, theta: Array, std: Array) -> Slices[Refined | None]:
+    """A model of white noise taken to the minimum for an autoregression of what it leaves.
+
+    Where noise is coloured the coefficients for white noise are far from the most likely ones, and
+    the wrong model may leave less. None where the steps lead nowhere.
+
+    Parameters
+    ----------
+    setting : Setting
+    record : Record
+    theta, std : (n_coefficients,) arrays
+    """
+    cov = np.zeros((theta.size, theta.size))
+    for _ in range(STEPS):
+        yield
+        left = left_by(setting, record, theta)
+        slopes = []
+        for k in range(theta.size):
+            yield
+            moved = theta.copy()
+            moved[k] += SHORT * std[k]
+            slopes.append((left_by(setting, record, moved) - left) / (SHORT * std[k]))
+        rows, targets = [], []
+        for i in range(setting.n_outputs):
+            a = autoregression(left[:, i])
+            white = through(a, left[:, i])
+            table = np.column_stack([through(a, one[:, i]) for one in slopes])
+            seen = np.isfinite(white)
+            size = float(np.sqrt(np.mean(white[seen] ** 2)))
+            if not size > 0.0:
+                return None
+            rows.append(table[seen] / size)
+            targets.append(white[seen] / size)
+        table = np.vstack(rows) * std
+        u, s, vt = np.linalg.svd(table, full_matrices=False)
+        if not s[-1] > 1e-8 * s[0]:
+            return None
+        root = std[:, None] * vt.T / s
+        theta = theta - root @ (u.T @ np.concatenate(targets))
+        cov = root @ root.T
+        poles = np.roots(np.append(1.0, theta[: setting.n_poles]))
+        if not np.all(np.isfinite(theta)) or np.any(poles.real >= 0.0):
+            return None
+    return Refined(theta, cov)

@@ -96,6 +96,7 @@ QUARTER = 0.25
 SHORTEST_TICK = 50
 LEAST_SAMPLES = 100
 ALARM_LASTS = 200
+DOUBTED = 16  # times the samples of a first search, for which a suspicion is kept
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
 
 
@@ -295,10 +296,10 @@ class ThreeModel(Estimator):
             x[slots.ALARM] = count + ALARM_LASTS
             x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
             return state
-        if len(samples) >= self.samples:
+        if len(samples) >= DOUBTED * first_try(stage.setting):
             wonted(stage.blueprint, x)
             return self._dropped(state)
-        again(x, len(samples), len(rest))
+        x[slots.TICK] = count + max(len(samples) - 2 * len(rest), 1)
         return state
 
     def _dropped(self, state: State) -> State:
