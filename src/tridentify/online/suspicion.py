@@ -4,7 +4,7 @@ An alarm (`online.kernels.intake`) says that the innovations speak for other coe
 gusts, slow disturbances and bursts of noise, now and then. Since the alarm the samples are kept;
 they are searched for a model of their own, and the plant has changed only if all of this holds:
 
-*Likelihood.* The old coefficients, as they were at the alarm, and the new ones, taken to the minimum
+*Likelihood.* The old coefficients, as they were at the alarm, and the new, taken to the minimum
 for coloured noise (`online.residual.refined`), go through the samples since, each with a free
 initial state and an offset. What they leave is whitened by an autoregression of its own: coloured
 noise is no longer evidence. The logarithm of the ratio of the two remaining sums of squares is

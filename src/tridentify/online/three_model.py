@@ -196,7 +196,7 @@ class ThreeModel(Estimator):
         if not np.array_equal(blueprint.poles, np.tile(poles, REPEATS)):
             raise ValueError(f"a bank that is not {setting.n_poles} poles {REPEATS} times")
         nuisance = Nuisance.of(setting.structure, blueprint.nuisance.free)
-        return self._plan(setting, poles, nuisance, bool(blueprint.ints[slots.CHUNK]))
+        return self.plan(setting, poles, nuisance, bool(blueprint.ints[slots.CHUNK]))
 
     def is_ready(self, state: State) -> bool:
         """Whether a model has been found."""
