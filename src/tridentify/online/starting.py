@@ -16,7 +16,7 @@ from tridentify.output_error.nuisance import Nuisances, build
 
 Array = NDArray[np.float64]
 
-SLICES = 2  # of a task, for every sample
+SLICES = 1  # of a task, for every sample
 
 
 def run_kept(

@@ -265,10 +265,11 @@ def estimate_of(
 
 
 def stand_in(setting: Setting, first: Array) -> Record:
-    """A record with the channels of an estimator and two samples that mean nothing."""
+    """A record with the channels of an estimator and samples that mean nothing, more than those."""
+    rows = 1 + max(setting.n_inputs, setting.n_outputs)
     return Record(
-        np.tile(first, (2, 1)),
-        np.zeros((2, setting.n_outputs)),
+        np.tile(first, (rows, 1)),
+        np.zeros((rows, setting.n_outputs)),
         dt=setting.dt,
         intersample="foh" if setting.intersample == "foh" else "zoh",
         input_names=list(setting.input_names),

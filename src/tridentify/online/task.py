@@ -34,7 +34,7 @@ class Task:
     ...     yield
     ...     return one + 1
     >>> task = Task(adding, 1)
-    >>> task.over_after(1), task.over_after(2), task.result()
+    >>> task.over_after(2), task.over_after(3), task.result()
     (False, True, 2)
     """
 
@@ -48,11 +48,14 @@ class Task:
         return Task, (self._begin, *self._arguments)
 
     def over_after(self, count: int) -> bool:
-        """Whether it is over once so many slices are done; does those that are missing."""
+        """Whether it is over before the last of so many slices; does those that are missing.
+
+        So whoever makes use of the result has a step for that alone.
+        """
         with self._lock, one_blas_thread():
             while self._slices is not None and self._done < count:
                 self._next()
-        return self._slices is None and self._done <= count
+        return self._slices is None and self._done < count
 
     def result(self) -> Any:
         """What it comes to; does all that is missing."""

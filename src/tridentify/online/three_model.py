@@ -96,7 +96,7 @@ QUARTER = 0.25
 SHORTEST_TICK = 50
 LEAST_SAMPLES = 100
 ALARM_LASTS = 200
-DOUBTED = 16  # times the samples of a first search, for which a suspicion is kept
+TRIED, DOUBTED = 3, 12  # times the samples of a first search: a suspicion is tried, and dropped
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
 
 
@@ -277,7 +277,7 @@ class ThreeModel(Estimator):
             room = self.plan(stage.setting, bank, blueprint.nuisance, True)
             room = replace(blueprint, ints=room.ints, size=room.size)
             x, blueprint, past = rearranged(blueprint, x, room), room, ()
-        x[slots.SUSPECT], x[slots.TICK] = here, here + first_try(stage.setting)
+        x[slots.SUSPECT], x[slots.TICK] = here, here + TRIED * first_try(stage.setting)
         return State(
             x, state.stage.but(blueprint=blueprint, past=past, extra=(x.copy(),), task=None)
         )
