@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from tridentify.numerics.slices import Slices
 from tridentify.online.blueprint import Blueprint, Setting, with_directions
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.kernels import slots
-from tridentify.online.launch import Launch, is_certain, launching, noise_std_of
+from tridentify.online.launch import Launch, Planner, is_certain, launching, noise_std_of
 from tridentify.online.scatter import turn_scatter
 from tridentify.online.search import Found, far_off, searching
 from tridentify.online.state import State
@@ -25,9 +24,6 @@ from tridentify.online.steps import (
     solving,
 )
 from tridentify.online.summary import carried, moved
-
-if TYPE_CHECKING:
-    from tridentify.online.three_model import ThreeModel
 
 Array = NDArray[np.float64]
 
@@ -56,7 +52,7 @@ class Turn:
 
 
 def following(
-    method: ThreeModel,
+    method: Planner,
     setting: Setting,
     blueprint: Blueprint,
     before: Complex,
@@ -69,7 +65,7 @@ def following(
 
     Parameters
     ----------
-    method : ThreeModel
+    method : Planner
     setting : Setting
     blueprint : Blueprint
     before : (n,) complex array

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,18 +22,29 @@ from tridentify.online.blueprint import (
 from tridentify.online.kernels import slots
 from tridentify.online.residual import is_driven
 from tridentify.online.scatter import FEWEST, expect_scatter, keep_expected, scatter_of
-from tridentify.online.seam import kept_samples
+from tridentify.online.seam import Estimator, kept_samples
 from tridentify.online.search import far_off, judged_poles, record_of, searching
 from tridentify.online.starting import admissible, calm, run_kept, take_clocks, without
 from tridentify.online.state import State
 from tridentify.online.steps import Solution, directions_of, estimate_of, solving
 
-if TYPE_CHECKING:
-    from tridentify.online.three_model import ThreeModel
-
 Array = NDArray[np.float64]
 
 ROUNDS = 3
+
+
+class Planner(Estimator):
+    """An estimator that is launched, followed and suspected: what is asked of it."""
+
+    samples: int
+
+    @abstractmethod
+    def plan(self, setting: Setting, poles: Complex, nuisance: Nuisance, keep: bool) -> Blueprint:
+        """Step 1 on poles, each as often as a move of them asks for; ``keep``: with the samples."""
+
+    @abstractmethod
+    def next_tick(self, x: Array, setting: Setting) -> float:
+        """Sample at which the clock ticks next."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +71,7 @@ class Launch:
 
 
 def searching_launch(
-    method: ThreeModel,
+    method: Planner,
     setting: Setting,
     samples: Array,
     begun_anew: bool,
@@ -71,7 +82,7 @@ def searching_launch(
 
     Parameters
     ----------
-    method : ThreeModel
+    method : Planner
     setting : Setting
     samples : (k, n_inputs + n_outputs + 1) array
     begun_anew : bool
@@ -107,7 +118,7 @@ def searching_launch(
 
 
 def launching(
-    method: ThreeModel,
+    method: Planner,
     setting: Setting,
     poles: Complex,
     nuisance: Nuisance,
@@ -147,12 +158,12 @@ def begun(blueprint: Blueprint, noise_std: Array, reference: Array) -> Array:
     return x
 
 
-def launched(method: ThreeModel, state: State, launch: Launch, rest: Array) -> State:
+def launched(method: Planner, state: State, launch: Launch, rest: Array) -> State:
     """The estimator that goes on from the kept samples, and those that came meanwhile.
 
     Parameters
     ----------
-    method : ThreeModel
+    method : Planner
     state : State
         As it is now.
     launch : Launch

@@ -251,12 +251,11 @@ def with_scatter(
     sums = unit[:, None] * products[:, live][:, :, live] * unit
     size = int(live.sum())
     ratios = np.einsum("ij,lji->l", inverse, sums) / size
-    off = np.abs(ratios - 1.0) * np.sqrt(0.5 * size * blocks)
-    if not np.any(off[enough] > CLEAR):
-        return cov
-    longest = float(max(ratios[enough[-1]], 1.0))
+    off = (ratios - 1.0) * np.sqrt(0.5 * size * blocks)
+    last = int(enough[-1])
+    longest = float(ratios[last]) if off[last] > CLEAR else 1.0
     many = np.flatnonzero(blocks >= FEWEST)
-    if not many.size:
+    if not np.any(np.abs(off[many]) > CLEAR):
         return cov * longest
     level = int(many[-1])
     first = np.cumsum(live)[:n] - 1

@@ -22,7 +22,7 @@ suspicion is dropped. Samples that came meanwhile have counted for the old model
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.stats
@@ -32,13 +32,10 @@ from tridentify.errors import TridentifyError
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices
 from tridentify.online.blueprint import Blueprint, Nuisance, Setting
-from tridentify.online.launch import Launch, launching
+from tridentify.online.launch import Launch, Planner, launching
 from tridentify.online.residual import Refined, gain_of, left_by, refined
 from tridentify.online.search import VAGUE, Found, far_off, record_of, searching
 from tridentify.online.steps import estimate_of, solving
-
-if TYPE_CHECKING:
-    from tridentify.online.three_model import ThreeModel
 
 Array = NDArray[np.float64]
 
@@ -56,7 +53,7 @@ class Old(NamedTuple):
 
 
 def trying(
-    method: ThreeModel,
+    method: Planner,
     setting: Setting,
     blueprint: Blueprint,
     poles: Complex,
@@ -68,7 +65,7 @@ def trying(
 
     Parameters
     ----------
-    method : ThreeModel
+    method : Planner
     setting : Setting
     blueprint : Blueprint
     poles : (n,) complex array

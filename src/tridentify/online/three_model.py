@@ -16,16 +16,25 @@ what its early stages got wrong. With no forgetting the estimate is that of the 
 
 *The slow clock* ticks after half as many samples again as there were, or, with forgetting, after
 a quarter of what is remembered. Where the poles have moved from those of the bank by more than a
-hundredth of their decay rate, the bank moves after them. As long as the first samples are still
-kept (``samples``) they are run through the new bank, which is exact. Later the triangle and the
-states go over to the new bank without a jump (`online.summary.transfer`); what is lost is of
-third order in the distance.
+hundredth of their decay rate, the bank moves after them (`online.follow`). As long as the first
+samples are still kept (``samples``) they are run through the new bank, which is exact. Later the
+triangle and the states go over to the new bank without a jump (`online.summary.transfer`); what is
+lost is of third order in the distance.
 
 *The beginning* is a search: the first samples are kept, and the off-line method looks for the model
-in them, at first early and again with half as many samples more until it is certain of its poles.
-``start`` gives a model instead; its bank stays until the samples tell the poles, since a bank on
-poles that are mostly noise would miss part of the output. After an alarm (`online.kernels.intake`)
-the same is done again, as the coefficients are others: ``on_change="flag"`` only raises the flag.
+in them, at first early and again with half as many samples more until it is certain of its poles
+and the input explains what coloured noise does not (`online.launch`). ``start`` gives a model
+instead; its bank stays until the samples tell the poles, since a bank on poles that are mostly
+noise would miss part of the output.
+
+*Beside the stream.* Searches and what the clock asks for are done in slices, one a sample
+(`online.task`), so that no sample waits for them. An estimate that is asked for during the first
+search waits for its end.
+
+*A change.* An alarm (`online.kernels.intake`) is a suspicion. The model goes on with all samples
+until another one, found in those since the alarm, explains them clearly better
+(`online.suspicion`); then that takes its place, or, with ``on_change="flag"``, the flag is raised
+and no more.
 
 *Standard errors* are those of the minimum (`output_error.result`). With forgetting, the weights
 ``w`` of the samples make them larger by the square root of ``sum w^2 / sum w``, and the noise is
@@ -63,6 +72,7 @@ from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
 from tridentify.online.launch import (
     Launch,
+    Planner,
     all_but,
     launched,
     reference_of,
@@ -70,7 +80,6 @@ from tridentify.online.launch import (
 )
 from tridentify.online.scatter import wonted
 from tridentify.online.seam import (
-    Estimator,
     Kernels,
     check_choice,
     check_forgetting,
@@ -101,7 +110,7 @@ KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
 
 
 @dataclass(frozen=True)
-class ThreeModel(Estimator):
+class ThreeModel(Planner):
     """The three-model strategy, one sample at a time.
 
     Parameters
