@@ -13,7 +13,7 @@ keeps ``M`` and, for blocks of 1, 4, 16 ... times the shortest length, ``B`` (`i
 twenty blocks the longest is taken; where a longer one, of six blocks or more, has a larger
 ``tr(M^{-1} B)``, the covariance grows by the ratio of the two. *Whether.* Under white noise
 ``tr(M^{-1} B) / (k s^2)`` is one with the variance ``2 / (k blocks)``; only if it is three standard
-deviations off on a level is the
+deviations above that on a level, or six below, as errors that are too small do more harm, is the
 sandwich used, so that nothing is lost where the noise is white. The scores are of innovations over
 the scale of the noise, a median, and cut at three; their own mean square stands for ``s^2``.
 
@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 
 FEWEST, FEWEST_USUAL = 20.0, 2.0
 FEW = 6.0  # blocks that tell one number
-CLEAR = 3.0
+CLEAR, SURE = 3.0, 6.0  # standard deviations off: larger errors, and smaller ones
 WONTED = 1.5  # by how much the scores that are usual grow with a false alarm
 
 
@@ -255,7 +255,7 @@ def with_scatter(
     last = int(enough[-1])
     longest = float(ratios[last]) if off[last] > CLEAR else 1.0
     many = np.flatnonzero(blocks >= FEWEST)
-    if not np.any(np.abs(off[many]) > CLEAR):
+    if not np.any((off[many] > CLEAR) | (off[many] < -SURE)):
         return cov * longest
     level = int(many[-1])
     first = np.cumsum(live)[:n] - 1
