@@ -112,7 +112,7 @@ def idle(state: State) -> State:
 
 
 def again(x: Array, kept: int, since: int) -> None:
-    """The next search is due when there are half as many samples again as for the last.
+    """The next search is due when there are a third more samples than for the last.
 
     Parameters
     ----------

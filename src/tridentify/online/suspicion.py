@@ -16,7 +16,7 @@ of the new ones made for coloured noise and ``LARGER``, as few samples tell litt
 
 *A model.* The new one must be certain of its poles, with errors for white noise and with these.
 
-As long as it does not hold, the search is repeated on half as many samples again; in the end the
+As long as it does not hold, the search is repeated on twice as many samples; in the end the
 suspicion is dropped. Samples that came meanwhile have counted for the old model as all others.
 """
 

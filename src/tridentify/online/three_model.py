@@ -22,7 +22,7 @@ triangle and the states go over to the new bank without a jump (`online.summary.
 lost is of third order in the distance.
 
 *The beginning* is a search: the first samples are kept, and the off-line method looks for the model
-in them, at first early and again with half as many samples more until it is certain of its poles
+in them, at first early and again with a third more samples until it is certain of its poles
 and the input explains what coloured noise does not (`online.launch`). ``start`` gives a model
 instead; its bank stays until the samples tell the poles, since a bank on poles that are mostly
 noise would miss part of the output.
