@@ -351,7 +351,7 @@ class ThreeModel(Planner):
             with one_blas_thread():
                 solution = solve_steps(
                     stage.setting, stage.blueprint, x, stage.poles,
-                    choose=self.forgetting == 1.0, passes=0,
+                    choose=self.forgetting == 1.0, passes=1,
                 )  # fmt: skip
                 found = estimate_of(
                     stage.setting, stage.blueprint, x, solution, self.name, stage.poles
