@@ -16,7 +16,8 @@ from tridentify.online.task import Task
 DT = 0.05
 PLANT = TransferFunction([2.0, 3.0], [1.0, 3.0, 9.0])
 ASKED = Structure(2, 1)
-SLOWEST = 5e-3  # s of processor time that a step may take on order 2
+SLOWEST = 5e-3  # s of processor time that a step may take on order 2, on a machine at rest
+LONGEST = 15.0  # times the mean slice
 
 
 def samples(seed, count=2600, noise=0.1):
@@ -50,25 +51,32 @@ def test_a_task_that_is_pickled_begins_again():
 
 
 # ------------------------------------------------------------------------------------- the steps
-def slowest(method, u, y):
-    """(longest step, steps with work under way) in processor time."""
-    state, longest, working = method.init(ASKED, DT), 0.0, 0
+def stepped(method, u, y):
+    """Processor time of every step, and which steps had work under way."""
+    state, times, working = method.init(ASKED, DT), [], []
     for one, other in zip(u.tolist(), y.tolist(), strict=True):
         begin = time.thread_time()
         state, _ = method.step(state, one, other)
-        longest = max(longest, time.thread_time() - begin)
-        working += state.stage.task is not None
+        times.append(time.thread_time() - begin)
+        working.append(state.stage.task is not None)
     assert not state.stage.searching
-    return longest, working
+    return np.array(times), np.array(working)
 
 
 def test_no_step_is_held_up_by_a_search():
+    """No step takes much longer than the others that do a slice, however busy the machine is."""
     u, y = samples(1)
-    slowest(online.ThreeModel(), u, y)  # compiled
-    found = [slowest(online.ThreeModel(), u, y) for _ in range(3)]
-    assert min(longest for longest, _ in found) < SLOWEST
-    # the search was beside the stream: it took many steps
-    assert found[0][1] > 20
+    stepped(online.ThreeModel(), u, y)  # compiled
+    found = [stepped(online.ThreeModel(), u, y) for _ in range(3)]
+    assert min(times.max() / times[working].mean() for times, working in found) < LONGEST
+    assert found[0][1].sum() > 20
+
+
+@pytest.mark.slow
+def test_no_step_takes_five_milliseconds():
+    u, y = samples(1)
+    stepped(online.ThreeModel(), u, y)
+    assert min(stepped(online.ThreeModel(), u, y)[0].max() for _ in range(5)) < SLOWEST
 
 
 def test_what_another_future_did_to_a_search_changes_nothing():
