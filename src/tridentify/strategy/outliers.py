@@ -161,7 +161,8 @@ def _robust_fit(basis: Array, y: Array, rounds: int) -> Slices[tuple[Array, floa
         scale = median_scale(residual, basis.shape[1])
         if scale == 0:
             break
-        weights = np.clip(1.0 - (residual / (BIWEIGHT * scale)) ** 2, 0.0, None) ** 2
+        # cut before it is squared: coarse samples that mostly fit exactly have next to no scale
+        weights = (1.0 - np.minimum(np.abs(residual) / (BIWEIGHT * scale), 1.0) ** 2) ** 2
         residual = y - basis @ _weighted(basis, y, weights)
     return residual, absolute
 
