@@ -247,7 +247,7 @@ def bias_table(data: dict[str, Any]) -> list[str]:
 
 
 # -------------------------------------------------------------------------------------- changes
-LONG, SETTLING, LISTENING, CHANGE_DRAWS = 200_000, 4000, 4000, 8
+LONG, SETTLING, LISTENING, CHANGE_DRAWS = 50_000, 4000, 4000, 3
 STEPS = (("a0", 1.5), ("a0", 1.2), ("b0", 1.5))
 
 

@@ -510,7 +510,10 @@ def test_two_experiments_one_after_the_other():
     run = ran(online.ThreeModel(), records, case.structure)
     assert run.innovations.shape == (3000, 1)
     assert run.state.n_samples == 3000
-    assert np.max(np.abs(run.estimate.theta / case.theta - 1.0)) < 1e-6
+    # the output's jump between them is no change of the plant; what is left of its decay below the
+    # scale of the noise counts with the rest
+    assert run.state.changes == ()
+    assert np.max(np.abs(run.estimate.theta / case.theta - 1.0)) < 1e-5
 
 
 # --------------------------------------------------------------------------------- not ready

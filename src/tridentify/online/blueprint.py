@@ -202,6 +202,7 @@ def _blueprint(
     ints[slots.DIRECTIONS] = directions
     ints[slots.DIRECTIONS_STRIDE] = directions * columns
     ints[slots.BLOCK] = max(20, 4 * directions)
+    ints[slots.ALERT] = slots.LEVEL_OF_DOUBT
     ints[slots.COLLECTING] = q == 0
     ints[slots.CHUNK] = chunk or (CHUNK if q == 0 else 0)
     plan = Plan(slots.INBOX + m + p)

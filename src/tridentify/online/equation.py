@@ -46,7 +46,6 @@ from tridentify.numerics.realization import (
     Complex,
     sort_poles,
 )
-from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.blueprint import (
     Blueprint,
     Setting,
@@ -57,6 +56,7 @@ from tridentify.online.blueprint import (
     watch_of,
 )
 from tridentify.online.equation_plan import maps_of
+from tridentify.online.findings import with_findings
 from tridentify.online.kernels import slots
 from tridentify.online.result import assembled
 from tridentify.online.scatter import forget_scatter, with_scatter
@@ -69,14 +69,23 @@ from tridentify.online.seam import (
     not_ready,
 )
 from tridentify.online.search import (
-    far_off,
+    clean_search,
     first_try,
-    next_try,
     poles_of_start,
-    search,
 )
-from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
+from tridentify.online.starting import (
+    admissible,
+    advanced,
+    again,
+    calm,
+    idle,
+    run_kept,
+    shortened,
+    take_clocks,
+    without,
+)
 from tridentify.online.state import Stage, State
+from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
@@ -180,15 +189,22 @@ class EquationError(Estimator):
         if not state.stage.searching:
             return state
         x, stage = state
-        setting = stage.setting
-        samples = far_off(setting, kept_samples(state))
-        begun_anew = x[slots.COUNT] > len(samples)
-        with one_blas_thread():
-            found = search(setting, samples, begun_anew)
-        full = len(samples) >= MOST_KEPT
+        setting, kept = stage.setting, kept_samples(state)
+        begun_anew = x[slots.COUNT] > len(kept)
+        if not x[slots.WORK_DONE]:
+            x[slots.WORK_AT] = float(len(kept))
+        count = int(x[slots.WORK_AT])
+        task = stage.task or Task(clean_search, setting, kept[:count], begun_anew)
+        further = advanced(state, task)
+        if further is not None:
+            return further
+        found, samples = task.result()
+        state, full = idle(state), count >= MOST_KEPT
+        stage = state.stage
         if found is None or not (found.certain or full):
-            x[slots.TICK] = x[slots.COUNT] + next_try(len(samples)) - len(samples)
-            return shortened(state, samples) if full else state
+            again(x, len(kept), len(kept) - count)
+            return shortened(state, kept) if full else state
+        samples = np.vstack([samples, kept[count:]])
         poles = admissible(setting, found.poles, samples)
         weights = 1.0 / np.where(found.noise_std > 0, found.noise_std, 1.0)
         weights = weights / weights[0]
@@ -274,10 +290,11 @@ class EquationError(Estimator):
             cov = with_scatter(blueprint, x, cov, noise * scales**2, own, np.eye(k))
         trace = Trace((), (), (f"filter of degree {blueprint.poles.size}",), "recursive")
         cov = maps.matrix @ cov @ maps.matrix.T
-        return assembled(
+        found = assembled(
             setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name,
             None if filtering else float(np.linalg.cond(root[-k:])),
         )  # fmt: skip
+        return with_findings(state, found)
 
 
 def block_of_equation() -> Callable[..., int]:

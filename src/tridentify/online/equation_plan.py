@@ -124,6 +124,7 @@ def equation_blueprint(
     ints[slots.DIRECTIONS], ints[slots.DIRECTIONS_STRIDE] = coefficients, 0
     ints[slots.BLOCK] = max(20, 4 * coefficients)
     ints[slots.FILTERING], ints[slots.LEARNING] = filtering, LEARNING
+    ints[slots.ALERT] = slots.LEVEL
     ints[slots.WALKERS] = coefficients if filtering else 0
     plan = Plan(slots.INBOX + m + p)
     ints[slots.LINE] = max(whole for whole, _ in setting.shifts) + 3

@@ -74,6 +74,7 @@ from tridentify.errors import OptionError, UnsupportedError, shown
 from tridentify.estimate import Estimate, Status, Trace
 from tridentify.methods.filtered import checked_filter
 from tridentify.numerics.realization import denominator, sort_poles
+from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.blueprint import (
     Blueprint,
@@ -84,6 +85,7 @@ from tridentify.online.blueprint import (
     fresh,
     watch_of,
 )
+from tridentify.online.findings import with_findings
 from tridentify.online.gradient_periods import (
     SURE,
     average,
@@ -132,13 +134,23 @@ from tridentify.online.search import (
     checked_start,
     far_off,
     first_try,
-    next_try,
     poles_of_start,
-    search,
+    searching,
 )
-from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
+from tridentify.online.starting import (
+    admissible,
+    advanced,
+    again,
+    calm,
+    idle,
+    run_kept,
+    shortened,
+    take_clocks,
+    without,
+)
 from tridentify.online.state import Stage, State
 from tridentify.online.summary import carried
+from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
@@ -304,7 +316,7 @@ class Gradient(Estimator):
 
     def is_ready(self, state: State) -> bool:
         """Whether the coefficients have been averaged, or are at least known in part."""
-        return not state.stage.searching and len(self._batches(state)) > 0
+        return state.stage.blueprint.poles.size > 0 and len(self._batches(state)) > 0
 
     def _batches(self, state: State) -> Array:
         """All periods, the present one with them; none while there are too few samples."""
@@ -328,35 +340,38 @@ class Gradient(Estimator):
 
     # ------------------------------------------------------------------------------- the slow clock
     def tick(self, state: State) -> State:
-        """Search, or let the model follow Step 2."""
+        """A slice of the search, or let the model follow Step 2."""
+        if state.stage.searching:
+            return self._search(state)
         with one_blas_thread():
-            return self._search(state) if state.stage.searching else self._follow(state)
+            return self._follow(state)
 
     def _search(self, state: State) -> State:
-        x, stage = state
-        setting = stage.setting
-        samples = far_off(setting, kept_samples(state))
-        begun_anew = x[slots.COUNT] > len(samples)
-        full = len(samples) >= MOST_KEPT
-        begun: State | None = None
-        for _ in range(ROUNDS):
-            found = search(setting, samples, begun_anew)
-            if found is None or not (found.certain or full):
-                break
-            launched = self._launched(state, found, samples, begun_anew, full)
-            if launched is None:
-                break
-            begun, flags = launched
-            cleaned = without(samples, flags, setting.n_inputs)
-            if cleaned is None:
-                break
-            samples = cleaned
-        if begun is not None:
-            return begun
-        x[slots.TICK] = x[slots.COUNT] + next_try(len(samples)) - len(samples)
-        return shortened(state, samples) if full else state
+        x, kept = state.values, kept_samples(state)
+        begun_anew = x[slots.COUNT] > len(kept)
+        if not x[slots.WORK_DONE]:
+            x[slots.WORK_AT] = float(len(kept))
+        count = int(x[slots.WORK_AT])
+        full = count >= MOST_KEPT
+        task = state.stage.task
+        if task is None:
+            now = State(x.copy(), state.stage)
+            task = Task(_searching, self, now, kept[:count], begun_anew, full)
+        further = advanced(state, task)
+        if further is not None:
+            return further
+        answer, state = task.result(), idle(state)
+        if answer is not None:
+            found, samples = answer
+            with one_blas_thread():
+                samples = np.vstack([samples, kept[count:]])
+                launched = self.launched(state, found, samples, begun_anew, full)
+            if launched is not None:
+                return launched[0]
+        again(x, len(kept), len(kept) - count)
+        return shortened(state, kept) if full else state
 
-    def _launched(
+    def launched(
         self, state: State, found: Found, samples: Array, begun_anew: bool, full: bool
     ) -> tuple[State, NDArray[np.int64]] | None:
         """The models that begin at what was found, and the flags of the samples; None if unsure."""
@@ -604,7 +619,7 @@ class Gradient(Estimator):
         check_owner(self, state.method)
         x, stage = state
         count = int(x[slots.COUNT])
-        if stage.searching:
+        if not stage.blueprint.poles.size:
             raise not_ready(count, "are still searched for a model")
         setting, blueprint = stage.setting, stage.blueprint
         basis = Basis.of(setting, blueprint)
@@ -628,9 +643,32 @@ class Gradient(Estimator):
         noise = noise_of(blueprint, x)
         notes = (f"mean over {len(used)} periods", f"rate {blueprint.constants[places.RATE]:.3g}")
         trace = Trace((), (), notes, "gradient rule")
-        return assembled(
+        found = assembled(
             setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name, condition
         )
+        return with_findings(state, found)
+
+
+def _searching(
+    method: Gradient, state: State, samples: Array, begun_anew: bool, full: bool
+) -> Slices[tuple[Found, Array] | None]:
+    """A model to begin with, and the kept samples without those that it finds doubtful."""
+    setting, answer = state.stage.setting, None
+    samples = yield from far_off(setting, samples)
+    for _ in range(ROUNDS):
+        found = yield from searching(setting, samples, begun_anew)
+        if found is None or not (found.certain or full):
+            break
+        yield
+        launched = method.launched(state, found, samples, begun_anew, full)
+        if launched is None:
+            break
+        answer = found, samples
+        cleaned = without(samples, launched[1], setting.n_inputs)
+        if cleaned is None:
+            break
+        samples = cleaned
+    return answer
 
 
 def _extra(batches: Array, rate: float, periods: int) -> tuple[Array, ...]:

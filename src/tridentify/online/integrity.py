@@ -285,7 +285,7 @@ def _check_stage(stage: Beside, values: Array) -> None:
     for samples in stage.past:
         _check_samples(samples, setting.n_inputs)
     _check_changes(stage.changes, float(values[slots.COUNT]))
-    _check_extra(stage)
+    _check_extra(stage, values)
 
 
 def _check_samples(samples: Array, n_inputs: int) -> None:
@@ -306,9 +306,13 @@ def _check_changes(changes: Sequence[int], count: float) -> None:
         before = change
 
 
-def _check_extra(stage: Beside) -> None:
-    """The periods of the gradient rule, its rate and their number."""
-    expected = 2 if _by_gradient(stage.blueprint.ints) else 0
+def _check_extra(stage: Beside, values: Array) -> None:
+    """The periods of the gradient rule, its rate and their number; a vector as it was before."""
+    ints = stage.blueprint.ints
+    if not _by_gradient(ints) and not _on_equation(ints):
+        _check_snapshot(stage, values)
+        return
+    expected = 2 if _by_gradient(ints) else 0
     if len(stage.extra) != expected:
         raise ValueError(f"{len(stage.extra)} further arrays in place of {expected}")
     if not expected:
@@ -322,6 +326,19 @@ def _check_extra(stage: Beside) -> None:
     check_rule(lengths, Rule("a length of a period", 0, lengths.size, 1.0 / HUGE, WHOLE))
     check_rule(pair, Rule("a rate", 0, 1, 1.0 / HUGE))
     check_rule(pair, Rule("a number of periods", 1, 1, 0.0, WHOLE, whole=True))
+
+
+def _check_snapshot(stage: Beside, values: Array) -> None:
+    """What work beside the stream began with: a vector of the same plan."""
+    working = values[slots.WORK_DONE] > 0.0 and not stage.searching
+    expected = int(working or values[slots.SUSPECT] > 0.0)
+    if len(stage.extra) != expected:
+        raise ValueError(f"{len(stage.extra)} further arrays in place of {expected}")
+    for before in stage.extra:
+        if before.size != values.size or before[slots.COUNT] > values[slots.COUNT]:
+            raise ValueError("work that began with another vector")
+        for rule in _rules(stage, before):
+            check_rule(before, rule)
 
 
 # ------------------------------------------------------------------------------------------- vector
@@ -374,7 +391,10 @@ def _clock_rules(ints: Ints) -> Iterator[Rule]:
         yield Rule("a number in a place for none", places.FROM - 1, 1, 0.0, 0.0)
     else:
         at = slots.EXTRA + 1
-        yield Rule("a number in a place for none", at, slots.INBOX - at, 0.0, 0.0)
+        yield Rule("a number in a place for none", at, slots.WORK_AT - at, 0.0, 0.0)
+    yield Rule("a count of work", slots.WORK_AT, 3, 0.0, WHOLE, whole=True)
+    at = slots.SUSPECT + 1
+    yield Rule("a number in a place for none", at, slots.INBOX - at, 0.0, 0.0)
 
 
 def _watch_rules(ints: Ints, w: int, values: Array) -> Iterator[Rule]:
@@ -450,5 +470,9 @@ def _check_clocks(stage: Beside, values: Array) -> None:
     filled, at = int(x[slots.FILLED]), int(ints[slots.AT_CHUNK])
     if filled:
         _check_samples(x[at : at + filled * width].reshape(-1, width), stage.setting.n_inputs)
-    if sum(map(len, stage.past)) + filled > count:
+    kept = sum(map(len, stage.past)) + filled
+    if kept > count:
         raise ValueError("more samples kept than there were")
+    since = count - float(x[slots.SUSPECT]) if x[slots.SUSPECT] else float(kept)
+    if not x[slots.WORK_AT] <= since <= kept:
+        raise ValueError("work on samples that are not kept")

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +35,6 @@ class Run:
         Since the first sample [s].
     names : tuple of str
         Of the coefficients.
-    theta, std : (k, n) array
-        Coefficients and standard errors at these times; ``nan`` before they are determined.
     innovations : (n_samples, n_outputs) array
         What of every sample was not expected; ``nan`` where there was no expectation or no sample.
     flags : tuple of Flag, length k
@@ -45,20 +45,44 @@ class Run:
         At the end; None where the record does not determine the coefficients.
     units : tuple of str, length n
         Of the coefficients; empty where not known.
+    states : tuple of State, length k
+        At these times.
     """
 
     time: Array
     names: tuple[str, ...]
-    theta: Array
-    std: Array
     innovations: Array
     flags: tuple[Flag, ...]
     state: State
     estimate: Estimate | None
     units: tuple[str, ...] = ()
+    states: tuple[State, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
+
+    @property
+    def theta(self) -> Array:
+        """(k, n) coefficients at the times; ``nan`` before they are determined."""
+        return self._trajectory[0]
+
+    @property
+    def std(self) -> Array:
+        """(k, n) their standard errors."""
+        return self._trajectory[1]
+
+    @cached_property
+    def _trajectory(self) -> tuple[Array, Array]:
+        """Made when it is first asked for: an estimate costs more than a thousand samples."""
+        theta = np.full((len(self.states), len(self.names)), np.nan)
+        std = theta.copy()
+        for row, state in enumerate(self.states):
+            with suppress(NotReadyError):
+                found = state.method.estimate(state)
+                theta[row], std[row] = found.theta, found.std
+        for one in (theta, std):
+            one.setflags(write=False)
+        return theta, std
 
     @property
     def changes(self) -> Array:
@@ -123,34 +147,27 @@ def run(
         y = np.vstack([record.y for record in listed])
     intervals = _intervals(listed, dt)
     block = _block(every, dt, len(u))
-    times, theta, std, flags = [], [], [], []
+    times, states, flags = [], [], []
     innovations = np.full(y.shape, np.nan)
     estimate: Estimate | None = None
-    n = len(state.stage.setting.names)
     for start in range(0, len(u), block):
         part = slice(start, min(start + block, len(u)))
         own = None if intervals is None else intervals[part]
         state, innovations[part], seen = method.feed(state, u[part], y[part], own)
-        try:
-            estimate = method.estimate(state)
-            theta.append(estimate.theta)
-            std.append(estimate.std)
-        except NotReadyError:
-            estimate = None
-            theta.append(np.full(n, np.nan))
-            std.append(np.full(n, np.nan))
+        states.append(state)
         times.append(state.time)
         flags.append((Flag(int(np.bitwise_or.reduce(seen))) & ~Flag.NOT_READY) | state.flags)
+    with suppress(NotReadyError):
+        estimate = method.estimate(state)
     return Run(
         np.array(times),
         state.stage.setting.names,
-        np.array(theta),
-        np.array(std),
         innovations,
         tuple(flags),
         state,
         estimate,
         () if estimate is None else tuple(p.unit for p in estimate.parameters.values()),
+        tuple(states),
     )
 
 

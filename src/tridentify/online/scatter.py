@@ -10,8 +10,10 @@ long beside the memory of ``g v`` (batch means; White 1980, Newey & West 1987). 
 keeps ``M`` and, for blocks of 1, 4, 16 ... times the shortest length, ``B`` (`intake.scatter`).
 
 *Which blocks.* Long ones have little bias, many have little scatter. Of the levels with at least
-twenty blocks the longest is taken. *Whether.* Under white noise ``tr(M^{-1} B) / (k s^2)`` is one
-with the variance ``2 / (k blocks)``; only if it is three standard deviations off on a level is the
+twenty blocks the longest is taken; where a longer one, of six blocks or more, has a larger
+``tr(M^{-1} B)``, the covariance grows by the ratio of the two. *Whether.* Under white noise
+``tr(M^{-1} B) / (k s^2)`` is one with the variance ``2 / (k blocks)``; only if it is three standard
+deviations above that on a level, or six below, as errors that are too small do more harm, is the
 sandwich used, so that nothing is lost where the noise is white. The scores are of innovations over
 the scale of the noise, a median, and cut at three; their own mean square stands for ``s^2``.
 
@@ -35,7 +37,9 @@ from tridentify.online.kernels import slots
 Array = NDArray[np.float64]
 
 FEWEST, FEWEST_USUAL = 20.0, 2.0
-CLEAR = 3.0
+FEW = 6.0  # blocks that tell one number
+CLEAR, SURE = 3.0, 6.0  # standard deviations off: larger errors, and smaller ones
+WONTED = 1.5  # by how much the scores that are usual grow with a false alarm
 
 
 class Scatter(NamedTuple):
@@ -121,6 +125,14 @@ def keep_expected(old: Blueprint, was: Array, new: Blueprint, x: Array) -> None:
             for scale in range(slots.SCALES):
                 before = mean_of_scores(old, watch_of(old, i), scale)
                 x[mean_of_scores(new, watch_of(new, i), scale)] = was[before]
+
+
+def wonted(blueprint: Blueprint, x: Array) -> None:
+    """What led to a false alarm becomes more of the usual: the next one must be stronger."""
+    for i in range(int(blueprint.ints[slots.OUTPUTS])):
+        for scale in range(slots.SCALES):
+            at = mean_of_scores(blueprint, watch_of(blueprint, i), scale)
+            x[at] = (1.0 + x[at]) * WONTED - 1.0
 
 
 def expect_scatter(blueprint: Blueprint, x: Array) -> None:
@@ -226,7 +238,7 @@ def with_scatter(
         total[at] += seen.information / variance[i]
         products[:, at[0], at[1]] += seen.products / (seen.power * variance[i])
         blocks = np.minimum(blocks, seen.blocks)
-    enough = np.flatnonzero(blocks >= FEWEST)
+    enough = np.flatnonzero(blocks >= FEW)
     live = np.diagonal(total) > 0.0
     if not enough.size or not np.all(live[:n]):
         return cov
@@ -239,12 +251,17 @@ def with_scatter(
     sums = unit[:, None] * products[:, live][:, :, live] * unit
     size = int(live.sum())
     ratios = np.einsum("ij,lji->l", inverse, sums) / size
-    off = np.abs(ratios - 1.0) * np.sqrt(0.5 * size * blocks)
-    if not np.any(off[enough] > CLEAR):
-        return cov
+    off = (ratios - 1.0) * np.sqrt(0.5 * size * blocks)
+    last = int(enough[-1])
+    longest = float(ratios[last]) if off[last] > CLEAR else 1.0
+    many = np.flatnonzero(blocks >= FEWEST)
+    if not np.any((off[many] > CLEAR) | (off[many] < -SURE)):
+        return cov * longest
+    level = int(many[-1])
     first = np.cumsum(live)[:n] - 1
     bread = (unit[:, None] * inverse * unit)[np.ix_(first, first)]
-    middle = unit[:, None] * (inverse @ sums[enough[-1]] @ inverse) * unit
+    middle = unit[:, None] * (inverse @ sums[level] @ inverse) * unit
     left = np.linalg.solve(bread, np.linalg.solve(map_, cov)).T
     found = left @ middle[np.ix_(first, first)] @ left.T
+    found = found * max(longest / max(float(ratios[level]), 1e-12), 1.0)
     return np.asarray(0.5 * (found + found.T))

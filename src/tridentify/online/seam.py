@@ -206,9 +206,10 @@ class Estimator(ABC):
                 "or 'foh' (straight lines), as the samples to come are not known; state one of "
                 "these"
             )
-        # the record checks names and units as everywhere else
+        # the record checks names and units as everywhere else; it is taller than wide
+        rows = 1 + max(len(inputs), len(outputs))
         probe = Record(
-            np.zeros((2, len(inputs))), np.zeros((2, len(outputs))), dt=float(dt),
+            np.zeros((rows, len(inputs))), np.zeros((rows, len(outputs))), dt=float(dt),
             intersample="foh" if intersample == "foh" else "zoh", input_names=inputs,
             output_names=outputs, units=units,
         )  # fmt: skip
@@ -384,8 +385,9 @@ class Estimator(ABC):
             state = State(x, stage.but(past=(*stage.past, chunk)))
         try:
             if event & slots.ALARMED:
-                return self.alarmed(state)
-            return self.tick(state) if event & slots.TICKED else state
+                state = self.alarmed(state)
+            due = state.values[slots.TICK] == state.values[slots.COUNT]
+            return self.tick(state) if event & slots.TICKED and due else state
         except TridentifyError:
             raise
         except (ArithmeticError, ValueError) as error:

@@ -8,14 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError, shown
-from tridentify.estimate import Estimate, Status
+from tridentify.estimate import Estimate, Status, Trace
+from tridentify.methods.base import check
 from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.realization import Complex, sort_poles
-from tridentify.numerics.threads import one_blas_thread
+from tridentify.numerics.slices import Slices
 from tridentify.online.blueprint import Setting
 from tridentify.online.kernels.slots import LARGEST
+from tridentify.output_error.decide import deciding
+from tridentify.output_error.finish import MOST_STEPS
+from tridentify.output_error.nuisance import build_base, candidates
+from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
-from tridentify.strategy.outliers import gross_outliers
+from tridentify.strategy.outliers import outlier_slices
+from tridentify.strategy.search import Search
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
@@ -24,7 +30,8 @@ Array = NDArray[np.float64]
 VAGUE = 0.5
 SUSPICIOUS = 10.0
 LEAST_FAR = 0.005
-GROWTH = 1.5
+GROWTH = 1.3
+STARTS, FEW_STARTS = 4, 2
 USABLE = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.POSTERIOR_MEAN)
 
 
@@ -34,9 +41,10 @@ class Found(NamedTuple):
     poles: Complex
     noise_std: Array
     certain: bool
+    estimate: Estimate
 
 
-def far_off(setting: Setting, samples: Array) -> Array:
+def far_off(setting: Setting, samples: Array) -> Slices[Array]:
     """The samples without outputs that are far from all others, before there is a model.
 
     Only where second differences are spread far beyond their median is a robust parallel model
@@ -61,8 +69,7 @@ def far_off(setting: Setting, samples: Array) -> Array:
     if not np.any(np.nanmax(bends, axis=0) > SUSPICIOUS * usual):
         return samples
     try:
-        with one_blas_thread():
-            far = gross_outliers([record_of(setting, samples)], setting.structure)[0]
+        far = (yield from outlier_slices([record_of(setting, samples)], setting.structure))[0]
     except (TridentifyError, np.linalg.LinAlgError):
         return samples
     edge = 2 * setting.n_poles + 2
@@ -86,8 +93,12 @@ def next_try(count: int) -> int:
     return int(np.ceil(GROWTH * count))
 
 
-def search(setting: Setting, samples: Array, begun_anew: bool) -> Found | None:
+def searching(
+    setting: Setting, samples: Array, begun_anew: bool, *, thorough: bool = False
+) -> Slices[Found | None]:
     """Identify the model from the samples that were kept; None if they do not tell.
+
+    The off-line search and its end, for white noise, a slice at a time.
 
     Parameters
     ----------
@@ -96,6 +107,8 @@ def search(setting: Setting, samples: Array, begun_anew: bool) -> Found | None:
         Interval, inputs, outputs.
     begun_anew : bool
         Whether they begin in the middle, from any state.
+    thorough : bool
+        Whether to look everywhere although coloured noise may be all that is left to explain.
     """
     structure = setting.structure
     if begun_anew:
@@ -105,11 +118,48 @@ def search(setting: Setting, samples: Array, begun_anew: bool) -> Found | None:
         )  # fmt: skip
     try:
         record = record_of(setting, samples)
-        with one_blas_thread():
-            found = ThreeModel(noise="white", finish="likelihood").estimate([record], structure)
+        found = yield from _maximum(record, structure, thorough)
     except (TridentifyError, np.linalg.LinAlgError):
         return None
     return judged_poles(found, setting)
+
+
+def clean_search(
+    setting: Setting, samples: Array, begun_anew: bool
+) -> Slices[tuple[Found | None, Array]]:
+    """What is found in the samples without those that are far off, and the samples left."""
+    kept = yield from far_off(setting, samples)
+    found = yield from searching(setting, kept, begun_anew)
+    return found, kept
+
+
+def _maximum(record: Record, structure: Structure, thorough: bool) -> Slices[Estimate]:
+    """The maximum of the likelihood for white noise (`methods.three_model`)."""
+    records = [record]
+    check(records, structure, "the search", ThreeModel().capabilities)
+    choices = candidates(records, structure)
+    base, variants = build_base(records, structure, choices)
+    search = Search(STARTS) if thorough else Search(FEW_STARTS, further=("discrete",))
+    yield from search.running(base, variants)
+    best, _, _ = yield from deciding(
+        records, structure, choices, base, variants, search.seeds, MOST_STEPS, _silent
+    )
+    if best.status is not Status.CONVERGED:
+        variant = variants[choices.index(best.nuisances)]
+        poles = yield from search.trying_again(base, variant, best.point.poles)
+        other, _, _ = yield from deciding(
+            records, structure, choices, base, variants, [poles], MOST_STEPS, _silent
+        )
+        best = other if other.criterion < best.criterion else best
+    yield
+    return estimate_from(
+        best.point, records, structure, best.nuisances, best.status, Trace((), ()), "the search",
+        best.criterion,
+    )  # fmt: skip
+
+
+def _silent(words: str) -> None:
+    """Nobody is told."""
 
 
 def judged_poles(found: Estimate, setting: Setting) -> Found | None:
@@ -120,7 +170,7 @@ def judged_poles(found: Estimate, setting: Setting) -> Found | None:
         return None
     sizes = np.abs(found.theta[: setting.n_poles])
     certain = found.status in USABLE and bool(np.all(found.std[: setting.n_poles] < VAGUE * sizes))
-    return Found(sort_poles(poles), np.sqrt(found.noise_variance), certain)
+    return Found(sort_poles(poles), np.sqrt(found.noise_variance), certain, found)
 
 
 def record_of(setting: Setting, samples: Array) -> Record:

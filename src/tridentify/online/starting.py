@@ -11,13 +11,12 @@ from tridentify.online.kernels import slots
 from tridentify.online.seam import Estimator
 from tridentify.online.search import next_try, record_of
 from tridentify.online.state import Stage, State
+from tridentify.online.task import Task
 from tridentify.output_error.nuisance import Nuisances, build
 
 Array = NDArray[np.float64]
 
-CLOCKS = (
-    slots.COUNT, slots.SEEN, slots.FILLED, slots.ALARM, slots.FLAGS, slots.EXTRA,
-)  # fmt: skip
+SLICES = 1  # of a task, for every sample
 
 
 def run_kept(
@@ -85,6 +84,46 @@ def shortened(state: State, samples: Array) -> State:
     kept = samples[len(samples) // 2 :]
     x[slots.TICK] = x[slots.COUNT] + max(next_try(len(kept)) - len(kept), 1)
     return State(x, stage.but(past=(kept,)))
+
+
+def advanced(state: State, task: Task) -> State | None:
+    """A slice further with a task; None once it is over.
+
+    Parameters
+    ----------
+    state : State
+        Its values are its own.
+    task : Task
+    """
+    x, stage = state
+    done = int(x[slots.WORK_DONE]) + 1
+    if task.over_after(SLICES * done):
+        return None
+    x[slots.WORK_DONE] = done
+    x[slots.TICK] = x[slots.COUNT] + 1.0
+    return State(x, stage.but(task=task))
+
+
+def idle(state: State) -> State:
+    """No task is under way."""
+    x, stage = state
+    x[slots.WORK_DONE] = x[slots.WORK_AT] = 0.0
+    return State(x, stage.but(task=None))
+
+
+def again(x: Array, kept: int, since: int) -> None:
+    """The next search is due when there are a third more samples than for the last.
+
+    Parameters
+    ----------
+    x : array
+        Is written to.
+    kept : int
+        Samples that there are now.
+    since : int
+        Those of them that came during the last search.
+    """
+    x[slots.TICK] = x[slots.COUNT] + max(next_try(kept - since) - kept, 1)
 
 
 def admissible(setting: Setting, poles: Complex, samples: Array) -> Complex:

@@ -21,6 +21,7 @@ from tridentify.online.blueprint import Blueprint, Nuisance, Setting
 from tridentify.online.flags import Flag
 from tridentify.online.integrity import MOST_ORDER, check_orders, check_room, check_sound
 from tridentify.online.kernels import slots
+from tridentify.online.task import Task
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
@@ -82,6 +83,8 @@ class Stage:
         Whether a model is still looked for.
     extra : tuple of arrays
         What else a method keeps.
+    task : Task, optional
+        Work that is under way; not saved, as the other numbers say how to do it again.
     """
 
     method: Any
@@ -92,6 +95,7 @@ class Stage:
     changes: tuple[int, ...] = ()
     searching: bool = True
     extra: tuple[Array, ...] = ()
+    task: Task | None = None
 
     def but(self, **changes: Any) -> Stage:
         """A copy with other values."""

@@ -10,23 +10,27 @@ from numpy.typing import NDArray
 
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.numerics.realization import Complex
+from tridentify.numerics.slices import Slices, drain
 from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.equation_plan import from_directions
+from tridentify.online.findings import noise_finding
 from tridentify.online.kernels import slots
 from tridentify.online.scatter import with_scatter
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
-from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finish
+from tridentify.output_error.decide import TRUSTED
+from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finishing
 from tridentify.output_error.nuisance import Nuisances
 from tridentify.output_error.point import Point, evaluate_variant, linear_blocks
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
 from tridentify.regression import Regression
-from tridentify.strategy.passes import adapt, series_model
+from tridentify.strategy.passes import adapting, series_model
 
 Array = NDArray[np.float64]
 
 PASSES = 4
+DOUBT = 1.0  # of AICc, by which a choice of nuisance terms may do better than it promised
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,22 +82,50 @@ def solve_steps(
     IdentifiabilityError, numpy.linalg.LinAlgError
         The samples do not determine the coefficients.
     """
+    return drain(solving(setting, blueprint, x, poles, choose=choose, passes=passes))
+
+
+def solving(
+    setting: Setting,
+    blueprint: Blueprint,
+    x: Array,
+    poles: Complex,
+    *,
+    choose: bool,
+    passes: int = PASSES,
+) -> Slices[Solution]:
+    """`solve_steps` in slices."""
     base = problem_of(setting, blueprint, x)
     full = blueprint.nuisance
     start = "free" if full.free else setting.structure.initial_state
-    best = _solved(base, Nuisances(start, full.offset, full.drift), None, poles, passes)
+    best = yield from _solved(base, Nuisances(start, full.offset, full.drift), None, poles, passes)
     if not choose:
         return best
     begun_anew = x[slots.BORN] > 0.0
+    at = int(blueprint.ints[slots.AT_FIRST_INPUT])
+    promised = []
     for nuisances in _others(setting, best.nuisances, begun_anew):
-        constants = None
-        if nuisances.initial_state == "equilibrium":
-            at = int(blueprint.ints[slots.AT_FIRST_INPUT])
-            constants = -x[at : at + setting.n_inputs]
-        found = _solved(base, nuisances, constants, best.point.poles, 0)
+        yield
+        shifted = nuisances.initial_state == "equilibrium"
+        constants = -x[at : at + setting.n_inputs] if shifted else None
+        variant = _variant(nuisances, constants)
+        point = evaluate_variant(base, variant, best.point.poles)
+        # as off-line: what a step cannot promise is not followed (`output_error.decide`)
+        fall = min(point.step(0.0).decrease, TRUSTED * float(point.counts.sum()))
+        promised.append((criterion(point, fall), nuisances, constants))
+    for least, nuisances, constants in sorted(promised, key=lambda one: one[0]):
+        if least >= best.criterion + DOUBT:
+            break
+        found = yield from _solved(base, nuisances, constants, best.point.poles, 0)
         if found.criterion < best.criterion:
             best = found
     return best
+
+
+def _variant(nuisances: Nuisances, constants: Array | None) -> Variant:
+    return Variant(
+        nuisances.initial_state == "free", nuisances.offset, nuisances.drift, (constants,)
+    )
 
 
 def _others(setting: Setting, full: Nuisances, begun_anew: bool) -> Sequence[Nuisances]:
@@ -116,19 +148,19 @@ def _others(setting: Setting, full: Nuisances, begun_anew: bool) -> Sequence[Nui
 
 def _solved(
     base: Problem, nuisances: Nuisances, constants: Array | None, poles: Complex, passes: int
-) -> Solution:
-    variant = Variant(
-        nuisances.initial_state == "free", nuisances.offset, nuisances.drift, (constants,)
-    )
+) -> Slices[Solution]:
+    variant = _variant(nuisances, constants)
     recorder = Recorder()
     admissible, _ = base.admissible(poles)
     if passes:
-        admissible = adapt(base, variant, admissible, recorder, passes).poles
+        admissible = (yield from adapting(base, variant, admissible, recorder, passes)).poles
 
     def at(trial: Complex) -> Point:
         return evaluate_variant(base, variant, trial)
 
-    point, status, why = finish(at, at(admissible), recorder, settled=SETTLED_LONG)
+    yield
+    start = at(admissible)
+    point, status, why = yield from finishing(at, start, recorder, settled=SETTLED_LONG)
     return Solution(point, status, why, nuisances, recorder, criterion(point))
 
 
@@ -221,19 +253,23 @@ def estimate_of(
     share = float(np.mean(summary.shares))
     own = coefficients_of_directions(setting)
     map_ = from_directions(setting, poles)
+    white = found.cov * share
+    cov = with_scatter(blueprint, x, white, found.noise_variance, own, map_)
     return replace(
         found,
-        cov=with_scatter(blueprint, x, found.cov * share, found.noise_variance, own, map_),
+        cov=cov,
+        findings=noise_finding(white, cov),
         n_samples=int(x[slots.COUNT]),
         record_fingerprint="",
     )
 
 
 def stand_in(setting: Setting, first: Array) -> Record:
-    """A record with the channels of an estimator and two samples that mean nothing."""
+    """A record with the channels of an estimator and samples that mean nothing, more than those."""
+    rows = 1 + max(setting.n_inputs, setting.n_outputs)
     return Record(
-        np.tile(first, (2, 1)),
-        np.zeros((2, setting.n_outputs)),
+        np.tile(first, (rows, 1)),
+        np.zeros((rows, setting.n_outputs)),
         dt=setting.dt,
         intersample="foh" if setting.intersample == "foh" else "zoh",
         input_names=list(setting.input_names),

@@ -17,7 +17,7 @@ models do not see a jump.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
@@ -83,6 +83,8 @@ class Summary:
         Sum of squared weights over sum of weights: below one where the past is forgotten.
     mean, power : (n_outputs,) array
         Of the outputs, over the samples remembered: mean, mean square about it.
+    known : dict
+        What was last asked for: choices of nuisance terms are compared at the same poles.
     """
 
     bank: Cascade
@@ -93,9 +95,18 @@ class Summary:
     shares: Array
     mean: Array
     power: Array
+    known: dict[bytes, Regression] = field(default_factory=dict)
 
     def on(self, bank: Cascade) -> Regression:
-        """What was seen, in the columns of another bank."""
+        """What was seen, in the columns of another bank; the last of them is remembered."""
+        key = bank.poles.tobytes()
+        if key not in self.known:
+            found = self._on(bank)
+            self.known.clear()
+            self.known[key] = found
+        return self.known[key]
+
+    def _on(self, bank: Cascade) -> Regression:
         move = transfer(self.bank, bank)
         new = on_order(self.layout, bank.order)
         found = [change_columns(own, self.layout, move) for own in self.rows]

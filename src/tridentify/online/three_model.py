@@ -16,16 +16,25 @@ what its early stages got wrong. With no forgetting the estimate is that of the 
 
 *The slow clock* ticks after half as many samples again as there were, or, with forgetting, after
 a quarter of what is remembered. Where the poles have moved from those of the bank by more than a
-hundredth of their decay rate, the bank moves after them. As long as the first samples are still
-kept (``samples``) they are run through the new bank, which is exact. Later the triangle and the
-states go over to the new bank without a jump (`online.summary.transfer`); what is lost is of
-third order in the distance.
+hundredth of their decay rate, the bank moves after them (`online.follow`). As long as the first
+samples are still kept (``samples``) they are run through the new bank, which is exact. Later the
+triangle and the states go over to the new bank without a jump (`online.summary.transfer`); what is
+lost is of third order in the distance.
 
 *The beginning* is a search: the first samples are kept, and the off-line method looks for the model
-in them, at first early and again with half as many samples more until it is certain of its poles.
-``start`` gives a model instead; its bank stays until the samples tell the poles, since a bank on
-poles that are mostly noise would miss part of the output. After an alarm (`online.kernels.intake`)
-the same is done again, as the coefficients are others: ``on_change="flag"`` only raises the flag.
+in them, at first early and again with a third more samples until it is certain of its poles
+and the input explains what coloured noise does not (`online.launch`). ``start`` gives a model
+instead; its bank stays until the samples tell the poles, since a bank on poles that are mostly
+noise would miss part of the output.
+
+*Beside the stream.* Searches and what the clock asks for are done in slices, one a sample
+(`online.task`), so that no sample waits for them. An estimate that is asked for during the first
+search waits for its end.
+
+*A change.* An alarm (`online.kernels.intake`) is a suspicion. The model goes on with all samples
+until another one, found in those since the alarm, explains them clearly better
+(`online.suspicion`); then that takes its place, or, with ``on_change="flag"``, the flag is raised
+and no more.
 
 *Standard errors* are those of the minimum (`output_error.result`). With forgetting, the weights
 ``w`` of the samples make them larger by the square root of ``sum w^2 / sum w``, and the noise is
@@ -37,7 +46,7 @@ over the memory; for those that move, the lag comes on top.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import ClassVar
 
@@ -56,22 +65,21 @@ from tridentify.online.blueprint import (
     constants_for,
     fresh,
     parallel,
-    watch_of,
-    with_directions,
 )
-from tridentify.online.equation_plan import from_directions
+from tridentify.online.findings import with_findings
+from tridentify.online.follow import Turn, following, rearranged, turned
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
-from tridentify.online.scatter import (
-    FEWEST,
-    expect_scatter,
-    keep_expected,
-    scatter_of,
-    take_scatter,
-    turn_scatter,
+from tridentify.online.launch import (
+    Launch,
+    Planner,
+    all_but,
+    launched,
+    reference_of,
+    searching_launch,
 )
+from tridentify.online.scatter import wonted
 from tridentify.online.seam import (
-    Estimator,
     Kernels,
     check_choice,
     check_forgetting,
@@ -81,44 +89,28 @@ from tridentify.online.seam import (
     kept_samples,
     not_ready,
 )
-from tridentify.online.search import (
-    Found,
-    checked_start,
-    far_off,
-    first_try,
-    judged_poles,
-    next_try,
-    poles_of_start,
-    search,
-)
-from tridentify.online.starting import admissible, calm, run_kept, shortened, take_clocks, without
+from tridentify.online.search import checked_start, first_try, poles_of_start
+from tridentify.online.starting import advanced, again, calm, idle, shortened
 from tridentify.online.state import Stage, State
-from tridentify.online.steps import (
-    Solution,
-    coefficients_of_directions,
-    directions_of,
-    estimate_of,
-    solve_steps,
-)
-from tridentify.online.summary import carried, moved
+from tridentify.online.steps import estimate_of, solve_steps
+from tridentify.online.suspicion import trying
+from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 
 REPEATS = 3
-ROUNDS = 3
-CLEARLY = 10.0  # of -2 log L
-NEAR = 0.01
 SHARE = 0.5
 QUARTER = 0.25
 SHORTEST_TICK = 50
 LEAST_SAMPLES = 100
 ALARM_LASTS = 200
+TRIED, DOUBTED = 3, 12  # times the samples of a first search: a suspicion is tried, and dropped
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
 
 
 @dataclass(frozen=True)
-class ThreeModel(Estimator):
+class ThreeModel(Planner):
     """The three-model strategy, one sample at a time.
 
     Parameters
@@ -200,7 +192,7 @@ class ThreeModel(Estimator):
             x[slots.TICK] = first_try(setting)
             return State(x, Stage(self, setting, blueprint, blueprint.poles))
         poles = poles_of_start(self.start, setting)
-        blueprint = self._plan(setting, poles, Nuisance.of(setting.structure, False), True)
+        blueprint = self.plan(setting, poles, Nuisance.of(setting.structure, False), True)
         x = fresh(blueprint)
         x[slots.TICK] = first_try(setting)
         return State(x, Stage(self, setting, blueprint, poles, searching=False))
@@ -213,7 +205,7 @@ class ThreeModel(Estimator):
         if not np.array_equal(blueprint.poles, np.tile(poles, REPEATS)):
             raise ValueError(f"a bank that is not {setting.n_poles} poles {REPEATS} times")
         nuisance = Nuisance.of(setting.structure, blueprint.nuisance.free)
-        return self._plan(setting, poles, nuisance, bool(blueprint.ints[slots.CHUNK]))
+        return self.plan(setting, poles, nuisance, bool(blueprint.ints[slots.CHUNK]))
 
     def is_ready(self, state: State) -> bool:
         """Whether a model has been found."""
@@ -224,30 +216,114 @@ class ThreeModel(Estimator):
         return constants_for(blueprint, setting, intervals)
 
     def tick(self, state: State) -> State:
-        """Search, or follow the poles with filter and basis."""
-        with one_blas_thread():
-            return self._search(state) if state.stage.searching else self._follow(state)
-
-    def alarmed(self, state: State) -> State:
-        """Note the change; begin anew if so told."""
+        """A slice of the search, or of the look at where the poles have moved."""
         x, stage = state
-        here = int(x[slots.COUNT])
-        changed = stage.but(changes=(*stage.changes, here - 1))
-        x[slots.ALARM] = here + ALARM_LASTS
-        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
-        if self.on_change == "flag":
-            calm(x, stage)
-            return State(x, changed)
-        nuisance = Nuisance.of(stage.setting.structure, True)
-        blueprint = self._plan(stage.setting, stage.poles, nuisance, True)
-        anew = carried(stage.blueprint, x, blueprint)
-        calm(anew, changed.but(blueprint=blueprint))
-        anew[slots.FILLED] = 0.0
-        anew[slots.SINCE] = 0.0
-        anew[slots.FIRST] = 0.0
-        anew[slots.BORN] = x[slots.TIME] + stage.setting.dt
-        anew[slots.TICK] = here + first_try(stage.setting)
-        return State(anew, changed.but(blueprint=blueprint, past=(), searching=True))
+        begin = not x[slots.WORK_DONE]
+        if begin:
+            x[slots.WORK_AT] = float(len(self._samples(state)))
+            if not stage.searching and not x[slots.SUSPECT]:
+                state = State(x, stage.but(extra=(x.copy(),)))
+        task = state.stage.task or self._task(state)
+        further = advanced(state, task)
+        if further is not None:
+            return further
+        with one_blas_thread():
+            return self._gone_on(state, task.result())
+
+    def _samples(self, state: State) -> Array:
+        """The kept samples that the work is about: of a suspicion, those since."""
+        x, kept = state.values, kept_samples(state)
+        if not x[slots.SUSPECT]:
+            return kept
+        return kept[len(kept) - int(x[slots.COUNT] - x[slots.SUSPECT]) :]
+
+    def _task(self, state: State) -> Task:
+        """The work that is under way, from its beginning."""
+        x, stage = state
+        setting, reference = stage.setting, reference_of(state)
+        count, begun_anew = int(x[slots.WORK_AT]), x[slots.COUNT] > len(kept_samples(state))
+        samples = self._samples(state)[:count]
+        if stage.searching:
+            full = count >= self.samples
+            return Task(searching_launch, self, setting, samples, begun_anew, full, reference)
+        plan = (self, setting, stage.blueprint, stage.poles, stage.extra[0], samples, reference)
+        if x[slots.SUSPECT]:
+            return Task(trying, *plan)
+        return Task(following, *plan, begun_anew)
+
+    def _gone_on(self, state: State, found: Launch | Turn | None) -> State:
+        """What the work has come to."""
+        x, stage = state
+        samples = self._samples(state)
+        rest = samples[int(x[slots.WORK_AT]) :]
+        state = idle(state)
+        if x[slots.SUSPECT]:
+            assert not isinstance(found, Turn)
+            return self._judged(state, found, samples, rest)
+        if isinstance(found, Launch):
+            return launched(self, state, found, rest)
+        if stage.searching:
+            if len(samples) - len(rest) >= self.samples:
+                return shortened(state, samples)
+            again(x, len(samples), len(rest))
+            return state
+        x[slots.TICK] = self.next_tick(x, stage.setting)
+        state = State(x, state.stage.but(extra=()))
+        return state if found is None else turned(state, found)
+
+    # ------------------------------------------------------------------------------- a change
+    def alarmed(self, state: State) -> State:
+        """Suspect a change: keep the samples from here on (`online.suspicion`)."""
+        x, stage = state
+        calm(x, stage)
+        if x[slots.SUSPECT] or stage.searching:
+            return state
+        state = idle(state)
+        here = x[slots.COUNT]
+        blueprint, past = stage.blueprint, stage.past
+        if not blueprint.ints[slots.CHUNK]:
+            bank = blueprint.poles[: stage.setting.n_poles]
+            room = self.plan(stage.setting, bank, blueprint.nuisance, True)
+            room = replace(blueprint, ints=room.ints, size=room.size)
+            x, blueprint, past = rearranged(blueprint, x, room), room, ()
+        x[slots.SUSPECT], x[slots.TICK] = here, here + TRIED * first_try(stage.setting)
+        return State(
+            x, state.stage.but(blueprint=blueprint, past=past, extra=(x.copy(),), task=None)
+        )
+
+    def _judged(self, state: State, found: Launch | None, samples: Array, rest: Array) -> State:
+        """A suspicion that was looked into: a change, none, or not known yet."""
+        x, stage = state
+        count = int(x[slots.COUNT])
+        if isinstance(found, Launch):
+            changed = stage.but(changes=(*stage.changes, int(x[slots.SUSPECT]) - 1))
+            if self.on_change == "restart":
+                state = launched(self, State(x, changed), found, rest)
+            else:
+                state = self._dropped(State(x, changed))
+            x = state.values
+            x[slots.ALARM] = count + ALARM_LASTS
+            x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
+            return state
+        if len(samples) >= DOUBTED * first_try(stage.setting):
+            wonted(stage.blueprint, x)
+            return self._dropped(state)
+        x[slots.TICK] = count + max(len(samples) - 2 * len(rest), 1)
+        return state
+
+    def _dropped(self, state: State) -> State:
+        """No suspicion any more; samples are kept only where all of them are."""
+        x, stage = state
+        x[slots.SUSPECT] = 0.0
+        calm(x, stage)
+        blueprint, past = stage.blueprint, stage.past
+        if x[slots.SINCE] > len(kept_samples(state)):
+            bank = blueprint.poles[: stage.setting.n_poles]
+            room = self.plan(stage.setting, bank, blueprint.nuisance, False)
+            room = replace(blueprint, ints=room.ints, size=room.size)
+            x, blueprint, past = rearranged(blueprint, x, room), room, ()
+        x[slots.TICK] = self.next_tick(x, stage.setting)
+        return State(x, stage.but(blueprint=blueprint, past=past, extra=()))
 
     def estimate(self, state: State) -> Estimate:
         """The coefficients with their standard errors.
@@ -267,29 +343,43 @@ class ThreeModel(Estimator):
         """
         check_state(state)
         check_owner(self, state.method)
+        count = int(state.values[slots.COUNT])
+        if state.stage.searching:
+            state = self._found_already(state)
         x, stage = state
-        count = int(x[slots.COUNT])
-        if stage.searching:
-            raise not_ready(count, "are still searched for a model")
         try:
             with one_blas_thread():
                 solution = solve_steps(
                     stage.setting, stage.blueprint, x, stage.poles,
                     choose=self.forgetting == 1.0, passes=1,
                 )  # fmt: skip
-                return estimate_of(
+                found = estimate_of(
                     stage.setting, stage.blueprint, x, solution, self.name, stage.poles
                 )
         except (TridentifyError, np.linalg.LinAlgError) as error:
             raise not_ready(count, "do not determine the coefficients") from error
+        return with_findings(state, found)
+
+    def _found_already(self, state: State) -> State:
+        """What the search under way comes to, if it is asked for before its time."""
+        x, stage = state
+        if x[slots.WORK_DONE]:
+            found = (stage.task or self._task(state)).result()
+            if isinstance(found, Launch):
+                with one_blas_thread():
+                    return launched(
+                        self, State(x.copy(), stage), found, all_but(state, len(found.samples))
+                    )
+        raise not_ready(int(x[slots.COUNT]), "are still searched for a model")
 
     # ---------------------------------------------------------------------------- the slow clock
-    def _plan(self, setting: Setting, poles: Complex, nuisance: Nuisance, keep: bool) -> Blueprint:
+    def plan(self, setting: Setting, poles: Complex, nuisance: Nuisance, keep: bool) -> Blueprint:
+        """Step 1 on poles, each as often as a move of them asks for; ``keep``: with the samples."""
         return parallel(
             setting, np.tile(poles, REPEATS), nuisance, keep, self.forgetting, KINDS[self.forget]
         )
 
-    def _next(self, x: Array, setting: Setting) -> float:
+    def next_tick(self, x: Array, setting: Setting) -> float:
         """Sample at which the clock ticks next."""
         if self.clock is not None:
             return float(x[slots.COUNT] + max(round(self.clock / setting.dt), 1))
@@ -298,169 +388,9 @@ class ThreeModel(Estimator):
             wait = min(wait, max(QUARTER / (1.0 - self.forgetting), SHORTEST_TICK))
         return float(x[slots.COUNT] + max(np.ceil(wait), SHORTEST_TICK // 2))
 
-    def _search(self, state: State) -> State:
-        x, stage = state
-        setting = stage.setting
-        samples = far_off(setting, kept_samples(state))
-        begun_anew = x[slots.COUNT] > len(samples)
-        found = search(setting, samples, begun_anew)
-        full = len(samples) >= self.samples
-        if found is None or not (found.certain or full):
-            x[slots.TICK] = x[slots.COUNT] + next_try(len(samples)) - len(samples)
-            if full:
-                return shortened(state, samples)
-            return state
-        for i in range(setting.n_outputs):
-            x[watch_of(stage.blueprint, i) + slots.SCALE] = found.noise_std[i]
-        nuisance = Nuisance.of(setting.structure, begun_anew)
-        x[slots.FILLED] = 0.0
-        state = State(x, stage.but(past=(samples,)))
-        launched, flags = self._run_again(state, found.poles, nuisance, samples)
-        for _ in range(ROUNDS):
-            kept = without(samples, flags, setting.n_inputs)
-            found = None if kept is None else search(setting, kept, begun_anew)
-            if kept is None or found is None:
-                break
-            samples = kept
-            cleaned = x.copy()
-            cleaned[slots.FILLED] = 0.0
-            for i in range(setting.n_outputs):
-                cleaned[watch_of(stage.blueprint, i) + slots.SCALE] = found.noise_std[i]
-            again = State(cleaned, stage.but(past=(samples,)))
-            launched, flags = self._run_again(again, found.poles, nuisance, samples)
-        return launched
-
-    def _run_again(
-        self, state: State, poles: Complex, nuisance: Nuisance, samples: Array
-    ) -> tuple[State, NDArray[np.int64]]:
-        """The samples that were kept, through the bank of other poles; and their flags."""
-        old, stage = state
-        setting = stage.setting
-        near = admissible(setting, poles, samples)
-        blueprint = self._plan(setting, near, nuisance, True)
-        x = fresh(blueprint)
-        for i in range(setting.n_outputs):
-            was = watch_of(stage.blueprint, i)
-            x[watch_of(blueprint, i) + slots.SCALE] = old[was + slots.SCALE]
-        equilibrium = blueprint.ints[slots.EQUILIBRIUM]
-        if equilibrium and nuisance.free:
-            at, m = int(blueprint.ints[slots.AT_REFERENCE]), setting.n_inputs
-            x[at : at + m] = old[at : at + m]
-            x[slots.COUNT] = 1.0
-        flags = run_kept(self, setting, blueprint, x, samples)
-        take_clocks(old, stage.blueprint, x, blueprint, len(samples))
-        head, width = int(blueprint.ints[slots.AT_CHUNK]), samples.shape[1]
-        count = int(old[slots.FILLED]) * width
-        was = int(stage.blueprint.ints[slots.AT_CHUNK])
-        x[head : head + count] = old[was : was + count]
-        calm(x, stage.but(blueprint=blueprint))
-        x[slots.TICK] = self._next(x, setting)
-        try:
-            solution = solve_steps(setting, blueprint, x, near, choose=False)
-        except (TridentifyError, np.linalg.LinAlgError):
-            return State(x, stage.but(blueprint=blueprint, poles=near, searching=False)), flags
-        found = with_directions(blueprint, directions_of(setting, blueprint, solution))
-        poles = solution.point.poles
-        again = fresh(found)
-        for i in range(setting.n_outputs):
-            w = watch_of(found, i)
-            again[w + slots.SCALE] = x[w + slots.SCALE]
-        run_kept(self, setting, found, again, samples)
-        take_scatter(found, again, found, x)
-        if self._is_certain(stage.but(blueprint=found, poles=poles), x, solution):
-            # later, a change among the kept samples would pass for what is usual
-            late = scatter_of(found, x, 0).blocks[0] > FEWEST and not stage.searching
-            if late:
-                keep_expected(stage.blueprint, old, found, x)
-            else:
-                expect_scatter(found, x)
-        return State(x, stage.but(blueprint=found, poles=poles, searching=False)), flags
-
-    def _is_certain(self, stage: Stage, x: Array, solution: Solution) -> bool:
-        """Whether the samples tell the poles; a bank on poles that are mostly noise loses more."""
-        try:
-            found = estimate_of(stage.setting, stage.blueprint, x, solution, self.name, stage.poles)
-        except (TridentifyError, np.linalg.LinAlgError):
-            return False
-        judged = judged_poles(found, stage.setting)
-        return judged is not None and judged.certain
-
-    def _found_better(self, state: State, solution: Solution) -> Found | None:
-        """What a search of the kept samples finds, if it explains them clearly better.
-
-        The poles of an early search or of ``start`` can lie in a valley of their own, which steps
-        downhill do not leave: the samples are searched once more before they are dropped, and as
-        long as they do not tell the poles.
-        """
-        x, stage = state
-        samples = far_off(stage.setting, kept_samples(state))
-        found = search(stage.setting, samples, x[slots.COUNT] > len(samples))
-        if found is None or not found.certain:
-            return None
-        point = solution.point
-        gain = np.log(point.rss / point.counts) - 2.0 * np.log(found.noise_std)
-        return found if float(point.counts @ gain) > CLEARLY else None
-
-    def _follow(self, state: State) -> State:
-        x, stage = state
-        setting = stage.setting
-        x[slots.TICK] = self._next(x, setting)
-        try:
-            solution = solve_steps(setting, stage.blueprint, x, stage.poles, choose=False, passes=1)
-        except (TridentifyError, np.linalg.LinAlgError):
-            return state
-        poles = solution.point.poles
-        if not np.all(np.isfinite(poles)):
-            return state
-        bank = stage.blueprint.poles[: poles.size]
-        distance = _distance(poles, bank)
-        nuisance = stage.blueprint.nuisance
-        kept = bool(stage.blueprint.ints[slots.CHUNK])
-        early = kept and x[slots.SINCE] <= self.samples
-        certain = not kept or self._is_certain(stage, x, solution)
-        if kept and not (early and certain):
-            better = self._found_better(state, solution)
-            if better is not None:
-                return self._run_again(state, better.poles, nuisance, kept_samples(state))[0]
-        if early and not certain:
-            return state
-        if early and distance > NEAR:
-            return self._run_again(state, poles, nuisance, kept_samples(state))[0]
-        own = coefficients_of_directions(setting)
-        now, before = (from_directions(setting, one) for one in (poles, stage.poles))
-        turn_scatter(
-            stage.blueprint, x, own, np.asarray(np.linalg.solve(before, now), dtype=np.float64)
-        )
-        if distance <= NEAR and (early or not kept):
-            judged = directions_of(setting, stage.blueprint, solution)
-            blueprint = with_directions(stage.blueprint, judged)
-            return State(x, stage.but(blueprint=blueprint, poles=poles))
-        base = poles if distance > NEAR else bank
-        blueprint = self._plan(setting, base, nuisance, False)
-        if distance > NEAR:
-            x = moved(stage.blueprint, x, blueprint)
-        else:
-            x = without_chunk(stage.blueprint, x, blueprint)
-        blueprint = with_directions(blueprint, directions_of(setting, blueprint, solution))
-        return State(x, stage.but(blueprint=blueprint, poles=poles, past=()))
-
 
 def block_of_step_1() -> Callable[..., int]:
     """The compiled block; compiled, or read from disk, at the first call."""
     from tridentify.online.kernels.parallel_block import parallel_block
 
     return parallel_block
-
-
-def without_chunk(old: Blueprint, x: Array, new: Blueprint) -> Array:
-    """The same estimator with no room for samples any more."""
-    found = carried(old, x, new)
-    begin, to = int(old.ints[slots.AT_WATCH]), int(new.ints[slots.AT_WATCH])
-    found[to:] = x[begin:]
-    return found
-
-
-def _distance(poles: Complex, bank: Complex) -> float:
-    """Largest move of a pole over its decay rate."""
-    rates = np.maximum(-bank.real, 1e-6 * np.abs(bank))
-    return float(np.max(np.abs(poles - bank) / rates))

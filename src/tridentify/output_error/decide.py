@@ -19,7 +19,8 @@ import numpy as np
 
 from tridentify.estimate import Status
 from tridentify.numerics.realization import Complex
-from tridentify.output_error.finish import Recorder, at_rounding, criterion, finish
+from tridentify.numerics.slices import Slices, drain
+from tridentify.output_error.finish import Recorder, at_rounding, criterion, finishing
 from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import Point, bank_of, evaluate
 from tridentify.output_error.problem import Problem, Variant
@@ -101,7 +102,22 @@ def decide(
     seed : int
         Position of the seed that was followed.
     """
-    promised, seed = _predict(base, variants, seeds, known)
+    return drain(deciding(records, structure, choices, base, variants, seeds, most, say, known))
+
+
+def deciding(
+    records: Sequence[Record],
+    structure: Structure,
+    choices: Sequence[Nuisances],
+    base: Problem,
+    variants: Sequence[Variant],
+    seeds: Sequence[Complex],
+    most: int,
+    say: Callable[[str], None],
+    known: Mapping[bytes, tuple[Regression, ...]] = MappingProxyType({}),
+) -> Slices[tuple[Finished, tuple[str, ...], int]]:
+    """`decide` in slices."""
+    promised, seed = yield from _predict(base, variants, seeds, known)
     done: dict[int, Finished] = {}
     while len(done) < len(choices):
         k = min(
@@ -111,6 +127,7 @@ def decide(
         if best is not None and best.criterion <= promised[k].criterion:
             break
         say(f"output error ({choices[k].label})")
+        yield
         problem = build(records, structure, choices[k]).whitened(base.noise)
         if base.limits is not None:
             problem = problem.delayed(base.delays).freed(base.limits)
@@ -119,11 +136,11 @@ def decide(
         # the variant holds the inputs of the base: what is simulated later needs its own
         start = replace(promised[k].point, problem=problem) if same else at(promised[k].point.poles)
         recorder = Recorder()
-        point, status, why = finish(at, start, recorder, most)
+        point, status, why = yield from finishing(at, start, recorder, most)
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
         surprised = abs(done[k].criterion - promised[k].criterion) > SURPRISE
         if len(done) < len(choices) and (surprised or at_rounding(point)):
-            promised, _ = _predict(base, variants, [point.poles], known)
+            promised, _ = yield from _predict(base, variants, [point.poles], known)
     best = min(done.values(), key=lambda one: one.criterion)
     table = [done[k].criterion if k in done else promised[k].criterion for k in range(len(choices))]
     return best, _decisions(choices, best, table), seed
@@ -134,23 +151,26 @@ def _predict(
     variants: Sequence[Variant],
     seeds: Sequence[Complex],
     known: Mapping[bytes, tuple[Regression, ...]],
-) -> tuple[list[Predicted], int]:
+) -> Slices[tuple[list[Predicted], int]]:
     """Every choice one Gauss-Newton step ahead of the best seed; and which seed that is."""
     found = []
     for poles in seeds:
         bank = bank_of(base, poles, 2)[0]
         whole = known.get(poles.tobytes()) or tuple(regress(e, bank) for e in base.experiments)
-        found.append(
-            [evaluate(v.problem(base), poles, 2, v.regressions(whole, bank)) for v in variants]
-        )
+        own = []
+        for v in variants:
+            yield
+            own.append(evaluate(v.problem(base), poles, 2, v.regressions(whole, bank)))
+        found.append(own)
     lowest = [min(point.objective for point in points) for points in found]
     seed = lowest.index(min(lowest))
     points = found[seed]
     exact = any(at_rounding(point) for point in points)
     trusted = np.inf if exact else TRUSTED * float(points[0].counts.sum())
-    promised = [
-        Predicted(point, criterion(point, min(point.step(0.0)[1], trusted))) for point in points
-    ]
+    promised = []
+    for point in points:
+        yield
+        promised.append(Predicted(point, criterion(point, min(point.step(0.0)[1], trusted))))
     return promised, seed
 
 

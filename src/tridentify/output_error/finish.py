@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from tridentify.estimate import Pass, Status, Step
 from tridentify.numerics.realization import Complex, denominator, numerators
+from tridentify.numerics.slices import Slices, drain
 from tridentify.output_error.point import Point
 from tridentify.output_error.problem import REFLECTED, TOO_FAST, Problem
 
@@ -151,6 +152,17 @@ def finish(
     why : str
         In words.
     """
+    return drain(finishing(at, point, recorder, most, settled))
+
+
+def finishing(
+    at: Callable[..., Point],
+    point: Point,
+    recorder: Recorder | None,
+    most: int = MOST_STEPS,
+    settled: float | None = None,
+) -> Slices[tuple[Point, Status, str]]:
+    """`finish` in slices, one a step."""
     problem = point.problem
     if settled is None:
         settled = SETTLED if point.counts.sum() < LONG else SETTLED_LONG
@@ -160,6 +172,7 @@ def finish(
         if left < settled:
             why = f"the next step would lower -2 log L by {left:.0e}, less than {settled:.0e}"
             return point, _settled(held), why
+        yield
         proposed, predicted, delays = point.step(damping)
         poles, note = problem.admissible(proposed)
         trial = at(poles) if delays is None else _late(at, poles, delays, problem)

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.realization import Cascade, Complex, cascade, side_by_side, sort_poles
+from tridentify.numerics.slices import Slices, drain
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress
 from tridentify.strategy.starts import rate_limits
@@ -41,6 +42,7 @@ DAMPINGS = (0.1, 0.5)
 REAL_STEP = 2.2
 FARTHER = 3.0
 FLOOR = 1e-30
+TOGETHER = 16  # places; more take some milliseconds at once
 
 
 class Move(NamedTuple):
@@ -69,19 +71,25 @@ def moved_poles(base: Problem, variant: Variant, poles: Complex) -> list[Move]:
     list of Move
         The lowest first; the objective is that of `output_error.point`.
     """
+    return drain(moving_poles(base, variant, poles))
+
+
+def moving_poles(base: Problem, variant: Variant, poles: Complex) -> Slices[list[Move]]:
+    """`moved_poles` in slices, ``TOGETHER`` places in each."""
     low, high = rate_limits(base)
     found: list[Move] = []
     for k, denominator in enumerate(base.groups):
         own = poles[denominator.poles]
         for group in _groups(own):
             kept = np.delete(own, group)
-            lines = list(_lines(len(group), low, FARTHER * high))
-            places = [place for line in lines for place in line]
-            costs = place_costs(base, variant, kept, places, (k, poles))
-            first = 0
+            lines = _lines(len(group), low, FARTHER * high)
             for line in lines:
-                along = costs[first : first + len(line)]
-                first += len(line)
+                parts = []
+                for first in range(0, len(line), TOGETHER):
+                    yield
+                    some = line[first : first + TOGETHER]
+                    parts.append(place_costs(base, variant, kept, some, (k, poles)))
+                along = np.concatenate(parts)
                 around = np.concatenate([[np.inf], along, [np.inf]])
                 for at in np.flatnonzero((along <= around[:-2]) & (along < around[2:])):
                     moved = poles.copy()

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from tridentify.numerics.realization import Cascade, Complex, cascade
 from tridentify.numerics.robust import median_scale
+from tridentify.numerics.slices import Slices, drain
 from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.problem import Problem
 from tridentify.record import Record
@@ -68,6 +69,11 @@ def gross_outliers(records: Sequence[Record], structure: Structure) -> tuple[Fla
     tuple of (n_samples, n_outputs) bool arrays
         One per record.
     """
+    return drain(outlier_slices(records, structure))
+
+
+def outlier_slices(records: Sequence[Record], structure: Structure) -> Slices[tuple[Flags, ...]]:
+    """`gross_outliers` in slices, one a round of weights."""
     found, poles = [], None
     for record in records:
         flags = np.zeros(record.y.shape, dtype=np.bool_)
@@ -77,8 +83,8 @@ def gross_outliers(records: Sequence[Record], structure: Structure) -> tuple[Fla
             piece = record.slice(float(record.t[first]), float(record.t[last - 1]))
             problem = build([piece], structure, Nuisances("free", True, False))
             if poles is None:
-                poles = _best_poles(problem)
-            residuals, leverage, _ = _residuals(problem, poles)
+                poles = yield from _best_poles(problem)
+            residuals, leverage, _ = yield from _residuals(problem, poles)
             flags[first:last] = _far(residuals, 2 * poles.size) | (leverage > SELF_FITTED)
         found.append(flags)
     return tuple(found)
@@ -89,7 +95,7 @@ def _windows(n_samples: int) -> list[tuple[int, int]]:
     return list(pairwise(np.linspace(0, n_samples, count + 1).astype(int).tolist()))
 
 
-def _best_poles(problem: Problem) -> Complex:
+def _best_poles(problem: Problem) -> Slices[Complex]:
     """Poles of the bank whose least absolute residual is the smallest, over all outputs."""
     low, high = rate_limits(problem)
     samples = problem.experiments[0].n_samples
@@ -97,12 +103,15 @@ def _best_poles(problem: Problem) -> Complex:
     count = max(count, min(problem.n_poles + 1, samples // 4), 1)
     tried = [spread_poles(problem, damping, count) for damping in SPREAD_DAMPING]
     tried += [np.full(count, -g, dtype=np.complex128) for g in np.geomspace(low, high, RATES)]
-    return min(tried, key=lambda poles: _residuals(problem, poles, 0)[2])
+    left = []
+    for poles in tried:
+        left.append((yield from _residuals(problem, poles, 0))[2])
+    return tried[left.index(min(left))]
 
 
 def _residuals(
     problem: Problem, poles: Complex, rounds: int = BIWEIGHT_ROUNDS
-) -> tuple[Array, Array, float]:
+) -> Slices[tuple[Array, Array, float]]:
     """Residuals and leverages (n_samples, n_outputs), and the sum of log absolute residuals."""
     experiment = problem.experiments[0]
     bank = cascade(poles)
@@ -116,9 +125,10 @@ def _residuals(
             continue
         signal = experiment.sampled.index(experiment.sampled[i])
         if signal not in known:
+            yield
             known[signal] = _basis(problem, bank, i)
         own = known[signal] if seen.all() else np.linalg.qr(known[signal][seen])[0]
-        residuals[seen, i], absolute = _robust_fit(own, y[seen], rounds)
+        residuals[seen, i], absolute = yield from _robust_fit(own, y[seen], rounds)
         leverage[seen, i] = np.einsum("ij,ij->i", own, own)
         total += float(np.log(absolute + 1e-12 * float(np.abs(y[seen]).mean()) + 1e-300))
     return residuals, leverage, total
@@ -137,19 +147,22 @@ def _basis(problem: Problem, bank: Cascade, output: int) -> Array:
     return np.asarray(u[:, s > 1e-10 * s[0]])
 
 
-def _robust_fit(basis: Array, y: Array, rounds: int) -> tuple[Array, float]:
+def _robust_fit(basis: Array, y: Array, rounds: int) -> Slices[tuple[Array, float]]:
     """Residuals by least absolute values, then the biweight; mean absolute one of the former."""
     residual = y - np.median(y)
     for _ in range(ABSOLUTE_ROUNDS):
+        yield
         size = np.abs(residual)
         floor = NEAR_ZERO * float(np.median(size)) + 1e-300
         residual = y - basis @ _weighted(basis, y, 1.0 / np.maximum(size, floor))
     absolute = float(np.abs(residual).mean())
     for _ in range(rounds):
+        yield
         scale = median_scale(residual, basis.shape[1])
         if scale == 0:
             break
-        weights = np.clip(1.0 - (residual / (BIWEIGHT * scale)) ** 2, 0.0, None) ** 2
+        # cut before it is squared: coarse samples that mostly fit exactly have next to no scale
+        weights = (1.0 - np.minimum(np.abs(residual) / (BIWEIGHT * scale), 1.0) ** 2) ** 2
         residual = y - basis @ _weighted(basis, y, weights)
     return residual, absolute
 

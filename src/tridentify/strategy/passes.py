@@ -19,6 +19,7 @@ from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
 from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.realization import Complex
+from tridentify.numerics.slices import Slices, drain
 from tridentify.output_error.finish import Recorder, at_rounding
 from tridentify.output_error.point import Point, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
@@ -46,11 +47,20 @@ def adapt(
     most : int
         Most passes.
     """
+    return drain(adapting(base, variant, poles, recorder, most))
+
+
+def adapting(
+    base: Problem, variant: Variant, poles: Complex, recorder: Recorder, most: int = MOST_ADAPTED
+) -> Slices[Point]:
+    """`adapt` in slices, two a pass."""
     best: Point | None = None
     worse = 0
     note = ""
     for _ in range(most):
+        yield
         point = evaluate_variant(base, variant, poles, 3)
+        yield
         parallel = parallel_model(point)
         step = fit_denominators(
             point.regressions,

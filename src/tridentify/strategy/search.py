@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from tridentify.estimate import Pass, Start
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Complex
+from tridentify.numerics.slices import Slices, drain
 from tridentify.numerics.whiteness import is_white
 from tridentify.output_error.finish import (
     Recorder,
@@ -38,22 +39,23 @@ from tridentify.output_error.finish import (
     coefficients,
     criterion,
     finish,
+    finishing,
     mean_square,
 )
 from tridentify.output_error.point import Point, bank_of, evaluate, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.regression import Regression, regress
-from tridentify.strategy.moves import Move, moved_poles
-from tridentify.strategy.passes import MOST_ADAPTED, adapt
+from tridentify.strategy.moves import Move, moving_poles
+from tridentify.strategy.passes import MOST_ADAPTED, adapting
 from tridentify.strategy.starts import (
     SLOW_EDGE,
     ParallelStart,
     best_laguerre,
     discrete_poles,
     enriched_starts,
-    laguerre_starts,
+    laguerre_slices,
     relocated_poles,
-    spread_starts,
+    spread_slices,
 )
 from tridentify.strategy.thin import (
     SMALL,
@@ -84,6 +86,7 @@ PLAUSIBLE = 30.0
 HOPELESS = 2.0
 ALIKE = 0.02
 WINDOW = "window of the record: "
+FURTHER = ("discrete", "spread", "relaxed")
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +169,8 @@ class Search:
         Triangles of the whole record, where they were made.
     end : End, optional
         Where the window's poles led on the whole record.
+    further : tuple of {"discrete", "spread", "relaxed"}
+        Other kinds of starts, for where a richer model explains more.
     """
 
     n_starts: int
@@ -177,11 +182,12 @@ class Search:
     scan: Scan | None = None
     known: Known | None = None
     end: End | None = None
+    further: tuple[str, ...] = FURTHER
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
         if not is_large(base):
-            self._keep(self.move(self.follow(base, variants)).poles)
+            drain(self.running(base, variants))
             return
         piece = window(base)
         passes: list[Pass] = []
@@ -190,22 +196,28 @@ class Search:
         if is_usable(piece):
             if self._at_once(base, variants, piece):
                 return
-            first = self.follow(piece, [free_variant(piece)], WINDOW)
+            first = drain(self.following(piece, [free_variant(piece)], WINDOW))
             near = self.move(first, WINDOW)
             passes = list(self.recorder.passes)
             if first.settled and self._suffices(base, variants, near, passes):
                 return
-        whole = averaged(base)
-        if first is None or near is None or not is_usable(whole):
-            self._keep(self.move(self.follow(base, variants)).poles)
+        little = averaged(base)
+        if first is None or near is None or not is_usable(little):
+            drain(self.running(base, variants))
             return
         if first.settled:
-            second = self.begin(whole, variants, "record averaged: ", most=1)
+            second = self.begin(little, variants, "record averaged: ", most=1)
         else:
-            second = self.follow(whole, variants, "record averaged: ")
+            second = drain(self.following(little, variants, "record averaged: "))
         far = self.move(second, "record averaged: ")
         blind = explained(far) < WORTHWHILE <= explained(near)
         self._choose(base, near.poles, far.poles, passes, blind)
+
+    def running(self, base: Problem, variants: Sequence[Variant]) -> Slices[None]:
+        """Find poles from all samples of the record, in slices."""
+        found = yield from self.following(base, variants)
+        point = yield from self.moving(found)
+        self._keep(point.poles)
 
     def _at_once(self, base: Problem, variants: Sequence[Variant], piece: Problem) -> bool:
         """Whether the window's best Laguerre model leads to an end that leaves no doubt."""
@@ -216,7 +228,7 @@ class Search:
         if poles is None:
             return False
         name = WINDOW + start.name
-        point = self._adapted(piece, variant, poles, reachable, None, name, FEW_ADAPTED)
+        point = drain(self._adapted(piece, variant, poles, reachable, None, name, FEW_ADAPTED))
         if criterion(point) >= reachable:
             return False
         return self._suffices(base, variants, point, self.recorder.passes, CERTAIN)
@@ -272,15 +284,19 @@ class Search:
         (n,) complex array
             The best poles reached from the relocated ones.
         """
+        return drain(self.trying_again(base, variant, poles))
+
+    def trying_again(self, base: Problem, variant: Variant, poles: Complex) -> Slices[Complex]:
+        """`again` in slices."""
         if is_large(base):
             piece = window(base, LONGER * SMALL)
             if is_usable(piece):
                 base, variant = piece, free_variant(piece)
         at = partial(evaluate_variant, base, variant)
-        ends = [
-            finish(at, at(start), Recorder(), MOST_TRIED)[0]
-            for start in relocated_poles(base, poles)
-        ]
+        ends = []
+        for start in relocated_poles(base, poles):
+            yield
+            ends.append((yield from finishing(at, at(start), Recorder(), MOST_TRIED))[0])
         best = min(ends, key=lambda point: point.objective)
         self.starts.append(Start("runaway poles put back", coefficients(best), mean_square(best)))
         return best.poles
@@ -323,31 +339,38 @@ class Search:
         most: int | None = None,
     ) -> Found:
         """Laguerre starts only."""
-        laguerre = laguerre_starts(base, _extremes(variants))
+        return drain(self._beginning(base, variants, where, most))
+
+    def _beginning(
+        self, base: Problem, variants: Sequence[Variant], where: str = "", most: int | None = None
+    ) -> Slices[Found]:
+        laguerre = yield from laguerre_slices(base, _extremes(variants))
         reachable = laguerre[0].criterion + ALLOWANCE
         starts = _distinct(laguerre, most or self.n_starts)
-        best = self._best_of(starts, reachable, None, where)
+        best = yield from self._best_of(starts, reachable, None, where)
         assert self.variant is not None
         return Found(base, best, self.variant, reachable, False)
 
-    def follow(self, base: Problem, variants: Sequence[Variant], where: str = "") -> Found:
+    def following(
+        self, base: Problem, variants: Sequence[Variant], where: str = ""
+    ) -> Slices[Found]:
         """Follow starts until the model explains the record as well as the parallel model does."""
-        found = self.begin(base, variants, where)
+        found = yield from self._beginning(base, variants, where)
         best, variant, reachable = found.point, found.variant, found.reachable
         extremes = _extremes(variants)
-        further = ["discrete", "spread", "relaxed"]
-        if len(base.groups) > 1:
+        further = list(self.further)
+        if len(base.groups) > 1 and "discrete" in further:
             further.remove("discrete")
         for _ in range(MOST_ENRICHED):
             if at_rounding(best):
                 return Found(base, best, variant, reachable, True)
             variant = self.variant or variant
-            enriched = enriched_starts(base, variant, best.poles)
+            enriched = yield from enriched_starts(base, variant, best.poles)
             reachable = enriched[0].criterion + ALLOWANCE
             if criterion(best) < reachable:
                 return Found(base, best, variant, reachable, True)
             before = criterion(best)
-            best = self._best_of(enriched[:2], reachable, best, where)
+            best = yield from self._best_of(enriched[:2], reachable, best, where)
             if criterion(best) < before - 1.0:
                 continue
             if not further:
@@ -356,29 +379,34 @@ class Search:
             if kind == "discrete":
                 poles = discrete_poles(base)
                 name = where + "discrete-time least squares"
-                best = self._adapted(base, variant, poles, reachable, best, name)
+                best = yield from self._adapted(base, variant, poles, reachable, best, name)
             elif kind == "spread":
-                starts = spread_starts(base, extremes)[: self.n_starts]
-                best = self._best_of(starts, reachable, best, where)
+                starts = yield from spread_slices(base, extremes)
+                best = yield from self._best_of(starts[: self.n_starts], reachable, best, where)
             else:
-                best = self._relaxed(base, extremes, reachable, best, where)
+                best = yield from self._relaxed(base, extremes, reachable, best, where)
         return Found(base, best, self.variant or variant, reachable, False)
 
     def move(self, found: Found, where: str = "") -> Point:
         """Steps on the cost, then one pole or pair taken to another place as long as that helps."""
+        return drain(self.moving(found, where))
+
+    def moving(self, found: Found, where: str = "") -> Slices[Point]:
+        """`move` in slices."""
         if at_rounding(found.point) or explained(found.point) < WORTHWHILE:
             return found.point
         at = partial(evaluate_variant, found.base, found.variant)
-        best = finish(at, at(found.point.poles), self.recorder, MOST_TRIED)[0]
+        start = at(found.point.poles)
+        best = (yield from finishing(at, start, self.recorder, MOST_TRIED))[0]
         for _ in range(MOST_MOVES):
             before = best
-            places = moved_poles(found.base, found.variant, before.poles)
+            places = yield from moving_poles(found.base, found.variant, before.poles)
             self.scan = Scan(found.base, found.variant, before.poles, places)
             for place in places[:MOST_FOLLOWED]:
                 if place.objective > best.objective + NEAR:
                     break
                 own = Recorder()
-                point = finish(at, at(place.poles), own, MOST_TRIED)[0]
+                point = (yield from finishing(at, at(place.poles), own, MOST_TRIED))[0]
                 self.starts.append(
                     Start(where + "one pole or pair moved", coefficients(point), mean_square(point))
                 )
@@ -391,14 +419,16 @@ class Search:
 
     def _best_of(
         self, parallel: Sequence[ParallelStart], reachable: float, best: Point | None, where: str
-    ) -> Point:
+    ) -> Slices[Point]:
         """Follow starts until one reaches the criterion; the best point."""
         for start in parallel:
-            firsts = [
-                evaluate_variant(start.base, start.variant, poles) for poles in start.candidates()
-            ]
+            yield
+            firsts = []
+            for poles in start.candidates():
+                yield
+                firsts.append(evaluate_variant(start.base, start.variant, poles))
             first = min(firsts, key=lambda point: point.objective)
-            best = self._adapted(
+            best = yield from self._adapted(
                 start.base, start.variant, first.poles, reachable, best, where + start.name
             )
             if criterion(best) < reachable:
@@ -415,13 +445,15 @@ class Search:
         best: Point | None,
         name: str,
         most: int = MOST_ADAPTED,
-    ) -> Point:
+    ) -> Slices[Point]:
         """Adapted passes and, where they do not reach the criterion, steps on the cost."""
         own = Recorder()
-        point = adapt(base, variant, poles, own, most)
+        point = yield from adapting(base, variant, poles, own, most)
         if criterion(point) >= reachable:
             at = partial(evaluate_variant, base, variant)
-            point = finish(at, evaluate_variant(base, variant, point.poles), own, MOST_TRIED)[0]
+            yield
+            start = evaluate_variant(base, variant, point.poles)
+            point = (yield from finishing(at, start, own, MOST_TRIED))[0]
         self.starts.append(Start(name, coefficients(point), mean_square(point)))
         if best is not None and criterion(best) <= criterion(point):
             return best
@@ -436,7 +468,7 @@ class Search:
         reachable: float,
         best: Point,
         where: str,
-    ) -> Point:
+    ) -> Slices[Point]:
         """Poles from numerators of full degree, then the wanted degree."""
         zeros = tuple(
             tuple(max(m, base.order(i, j) - 1) for j, m in enumerate(row))
@@ -445,10 +477,11 @@ class Search:
         if zeros == base.n_zeros:
             return best
         relaxed = replace(base, n_zeros=zeros)
-        point = Search(self.n_starts).follow(relaxed, variants).point
+        inner = Search(self.n_starts, further=self.further)
+        point = (yield from inner.following(relaxed, variants)).point
         for variant in variants:
             name = where + "numerators of full degree first"
-            best = self._adapted(base, variant, point.poles, reachable, best, name)
+            best = yield from self._adapted(base, variant, point.poles, reachable, best, name)
         return best
 
 

@@ -39,6 +39,7 @@ from tridentify.models.response import Response
 from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
+from tridentify.numerics.slices import Slices, drain
 from tridentify.output_error.problem import Group, Problem, Variant
 from tridentify.regression import Regression, regress, restricted
 
@@ -283,8 +284,15 @@ def laguerre_starts(base: Problem, variants: Sequence[Variant]) -> list[Parallel
     list of ParallelStart
         One per grid point and variant.
     """
-    rates = _rates(base)
-    found = [start for rate in rates for start in _laguerre(base, variants, rate)]
+    return drain(laguerre_slices(base, variants))
+
+
+def laguerre_slices(base: Problem, variants: Sequence[Variant]) -> Slices[list[ParallelStart]]:
+    """`laguerre_starts` in slices, one a grid point."""
+    found: list[ParallelStart] = []
+    for rate in _rates(base):
+        yield
+        found += _laguerre(base, variants, rate)
     return sorted(found, key=lambda start: start.criterion)
 
 
@@ -333,17 +341,25 @@ def spread_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelSt
 
     Parameters and result as for `laguerre_starts`.
     """
+    return drain(spread_slices(base, variants))
+
+
+def spread_slices(base: Problem, variants: Sequence[Variant]) -> Slices[list[ParallelStart]]:
+    """`spread_starts` in slices, one a damping."""
     low, high = rate_limits(base)
-    found = []
+    found: list[ParallelStart] = []
     for damping in SPREAD_DAMPING:
+        yield
         poles = spread_poles(base, damping, _most(base, MOST_SPREAD))
         name = f"poles spread over the band, damping {damping:g}"
         found += _starts(name, base, variants, poles, (), float(np.sqrt(low * high)), whole=True)
     return sorted(found, key=lambda start: start.criterion)
 
 
-def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> list[ParallelStart]:
+def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> Slices[list[ParallelStart]]:
     """Parallel models on known poles, twice each, and a spread: what the known ones still miss.
+
+    In slices, one a damping.
 
     Parameters
     ----------
@@ -359,8 +375,9 @@ def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> list[Par
         The best by AICc first.
     """
     low, high = rate_limits(base)
-    found = []
+    found: list[ParallelStart] = []
     for damping in SPREAD_DAMPING:
+        yield
         spread = spread_poles(base, damping, _most(base, MOST_SPREAD) // 2)
         operators = np.concatenate([poles, poles, spread])
         name = f"the poles so far and a spread, damping {damping:g}"

@@ -20,7 +20,8 @@ noise is coloured ``T`` is larger at all times; it is divided by its own long me
 the coefficients moves the scores: with the cumulated sum ``c <- max(0, c + T - 2 k)`` (Page 1954;
 the local approach, Basseville & Nikiforov 1993, section 8.2) an alarm is given at ``c > 40``: for
 a chi-square ``exp(0.398 (T - 2 k))`` has the mean one, so a false one comes about once in
-``exp(0.398 40)``, some eight million blocks.
+``exp(0.398 40)``, some eight million blocks. An estimator that looks into its alarms before it
+believes them takes ``c > 20``, some three thousand blocks.
 
 A small change adds to ``T`` in proportion to the length of the block. So blocks are judged on
 three scales, each sixteen times as long as the one before, each with a sum of its own. A sample
@@ -44,6 +45,7 @@ from numpy.typing import NDArray
 from tridentify.numerics.recursive import compiled
 from tridentify.online.kernels.slots import (
     ALARM,
+    ALERT,
     AT_CHUNK,
     AT_FIRST,
     AT_FIRST_INPUT,
@@ -88,7 +90,6 @@ from tridentify.online.kernels.slots import (
     LARGEST,
     LAST,
     LEARNING,
-    LEVEL,
     LEVELS,
     LIMITS,
     LINE,
@@ -349,7 +350,7 @@ def judge(ints: Ints, x: Array, w: int, scale: int, ready: bool) -> bool:
             x[state + 1] += (ratio - norm) / x[state + 3]
         else:
             x[state] = max(0.0, x[state] + directions * (ratio / norm - 2.0))
-            if x[state] > LEVEL:
+            if x[state] > ints[ALERT]:
                 x[w + MOVED] = 1.0
             x[state + 1] += (min(ratio, 4.0 * norm) - norm) / BLOCKS_USUAL
         x[state + 1] = max(0.0, x[state + 1])

@@ -8,7 +8,10 @@ from __future__ import annotations
 
 # slots of x
 COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA = range(12)
-INBOX = 16
+# of the work beside the stream (`online.task`): samples that it is about, slices that are done; and
+# the sample since which a change is suspected
+WORK_AT, WORK_DONE, SUSPECT = 16, 17, 18
+INBOX = 20
 
 # places in ints
 (
@@ -17,8 +20,8 @@ INBOX = 16
     C_DIRECT, C_START, AT_REFERENCE, EQUILIBRIUM, COLLECTING, AT_FIRST_INPUT, C_MAPS, C_EXTRA,
     DIRECTIONS, DIRECTIONS_STRIDE, AT_IMPULSE, AT_INPUTS, AT_OUTPUTS, AT_BEFORE, C_OUTPUT, C_BASIS,
     C_MONIC, C_ZEROS, AT_THETA, AT_GAIN, AT_COVARIANCE, FILTERING, WALKERS, C_WALK, C_WIDTHS,
-    COEFFICIENTS, LEARNING, AT_LARGEST, AT_SCATTER, SCATTER,
-) = range(53)  # fmt: skip
+    COEFFICIENTS, LEARNING, AT_LARGEST, AT_SCATTER, SCATTER, ALERT,
+) = range(54)  # fmt: skip
 N_INTS = 72
 
 # places in c
@@ -54,7 +57,7 @@ MEAN_TO_MEDIAN = 0.8453475393951495
 FIRST_SCALED = 20.0
 SCALE_PACE = 0.004
 BLOCKS_FIRST, BLOCKS_USUAL = 20.0, 200.0
-LEVEL = 40.0
+LEVEL, LEVEL_OF_DOUBT = 40, 20  # of the cumulated sum: an alarm; one that is looked into
 SCALES, PER_SCALE, SUMS = 3, 16, 4
 LEVELS, PER_LEVEL = 6, 4
 POWER, NUMBER, UNDER_WAY, HEADER = range(4)  # of the scatter of an output

@@ -1,0 +1,136 @@
+"""What stands between an estimate made on-line and trust, in the words of findings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimate import Estimate
+from tridentify.finding import Finding, ranked
+from tridentify.online.flags import Flag
+from tridentify.online.kernels import slots
+from tridentify.online.state import State
+
+Array = NDArray[np.float64]
+
+WIDER = 1.05  # standard errors that differ by less tell nobody anything
+LOOSE = 0.5  # of a coefficient, its standard error
+
+
+def with_findings(state: State, estimate: Estimate) -> Estimate:
+    """The estimate with what its samples, and the changes seen in them, say of it.
+
+    Parameters
+    ----------
+    state : State
+    estimate : Estimate
+    """
+    found = (
+        *estimate.findings, *_changes(state), *_excitation(state, estimate), *_samples(state),
+    )  # fmt: skip
+    return replace(estimate, findings=ranked(found))
+
+
+def noise_finding(white: Array, cov: Array) -> tuple[Finding, ...]:
+    """That the noise is coloured, where the standard errors had to be made for it.
+
+    Parameters
+    ----------
+    white, cov : (n, n) arrays
+        Covariance for white noise, and as the scatter of the scores shows it.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratios = np.sqrt(np.diagonal(cov) / np.diagonal(white))
+    ratio = float(np.nanmax(ratios, initial=1.0))
+    if not ratio > WIDER:
+        return ()
+    return (
+        Finding(
+            "noise-model",
+            "note",
+            "The noise is not white, and has no model on-line: the standard errors are those of "
+            f"the scatter of the scores, up to {ratio:.1f} times those of white noise.",
+            "Nothing needs doing; for smaller errors identify the stored record with noise='ar'.",
+        ),
+    )
+
+
+def _changes(state: State) -> tuple[Finding, ...]:
+    x, stage = state
+    found = []
+    if stage.changes:
+        at = stage.changes[-1] * stage.setting.dt
+        several = len(stage.changes) > 1
+        restarts = getattr(stage.method, "on_change", "flag") == "restart"
+        what = f"{len(stage.changes)} times, the last time at" if several else "at"
+        found.append(
+            Finding(
+                "varying",
+                "note" if restarts else "warning",
+                f"The coefficients changed {what} {at:.6g} s"
+                + ("; the estimate is of the samples since." if restarts else "."),
+                "" if restarts else "Use on_change='restart', or a forgetting factor below 1.",
+                times=tuple(k * stage.setting.dt for k in stage.changes),
+            )
+        )
+    if x[slots.SUSPECT] > 0.0:
+        since = (x[slots.SUSPECT] - 1.0) * stage.setting.dt
+        found.append(
+            Finding(
+                "varying",
+                "warning",
+                f"The coefficients may have changed at {since:.6g} s; no other ones explain the "
+                "samples since clearly better so far.",
+                "Wait for more samples.",
+                times=(float(since),),
+            )
+        )
+    return tuple(found)
+
+
+def _excitation(state: State, estimate: Estimate) -> tuple[Finding, ...]:
+    n = estimate.model.den[0][0].size - 1
+    loose = [
+        name
+        for name, value, std in zip(
+            estimate.names[:n], estimate.theta[:n], estimate.std[:n], strict=True
+        )
+        if not std < LOOSE * abs(value)
+    ]
+    if not loose:
+        return ()
+    return (
+        Finding(
+            "not-excited",
+            "warning",
+            f"The input has not moved the system enough so far to tell {', '.join(loose)}.",
+            "Move the input more richly, or wait until it has moved.",
+        ),
+    )
+
+
+_SAMPLES = (
+    (Flag.STUCK, "stuck-sensor", "warning", "An output stands still while the model moves; its "
+     "samples are left out.", "Look at the sensor and its recording."),
+    (Flag.SATURATED, "saturation", "warning", "An output is at its limit while the model is "
+     "beyond; its samples are left out.", "Reduce the input, or widen the range of the sensor."),
+    (Flag.OUTLIER, "bad-samples", "note", "Samples far from what was expected of them were left "
+     "out.", ""),
+    (Flag.MISSING_OUTPUT, "missing-samples", "note", "Output samples are missing.", ""),
+    (Flag.MISSING_INPUT, "missing-samples", "note", "Input samples are missing; the one before "
+     "each was held.", ""),
+)  # fmt: skip
+
+
+def _samples(state: State) -> tuple[Finding, ...]:
+    now, seen = state.flags, state.seen
+    found = []
+    for flag, code, severity, message, remedy in _SAMPLES:
+        if flag in seen:
+            # what is over has been left out and does no harm any more
+            told = "warning" if severity == "warning" and flag in now else "note"
+            remedied = remedy if flag in now else ""
+            found.append(Finding(code, told, message, remedied))  # type: ignore[arg-type]
+    return tuple(found)

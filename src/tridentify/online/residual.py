@@ -1,0 +1,160 @@
+"""What a model leaves of kept samples, and how much better one model explains them than another."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from tridentify.numerics.slices import Slices
+from tridentify.online.blueprint import Setting
+from tridentify.online.result import model_of
+from tridentify.record import Record
+from tridentify.simulate import simulate
+
+Array = NDArray[np.float64]
+
+PIECES = 12
+MOST_LAGS, LAGS_PER_SAMPLE = 12, 0.1
+STEPS, SHORT = 3, 0.1  # of Gauss and Newton; of a standard error, for differences
+DRIVEN = 30.0  # of -2 log L
+
+
+def is_driven(setting: Setting, record: Record, theta: Array) -> bool:
+    """Whether the input explains anything of the outputs that coloured noise does not.
+
+    Before a manoeuvre a model is easily found that follows the noise with the little that the input
+    does; it has small standard errors and means nothing.
+
+    Parameters
+    ----------
+    setting : Setting
+    record : Record
+    theta : (n_coefficients,) array
+    """
+    left = left_by(setting, record, theta)
+    still = np.where(np.arange(theta.size) < setting.n_poles, theta, 0.0)
+    alone = left_by(setting, record, still)
+    gains = [gain_of(alone[:, i], left[:, i]).sum() for i in range(setting.n_outputs)]
+    return bool(np.sum(gains) > DRIVEN)
+
+
+def left_by(setting: Setting, record: Record, theta: Array) -> Array:
+    """(n_samples, n_outputs) what a model leaves of a record, with free initial state and offset.
+
+    Parameters
+    ----------
+    setting : Setting
+    record : Record
+    theta : (n_coefficients,) array
+    """
+    model, p, n = model_of(setting, theta), setting.n_outputs, setting.n_poles
+    rested = Record(
+        np.zeros_like(record.u), record.y, dt=record.dt, t=None if record.dt else record.t,
+        input_names=record.input_names, output_names=record.output_names,
+    )  # fmt: skip
+    free = [simulate(model, rested, free_response=np.tile(np.eye(n)[k], (p, 1))) for k in range(n)]
+    driven = simulate(model, Record(
+        record.u - record.u[0], record.y, dt=record.dt, t=None if record.dt else record.t,
+        intersample=record.intersample, input_names=record.input_names,
+        output_names=record.output_names,
+    ))  # fmt: skip
+    left = record.y - driven
+    for i in range(p):
+        table = np.column_stack([*(one[:, i] for one in free), np.ones(len(left))])
+        sizes = np.linalg.norm(table, axis=0)
+        table = table / np.where(sizes > 0.0, sizes, 1.0)
+        seen = np.isfinite(left[:, i])
+        weights = np.linalg.lstsq(table[seen], left[seen, i], rcond=None)[0]
+        left[:, i] -= table @ weights
+    return left
+
+
+def gain_of(before: Array, after: Array) -> Array:
+    """(PIECES,) fall of -2 log L from one residual to the other, whitened, piece by piece."""
+    one, other = whitened(before), whitened(after)
+    found = []
+    for a, b in zip(np.array_split(one, PIECES), np.array_split(other, PIECES), strict=True):
+        seen = np.isfinite(a) & np.isfinite(b)
+        top, below = float(np.sum(a[seen] ** 2)), float(np.sum(b[seen] ** 2))
+        found.append(seen.sum() * np.log(top / below) if min(top, below) > 0.0 else 0.0)
+    return np.array(found)
+
+
+def whitened(left: Array) -> Array:
+    """A residual through an autoregression of its own; without the first samples."""
+    return through(autoregression(left), left)
+
+
+def through(a: Array, values: Array) -> Array:
+    """What an autoregression leaves of a series; without the first samples."""
+    filled = np.where(np.isfinite(values), values, 0.0)
+    white: Array = np.convolve(filled, np.append(1.0, -a))[: filled.size]
+    white[~np.isfinite(values)] = np.nan
+    return white[a.size :]
+
+
+def autoregression(left: Array) -> Array:
+    """(order,) coefficients that foretell a series from its past, by Yule and Walker."""
+    filled = np.where(np.isfinite(left), left, 0.0)
+    order = int(min(MOST_LAGS, LAGS_PER_SAMPLE * left.size))
+    lags = np.array([filled[k:] @ filled[: filled.size - k] for k in range(order + 1)])
+    if order < 1 or not lags[0] > 0.0:
+        return np.zeros(0)
+    lags[0] *= 1.0 + 1e-9
+    return np.asarray(scipy.linalg.solve_toeplitz(lags[:-1], lags[1:]))
+
+
+class Refined(NamedTuple):
+    """Coefficients at the minimum for coloured noise, and their covariance."""
+
+    theta: Array
+    cov: Array
+
+
+def refined(setting: Setting, record: Record, theta: Array, std: Array) -> Slices[Refined | None]:
+    """A model of white noise taken to the minimum for an autoregression of what it leaves.
+
+    Where noise is coloured the coefficients for white noise are far from the most likely ones, and
+    the wrong model may leave less. None where the steps lead nowhere.
+
+    Parameters
+    ----------
+    setting : Setting
+    record : Record
+    theta, std : (n_coefficients,) arrays
+    """
+    cov = np.zeros((theta.size, theta.size))
+    for _ in range(STEPS):
+        yield
+        left = left_by(setting, record, theta)
+        slopes = []
+        for k in range(theta.size):
+            yield
+            moved = theta.copy()
+            moved[k] += SHORT * std[k]
+            slopes.append((left_by(setting, record, moved) - left) / (SHORT * std[k]))
+        rows, targets = [], []
+        for i in range(setting.n_outputs):
+            a = autoregression(left[:, i])
+            white = through(a, left[:, i])
+            table = np.column_stack([through(a, one[:, i]) for one in slopes])
+            seen = np.isfinite(white)
+            size = float(np.sqrt(np.mean(white[seen] ** 2)))
+            if not size > 0.0:
+                return None
+            rows.append(table[seen] / size)
+            targets.append(white[seen] / size)
+        table = np.vstack(rows) * std
+        u, s, vt = np.linalg.svd(table, full_matrices=False)
+        if not s[-1] > 1e-8 * s[0]:
+            return None
+        root = std[:, None] * vt.T / s
+        theta = theta - root @ (u.T @ np.concatenate(targets))
+        cov = root @ root.T
+        poles = np.roots(np.append(1.0, theta[: setting.n_poles]))
+        if not np.all(np.isfinite(theta)) or np.any(poles.real >= 0.0):
+            return None
+    return Refined(theta, cov)

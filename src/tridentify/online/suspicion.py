@@ -1,0 +1,127 @@
+"""A suspected change: the old model is kept until a new one is clearly better on the samples since.
+
+An alarm (`online.kernels.intake`) says that the innovations speak for other coefficients. So do
+gusts, slow disturbances and bursts of noise, now and then. Since the alarm the samples are kept;
+they are searched for a model of their own, and the plant has changed only if all of this holds:
+
+*Likelihood.* The old coefficients, as they were at the alarm, and the new, taken to the minimum
+for coloured noise (`online.residual.refined`), go through the samples since, each with a free
+initial state and an offset. What they leave is whitened by an autoregression of its own: coloured
+noise is no longer evidence. The logarithm of the ratio of the two remaining sums of squares is
+summed over short pieces, each with a scale of its own, as the strength of gusts varies; the piece
+that speaks loudest is left out. The sum must be ``CLEAR``, and most pieces must agree.
+
+*Standard errors.* The coefficients must differ by more than what the two covariances explain, that
+of the new ones made for coloured noise and ``LARGER``, as few samples tell little of its colour.
+
+*A model.* The new one must be certain of its poles, with errors for white noise and with these.
+
+As long as it does not hold, the search is repeated on twice as many samples; in the end the
+suspicion is dropped. Samples that came meanwhile have counted for the old model as all others.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.stats
+from numpy.typing import NDArray
+
+from tridentify.errors import TridentifyError
+from tridentify.numerics.realization import Complex
+from tridentify.numerics.slices import Slices
+from tridentify.online.blueprint import Blueprint, Nuisance, Setting
+from tridentify.online.launch import Launch, Planner, launching
+from tridentify.online.residual import Refined, gain_of, left_by, refined
+from tridentify.online.search import VAGUE, Found, far_off, record_of, searching
+from tridentify.online.steps import estimate_of, solving
+
+Array = NDArray[np.float64]
+
+CLEAR = 30.0  # of -2 log L: one in a million for four coefficients, were the noise model true
+AGREEING = 0.6  # of the pieces; of noise alone, half
+RARE = 1e-5
+LARGER = 2.0  # than by the noise model, the covariance of few samples
+
+
+class Old(NamedTuple):
+    """The coefficients at the alarm, and their covariance."""
+
+    theta: Array
+    cov: Array
+
+
+def trying(
+    method: Planner,
+    setting: Setting,
+    blueprint: Blueprint,
+    poles: Complex,
+    x: Array,
+    samples: Array,
+    reference: Array,
+) -> Slices[Launch | None]:
+    """Whether the samples since an alarm are of another plant, and how to go on from them.
+
+    Parameters
+    ----------
+    method : Planner
+    setting : Setting
+    blueprint : Blueprint
+    poles : (n,) complex array
+    x : array
+        Of the estimator at the alarm.
+    samples : (k, n_inputs + n_outputs + 1) array
+        Since the alarm.
+    reference : (n_inputs,) array
+        Trim input.
+    """
+    try:
+        solution = yield from solving(setting, blueprint, x, poles, choose=False)
+        yield
+        estimate = estimate_of(setting, blueprint, x, solution, "", poles)
+    except (TridentifyError, np.linalg.LinAlgError):
+        return None
+    samples = yield from far_off(setting, samples)
+    found = yield from searching(setting, samples, True)
+    if found is None or not found.certain:
+        return None
+    old = Old(estimate.theta, estimate.cov)
+    better = yield from _is_better(setting, samples, old, found)
+    if not better:
+        return None
+    nuisance = Nuisance.of(setting.structure, True)
+    return (
+        yield from launching(
+            method, setting, found.poles, nuisance, samples, found.noise_std, reference
+        )
+    )[0]
+
+
+def _is_better(setting: Setting, samples: Array, old: Old, found: Found) -> Slices[bool]:
+    """Whether the new coefficients explain the samples clearly better than the old ones."""
+    record = record_of(setting, samples)
+    new = yield from refined(setting, record, found.estimate.theta, found.estimate.std)
+    if new is None:
+        return False
+    yield
+    before = left_by(setting, record, old.theta)
+    yield
+    after = left_by(setting, record, new.theta)
+    gains = np.sum([gain_of(before[:, i], after[:, i]) for i in range(setting.n_outputs)], axis=0)
+    if gains.sum() - gains.max() < CLEAR or np.mean(gains > 0.0) < AGREEING:
+        return False
+    return _differ(setting, old, new)
+
+
+def _differ(setting: Setting, old: Old, new: Refined) -> bool:
+    """Whether the coefficients are others, by both covariances."""
+    n = setting.n_poles
+    new_cov = LARGER * new.cov
+    if np.any(np.sqrt(np.diagonal(new_cov)[:n]) > VAGUE * np.abs(new.theta[:n])):
+        return False
+    move, cov = new.theta - old.theta, old.cov + new_cov
+    unit = 1.0 / np.sqrt(np.diagonal(cov))
+    scaled = np.linalg.lstsq(unit[:, None] * cov * unit, unit * move, rcond=1e-12)[0]
+    distance = float(unit * move @ scaled)
+    return distance > float(scipy.stats.chi2.isf(RARE, move.size))
