@@ -148,18 +148,25 @@ def ranked(findings: Iterable[Finding]) -> tuple[Finding, ...]:
     return tuple(sorted(once, key=lambda f: (SEVERITIES.index(f.severity), _RANK[f.code])))
 
 
-def joined(findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Ranked, of those that say the same of the same outputs and experiment the first alone.
+def joined(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Ranked, without what a later group says again of the same outputs and experiment.
 
     An estimate and a validation of it look at one record: what both find is told once.
 
     Examples
     --------
-    >>> once = joined([Finding("delay", "error", "a"), Finding("delay", "warning", "b")])
+    >>> once = joined([Finding("delay", "error", "a")], [Finding("delay", "warning", "b")])
     >>> [f.message for f in once]
     ['a']
     """
-    known: dict[tuple[str, tuple[str, ...], int | None], Finding] = {}
-    for finding in findings:
-        known.setdefault((finding.code, finding.outputs, finding.experiment), finding)
-    return ranked(known.values())
+    known: list[Finding] = []
+    for group in groups:
+        before = tuple(known)
+        known += [one for one in group if not any(_same(one, other) for other in before)]
+    return ranked(known)
+
+
+def _same(one: Finding, other: Finding) -> bool:
+    """Whether two findings say the same of outputs that they share."""
+    shared = not (one.outputs and other.outputs) or set(one.outputs) & set(other.outputs)
+    return one.code == other.code and one.experiment == other.experiment and bool(shared)

@@ -194,7 +194,11 @@ def test_intersample_says_what_the_input_does(run, write_table, question):
     _, q, _ = signal.lsim(([2.0, 3.0], DEN), u, t, interp=True)
     path = write_table("lines.csv", {"t": t, "elevator": u, "q": q})
     joined = values(answers(run("identify", path, *question, "--intersample", "foh", "--json").out))
-    stepped = values(answers(run("identify", path, *question, "--json").out))
+    stepped = values(
+        answers(run("identify", path, *question, "--intersample", "zoh", "--json").out)
+    )
+    found = values(answers(run("identify", path, *question, "--json").out))
+    assert found == pytest.approx(joined, rel=1e-12)
     assert joined == pytest.approx(TRUTH, rel=1e-8)
     assert max(abs(stepped[name] / TRUTH[name] - 1) for name in TRUTH) > 1e-3
 

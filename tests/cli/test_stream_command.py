@@ -527,7 +527,7 @@ def test_a_checkpoint_of_numbers_that_do_not_fit_is_refused_in_one_line(run, fil
         kept.write_text(json.dumps(damaged))
         outcome = run(*checkpointed(file, kept, "--resume"))
         assert (outcome.code, len(outcome.error_lines)) == (2, 1), (part, changes, outcome.err)
-        assert "damaged checkpoint" in outcome.error_lines[0]
+        assert "checkpoint" in outcome.error_lines[0]
     for mark in ([1.5, 0, 0], [10**30, 0, 0], [-1, 0, 0], [0, 0], "mark"):
         kept.write_text(json.dumps({**document, "mark": mark}))
         assert run(*checkpointed(file, kept, "--resume")).code == 2

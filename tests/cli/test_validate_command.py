@@ -47,7 +47,7 @@ def test_what_is_wrong_is_said_with_a_remedy_and_tells_scripts(run, flight, mode
     assert checked.code == 1
     document = json.loads(checked.out)
     assert document["ok"] is False
-    assert document["findings"][0]["text"].split(":")[0] in text
+    assert document["findings"][0]["message"].split(":")[0] in text
     assert not checked.error_lines
 
 

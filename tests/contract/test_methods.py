@@ -291,7 +291,7 @@ def test_save_and_load_give_the_same_estimate(key, solved, tmp_path):
     path = tmp_path / "model.json"
     estimate.save(path)
     assert [entry.name for entry in tmp_path.iterdir()] == ["model.json"]
-    assert json.loads(path.read_text(encoding="utf-8"))["schema"] == 1
+    assert json.loads(path.read_text(encoding="utf-8"))["schema"] == 2
     again = Estimate.load(path)
     for name in ("theta", "cov", "noise_variance", "fit"):
         assert np.array_equal(getattr(again, name), getattr(estimate, name))

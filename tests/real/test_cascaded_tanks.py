@@ -21,7 +21,7 @@ PLAIN = ThreeModel(noise="white", finish="likelihood")
 def records(folder):
     path = folder("cascaded-tanks")
     return [
-        read_record(path / name, time="t", inputs=["u"], outputs=["y"])
+        read_record(path / name, time="t", inputs=["u"], outputs=["y"], intersample="zoh")
         for name in ("data.csv", "data_val.csv")
     ]
 

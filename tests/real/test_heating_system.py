@@ -24,7 +24,7 @@ def structure(poles, zeros):
 @pytest.fixture(scope="module")
 def record(folder):
     path = folder("heating-system") / "data.csv"
-    return read_record(path, time="t", inputs=["u"], outputs=["y"])
+    return read_record(path, time="t", inputs=["u"], outputs=["y"], intersample="zoh")
 
 
 @pytest.mark.parametrize(

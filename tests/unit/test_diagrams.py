@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tridentify.errors import OptionError, OutputPathError, StepNotTakenError
-from tridentify.estimate import Estimate, Pass, Start, Status, Step, Trace
+from tridentify.estimate import Estimate, Nuisance, Pass, Start, Status, Step, Trace
 from tridentify.plots import diagrams
 from tridentify.plots.diagrams.drawing import (
     Board,
@@ -116,6 +116,12 @@ def words(svg):
     return " ".join(text.text for text in read(svg)[1])
 
 
+def at_rest(n_inputs, n_outputs, order):
+    """Nothing estimated along."""
+    none = np.zeros(n_outputs)
+    return Nuisance(np.zeros(n_inputs), none, none, np.zeros((n_outputs, order)), none, none)
+
+
 def made(
     order=2,
     zeros=0,
@@ -165,7 +171,7 @@ def made(
         trace=Trace(tuple(taken), (start,), ("offset: lowest AICc",), "the cost stopped falling"),
         method="ThreeModel",
         n_samples=500,
-        nuisance=(),
+        nuisance=(at_rest(len(inputs), n_outputs, order),),
         degrees_of_freedom=490,
         cost=1e-3,
         aicc=0.0,

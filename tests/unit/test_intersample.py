@@ -49,7 +49,7 @@ def test_a_measured_input_stated_as_held_is_told():
     record = Record(u, y + 0.02 * rng.standard_normal(y.size), dt=DT)
     estimate = identify(record, Structure(2, 1))
     (finding,) = [f for f in estimate.findings if f.code == "intersample"]
-    assert finding.severity == "warning"
+    assert finding.matters
     assert "standard errors" in finding.effect
     better = identify(record.between("foh"), Structure(2, 1))
     assert better.fit[0] > estimate.fit[0]

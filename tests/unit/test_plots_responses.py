@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 
-from tridentify import plots, uncertainty
+from tridentify import Structure, plots, uncertainty
 from tridentify.errors import OptionError
 from tridentify.estimate import Status
 from tridentify.numerics.delta_method import impulse_response, step_response
@@ -42,6 +42,7 @@ def with_model(case, num, den, *, spread=0.02, units=None, names=("elevator", "q
     return dataclasses.replace(
         case.estimate,
         model=TransferFunction(num, den, input_names=names[:1], output_names=names[1:]),
+        structure=Structure(den.size - 1, num.size - 1),
         names=tuple(labels),
         theta=theta,
         cov=np.diag((spread * theta) ** 2),

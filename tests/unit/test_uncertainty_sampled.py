@@ -265,6 +265,7 @@ def test_stable_scale_refuses_what_it_cannot_hold(single):
         uncertainty.sample(loose(single, (-0.2, 4.0, 1.0), (0.1, 0.1, 0.1)), scale="stable")
     known = dataclasses.replace(
         single.estimate,
+        structure=Structure(2, 0, delay="free"),
         names=("a1", "a0", "b0", "delay"),
         theta=np.append(single.estimate.theta, 0.1),
         cov=np.eye(4),

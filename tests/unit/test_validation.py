@@ -174,7 +174,7 @@ def test_a_missing_delay_is_named(record):
     other = recorded(u, response(u, late) + noise())
     finding = validate(identify(other, *white()), other).findings[0]
     assert finding.code == "delay"
-    assert "With a delay of about 0.3 s of elevator" in finding.effect
+    assert "a delay of about 0.3 s of elevator explains it best" in finding.message
 
 
 def test_coloured_noise_leaves_the_model_good(record):

@@ -46,6 +46,13 @@ up where the noise has a model: fitted with the present behaviour, it speaks for
 CLEARLY = 10.0
 """Fall of -2 log L (odds of 150 to 1) from which another behaviour is worth a word."""
 
+MATERIAL = 0.01
+"""The same a sample, about the share by which the residual's variance falls: in a long record whose
+residual is what the model misses, a small difference is no evidence, however many samples."""
+
+MATERIAL_STAIRCASE = 0.03
+"""The same where the input repeats its values."""
+
 TIE = 2.0
 """Fall of -2 log L below which nothing speaks against what the samples suggest."""
 
@@ -73,12 +80,20 @@ class Behaviours:
         Those that were fitted; the present one among them where any was.
     staircase : bool
         Whether the inputs repeat their values at most samples.
+    count : int
+        Samples of all outputs.
     """
 
     present: Behaviour
     above: dict[Behaviour, float]
     attempts: dict[Behaviour, Attempt]
     staircase: bool
+    count: int
+
+    @property
+    def clearly(self) -> float:
+        """Fall of ``-2 log L`` from which another behaviour is clearly better."""
+        return max(CLEARLY, (MATERIAL_STAIRCASE if self.staircase else MATERIAL) * self.count)
 
     @property
     def best(self) -> Behaviour:
@@ -140,17 +155,18 @@ def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | No
             above[behaviour] = _promise(_with(problem, behaviour), poles) - here
     except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
         return None
+    count = sum(int(np.isfinite(e.y).sum()) for e in problem.experiments)
     orders = [a.size for a in problem.noise] or [0] * problem.n_outputs
     limit = HOPELESS if any(orders) else -TIE
     near = [one for one, more in above.items() if one == first or more < limit]
     if near == [first]:
-        return Behaviours(first, above, {}, steps)
+        return Behaviours(first, above, {}, steps, count)
     tried = {one: attempt(_with(problem, one), [poles], orders) for one in near}
     fitted = {one: end for one, end in tried.items() if end is not None}
     if first not in fitted:
         return None
     above |= {one: end.deviance - fitted[first].deviance for one, end in fitted.items()}
-    return Behaviours(first, above, fitted, steps)
+    return Behaviours(first, above, fitted, steps, count)
 
 
 def _promise(problem: Problem, poles: Complex) -> float:
@@ -168,7 +184,7 @@ def better_behaviour(found: Behaviours, suggested: Behaviour) -> Behaviour:
     suggested : str
         By the samples alone (`Record.behaviour`): kept where the likelihoods are equal.
     """
-    best, least = found.best, CLEARLY if found.staircase else TIE
+    best, least = found.best, found.clearly if found.staircase else TIE
     clear = suggested not in found.above or found.fall(best, suggested) >= least
     return best if clear else suggested
 
@@ -188,7 +204,7 @@ def is_staircase(records: Sequence[Record]) -> bool:
 def intersample_findings(estimate: Estimate, found: Behaviours) -> list[Finding]:
     """A word where another behaviour than the one stated explains the record clearly better."""
     fall = found.fall(found.best, found.present)
-    if found.best == found.present or fall < CLEARLY:
+    if found.best == found.present or fall < found.clearly:
         return []
     best, present = found.attempts[found.best], found.attempts[found.present]
     moved = coefficients(best.point) - coefficients(present.point)

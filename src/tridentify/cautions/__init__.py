@@ -16,7 +16,7 @@ from tridentify.cautions.outliers import outlier_findings
 from tridentify.cautions.residual import residual_findings
 from tridentify.cautions.sensors import sensor_findings
 from tridentify.estimate import Estimate
-from tridentify.finding import Finding, joined, ranked
+from tridentify.finding import Finding, joined
 from tridentify.record import Record
 from tridentify.validation.assess import looked_at
 
@@ -54,13 +54,12 @@ def judged(
     found += outlier_findings(estimate, records, known)
     found += [] if between is None else intersample_findings(estimate, between)
     tested = looked_at(estimate, records) if estimate.status.ok else ()
-    found += tested
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)
         found += sensor_findings(estimate, record, number, known)
         if not tested:
             found += residual_findings(estimate, record, number, known)
-    return joined(ranked(found))
+    return joined(tested, found)
 
 
 def _missing(record: Record, experiment: int | None) -> list[Finding]:

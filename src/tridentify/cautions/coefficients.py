@@ -14,6 +14,13 @@ from tridentify.trace import OTHER_DELAYS, REPEATED_INPUT
 VAGUE = 0.5
 """Relative standard error above which a coefficient says little about itself."""
 
+BEYOND = 3.0
+"""Time constant over the length of the record from which its response is hardly seen: in a third
+of a time constant a step reaches 28 % of its end."""
+
+TURNS = 1.6
+"""Angle of a mode between two samples [rad], four samples a period, from which it is suspicious."""
+
 TOGETHER = 0.9
 """Correlation of two errors above which the coefficients cannot be told apart."""
 
@@ -74,6 +81,7 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
         for told in estimate.trace.decisions
         if told.startswith(REPEATED_INPUT)
     ]
+    found += _outside(estimate, records)
     found += _at_bounds(estimate)
     parameters = estimate.parameters.values()
     integrates = any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters)
@@ -136,7 +144,10 @@ def _no_response(estimate: Estimate, records: Sequence[Record]) -> list[Finding]
     samples = sum(np.isfinite(record.y).sum(axis=0) for record in records)
     left = np.maximum(1.0 - estimate.fit / 100.0, 1e-12)
     gained = float(np.sum(-2.0 * samples * np.log(left)))
-    if not gained < 2.0 * len(estimate.names):
+    poles = estimate.model.den[0][0].size - 1
+    # each pair of poles is the best of as many frequencies as there are samples
+    price = 2.0 * len(estimate.names) + 2.0 * np.log(float(samples.sum())) * ((poles + 1) // 2)
+    if not gained < price:
         return []
     return [
         Finding(
@@ -147,6 +158,46 @@ def _no_response(estimate: Estimate, records: Sequence[Record]) -> list[Finding]
             "Check the channels, excite the system more, or reduce the noise.",
         )
     ]
+
+
+def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
+    """Time constants far beyond the record, and oscillations that the samples cannot show."""
+    longest = max(record.duration for record in records)
+    step = min(float(np.median(np.diff(record.t))) for record in records)
+    poles = np.unique(np.concatenate([np.ravel(row) for row in _denominators(estimate)]))
+    found = []
+    slow = [p for p in poles if 0.0 < abs(p.real) * longest < 1.0 / BEYOND and not p.imag]
+    if slow:
+        constant = 1.0 / min(abs(p.real) for p in slow)
+        found.append(
+            Finding(
+                "outside-the-record",
+                "warning",
+                f"A time constant of {constant:.3g} s is {constant / longest:.1f} times as long as "
+                "the record: the record shows the beginning of its response alone, so that time "
+                "constant and gain depend on what the model assumes.",
+                "Fix the pole at zero if the system integrates (fixed={'a0': 0}; --fix a0=0), use "
+                "one pole fewer with a drift, or record longer.",
+            )
+        )
+    fast = [p for p in poles if abs(p.imag) * step > TURNS]
+    if fast:
+        turns = 2.0 * np.pi / (max(abs(p.imag) for p in fast) * step)
+        found.append(
+            Finding(
+                "outside-the-record",
+                "warning",
+                f"A mode oscillates with {turns:.1f} samples a period: noise and what lies between "
+                "the samples make such modes.",
+                "Use two poles fewer, or sample faster if the mode is real.",
+            )
+        )
+    return found
+
+
+def _denominators(estimate: Estimate) -> list[list[complex]]:
+    dens = [den for row in estimate.model.den for den in row]
+    return [list(np.roots(den)) for den in dens]
 
 
 def _at_bounds(estimate: Estimate) -> list[Finding]:

@@ -50,6 +50,10 @@ NEAR = 1e-4
 FEWEST_AT_LIMIT = 4
 BEYOND = 4.0
 FEWEST_HANGING = 5
+RARELY = 0.02
+"""Share of runs of more than one sample below which values do not repeat by themselves."""
+LONG_RUN = 8
+"""Equal samples in a row that noise of any size cannot make where values do not repeat."""
 MOVED = 6.0
 FEWEST_REPEATS = 3
 MOST_REPEATS = 0.1
@@ -243,6 +247,7 @@ def _hanging(
     seen = np.isfinite(y)
     pairs = max(int((seen[1:] & seen[:-1]).sum()), 1)
     count = lost = begin = end = 0
+    usual = float(np.mean(repeated.length > 1)) if repeated.length.size else 1.0
     restless = np.mean(np.any(u[1:] != u[:-1], axis=1)) > RESTLESS
     for first, length, value in zip(*repeated, strict=True):
         if length < FEWEST_HANGING or value in ends or first == 0:
@@ -253,7 +258,10 @@ def _hanging(
             continue
         part = f[first : first + length]
         frozen = restless and not np.ptp(u[first : first + length], axis=0).any()
-        if frozen or np.ptp(part) > MOVED * noise + 2.0 * q:
+        # its own residual is part of the noise's size: where nothing else repeats, noise that is
+        # there cannot have stood still
+        alone = usual < RARELY and length >= LONG_RUN and noise > EXACT * q
+        if frozen or alone or np.ptp(part) > MOVED * noise + 2.0 * q:
             begin, end = (begin if count else int(first)), int(first + length) - 1
             count, lost = count + 1, lost + int(length)
     if not count:

@@ -81,7 +81,7 @@ def write_report(
         subtitle=subtitle(estimate),
         verdict=verdict(estimate, checked),
         status=estimate.status,
-        findings=joined((*(checked.findings if checked else ()), *estimate.findings)),
+        findings=joined(checked.findings if checked else (), estimate.findings),
         validation=checked,
         tests=validation_tables(checked) if checked else [],
         untested=untested,

@@ -19,6 +19,17 @@ from tridentify.validation.view import View
 
 Array = NDArray[np.float64]
 
+HEADLINES = {
+    "intersample": "between its samples the input is not what it is taken for",
+    "delay": "a delay is missing",
+    "nonlinear": "the system is not linear over this range",
+    "varying": "the system changes during the record",
+    "disagreeing-experiments": "the experiments are not of one system",
+    "drift": "an offset or a drift is missing",
+    "order-low": "the order is too low",
+}
+"""Code of a cause that can be fitted -> what it is called."""
+
 HARDLY = 1.0
 """Movement of a coefficient [standard errors] below which it may stay as it is."""
 
@@ -109,8 +120,8 @@ def finding_of(
         What the residual shows, a sentence.
     """
     rival = found.rival
-    verb = "explains" if rival.code != "order-low" else "explain"
-    message = f"{where} {rival.what[0].upper()}{rival.what[1:]} {verb} it best of all causes tried."
+    verb = "explain" if rival.code == "order-low" else "explains"
+    message = f"{where}: {HEADLINES[rival.code]}. Of all causes tried, {rival.what} {verb} it best."
     return Finding(
         rival.code,
         "error" if rival.refits and rival.code in ("intersample", "delay") else "warning",

@@ -112,7 +112,7 @@ def findings(
         found += _about_one(view, one, name, left, own, beside.without_bad)
     if concerned and beside.named is not None and beside.explained is not None:
         names = [name for name, _ in concerned]
-        where = _sentence(concerned[0][1])
+        where = _sentence(concerned[0][1])[:-1]
         base, estimate = beside.explained.present, beside.estimate
         found.append(finding_of(beside.named, base, estimate, names, where))
     if transfer is not None:
