@@ -69,7 +69,9 @@ class Structure:
         Known dead time of each input [s], nested ``delay[output][input]``; "free" to estimate it.
     offset, drift : bool or "auto"
         Whether a constant, or a slope in time, is estimated along on every output. "auto" lets the
-        data decide.
+        data decide. Where nothing is said, the offset is "auto" and there is no drift, but behind
+        an integrator (``fixed={"a0": 0}``), where a constant error of the input makes a ramp, the
+        drift is "auto" too.
     initial_state : {"auto", "free", "rest", "equilibrium"}
         "rest": every state is zero at the first sample, for the input as recorded. "equilibrium":
         the steady state under the first input value (a trimmed aircraft); the input counts from
@@ -120,7 +122,7 @@ class Structure:
     _: KW_ONLY
     delay: float | Sequence[Sequence[float]] | Literal["free"] = 0.0
     offset: Choice = "auto"
-    drift: Choice = False
+    drift: Choice | None = None
     initial_state: InitialState = "auto"
     fixed: Mapping[str, float] | None = field(default=None, hash=False)
     bounds: Mapping[str, Bounds] | None = field(default=None, hash=False)
@@ -134,7 +136,9 @@ class Structure:
             "zeros": checked_orders("zeros", self.zeros, lowest=0),
             "delay": checked_delays(self.delay),
             "offset": checked_choice("offset", self.offset),
-            "drift": checked_choice("drift", self.drift),
+            "drift": self._default_drift()
+            if self.drift is None
+            else checked_choice("drift", self.drift),
             "fixed": MappingProxyType(checked_fixed(self.fixed)),
             "bounds": MappingProxyType(checked_bounds(self.bounds)),
             "equalities": checked_equalities(self.equalities),
@@ -151,6 +155,12 @@ class Structure:
             )
         self._check_shapes()
         self._check_constraints()
+
+    def _default_drift(self) -> Choice:
+        """Behind an integrator a constant error of the input is a ramp of the output."""
+        fixed = self.fixed if isinstance(self.fixed, Mapping) else {}
+        integrates = any(str(name).startswith("a0") and fixed[name] == 0 for name in fixed)
+        return "auto" if integrates and self.initial_state != "equilibrium" else False
 
     def _check_shapes(self) -> None:
         nested = {

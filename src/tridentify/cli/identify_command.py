@@ -33,7 +33,7 @@ def identify(
     stop: options.Stop = None,
     delay: options.Delay = None,
     offset: options.Offset = options.Choice.AUTO,
-    drift: options.Drift = options.Choice.NO,
+    drift: options.Drift = None,
     initial_state: options.InitialState = options.Beginning.AUTO,
     fixed: options.Fixed = None,
     bounds: options.Limits = None,
@@ -69,7 +69,7 @@ def identify(
         nested_zeros(zeros, *shape),
         delay=nested_delays(delay or (), *shape),
         offset=offset.answer,
-        drift=drift.answer,
+        drift=None if drift is None else drift.answer,
         initial_state=initial_state.value,
         **known_from(fixed or (), bounds or (), priors or (), gains or ()),
     )

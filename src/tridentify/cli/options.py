@@ -169,7 +169,7 @@ Offset = Annotated[
     model_option(metavar="HOW", help="A constant on every output: yes, no, or auto (by AICc)."),
 ]
 Drift = Annotated[
-    Choice,
+    Choice | None,
     model_option(
         metavar="HOW", help="A slope in time on every output: yes, no, or auto (by AICc)."
     ),

@@ -80,7 +80,7 @@ def physical(
         str | None, options.model_option(metavar="SECONDS", help="Known dead time of the input.")
     ] = None,
     offset: options.Offset = options.Choice.AUTO,
-    drift: options.Drift = options.Choice.NO,
+    drift: options.Drift = None,
     initial_state: options.InitialState = options.Beginning.AUTO,
     out: options.Out = None,
     title: options.Title = None,
@@ -106,7 +106,7 @@ def physical(
         chosen.structure,
         delay=_known_delay(delay),
         offset=offset.answer,
-        drift=drift.answer,
+        drift=None if drift is None else drift.answer,
         initial_state=initial_state.value,
     )
     source = Source(

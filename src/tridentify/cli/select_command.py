@@ -80,7 +80,7 @@ def select(
     validation: Validation = None,
     delay: options.Delay = None,
     offset: options.Offset = options.Choice.AUTO,
-    drift: options.Drift = options.Choice.NO,
+    drift: options.Drift = None,
     initial_state: options.InitialState = options.Beginning.AUTO,
     method: options.Method = "three-model",
     noise: options.NoiseModel = options.Noise.AUTO,
@@ -98,7 +98,7 @@ def select(
         0,
         delay=nested_delays(delay or (), *shape),
         offset=offset.answer,
-        drift=drift.answer,
+        drift=None if drift is None else drift.answer,
         initial_state=initial_state.value,
     )
     candidates = candidates_from(poles, zeros, template)

@@ -66,7 +66,7 @@ def stream(
     idle: own.Idle = None,
     delay: options.Delay = None,
     offset: options.Offset = options.Choice.AUTO,
-    drift: options.Drift = options.Choice.NO,
+    drift: options.Drift = None,
     initial_state: options.InitialState = options.Beginning.AUTO,
     method: own.Method = "three-model",
     forgetting: own.Forgetting = None,
@@ -108,7 +108,7 @@ def stream(
         nested_zeros(zeros, *shape),
         delay=nested_delays(delay or (), *shape),
         offset=offset.answer,
-        drift=drift.answer,
+        drift=None if drift is None else drift.answer,
         initial_state=initial_state.value,
     )
     chosen = own.chosen_estimator(method, given)
