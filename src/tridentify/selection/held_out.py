@@ -97,7 +97,7 @@ def cross_fit(task: Held) -> HeldOut:
         with warnings.catch_warnings(), np.errstate(all="ignore"), one_blas_thread():
             warnings.simplefilter("ignore")
             if task.validation:
-                errors = [_on_all(task.estimate, task.estimate.model, one) for one in seen]
+                errors = [_on_all(task.estimate, task.estimate.model, one, False) for one in seen]
             else:
                 errors = _left_out(task)
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
@@ -151,7 +151,7 @@ def _left_out(task: Held) -> list[Array]:
         model = _again(task.estimate, kept)
         for e, record in enumerate(task.records):
             out = numbers[e] == fold
-            errors[e][out] = _on_all(task.estimate, model, record)[out]
+            errors[e][out] = _on_all(task.estimate, model, record, True)[out]
     return errors
 
 
@@ -169,23 +169,29 @@ def _again(estimate: Estimate, kept: Sequence[Record]) -> TransferFunction:
     return model_of(point.problem, coefficients(point), kept[0])
 
 
-def _on_all(estimate: Estimate, model: TransferFunction, record: Record) -> Array:
-    """Errors with coefficients held, offset and free response fitted to the whole record."""
-    moved = record._on_its_times(record.u - record.u[0])
-    error = np.array(record.y - simulate(model, moved))
+def _on_all(estimate: Estimate, model: TransferFunction, record: Record, own: bool) -> Array:
+    """Errors with coefficients held, offset and free response fitted to the whole record.
+
+    Of its ``own`` records an estimate says which of them there are; another one may have any.
+    """
+    known = estimate.structure
+    free, offset = not own or known.initial_state == "free", not own or bool(known.offset)
+    begin = record.u[0] if not own or known.initial_state == "equilibrium" else 0.0
+    error = np.array(record.y - simulate(model, record._on_its_times(record.u - begin)))
     still = record._on_its_times(np.zeros_like(record.u))
     for i in range(error.shape[1]):
-        columns = [np.ones(record.n_samples)]
-        for j in range(record.n_inputs):
+        columns = [np.ones(record.n_samples)] if offset else []
+        for j in range(record.n_inputs) if free else ():
             n = model.den[i][j].size - 1
-            if j and estimate.structure.shared:
+            if j and known.shared:
                 continue
             for k in range(n):
-                free = _unit(estimate, model, i, j, k)
-                columns.append(simulate(model, still, free_response=free)[:, i])
-        if estimate.structure.drift:
+                unit = _unit(estimate, model, i, j, k)
+                columns.append(simulate(model, still, free_response=unit)[:, i])
+        if known.drift:
             columns.append(record.t - record.t[0])
-        error[:, i] = _without(np.column_stack(columns), error[:, i])
+        if columns:
+            error[:, i] = _without(np.column_stack(columns), error[:, i])
     return error
 
 
