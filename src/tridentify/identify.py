@@ -3,23 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from tridentify.choice import METHODS, checked_method, listed, with_behaviour, with_judgement
-from tridentify.errors import ConvergenceError, OptionError, UnsupportedOrderError
+from tridentify.errors import (
+    ConvergenceError,
+    IdentifiabilityError,
+    OptionError,
+    OrderError,
+    UnsupportedOrderError,
+)
 from tridentify.estimate import Estimate, Status
 from tridentify.methods.base import Method, Progress
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record import Record
-from tridentify.structure import Structure
+from tridentify.selection.orders import default_candidates
+from tridentify.selection.select import select_structure
+from tridentify.structure import AutoStructure, Structure
 
 __all__ = ["METHODS", "identify"]
 
 
 def identify(
     records: Record | Sequence[Record],
-    structure: Structure,
+    structure: Structure | AutoStructure | tuple[int, int] | None = None,
     method: Method | None = None,
     *,
+    poles: int | Sequence[Sequence[int]] | None = None,
+    zeros: int | Sequence[Sequence[int]] | None = None,
     throw: bool = True,
     progress: Progress | None = None,
 ) -> Estimate:
@@ -29,10 +40,14 @@ def identify(
     ----------
     records : Record or sequence of Record
         One or several experiments on the same system.
-    structure : Structure
-        Numbers of poles and zeros, and which nuisance terms are estimated along.
+    structure : Structure, AutoStructure or tuple of (int, int), optional
+        Numbers of poles and zeros, and which nuisance terms are estimated along; ``(2, 1)`` for
+        ``Structure(2, 1)``. Left out, or `Structure.auto`, it is the one that `select_structure`
+        recommends, and the decisions in ``trace`` say why.
     method : Method, optional
         Default ``ThreeModel()``.
+    poles, zeros : int or nested sequence of int, optional
+        In place of ``structure``: ``poles=2, zeros=1`` for ``Structure(2, 1)``.
     throw : bool
         Whether an estimate that is not usable raises; otherwise it is returned and its
         ``status`` says so.
@@ -47,8 +62,10 @@ def identify(
     ------
     DataError, StructureError
         If records and structure are not usable.
+    OrderError
+        If one of ``poles`` and ``zeros`` is missing, or they stand beside a structure.
     OptionError
-        If ``method`` is a name or a class instead of a method with its options.
+        If ``structure`` or ``method`` is something else, such as a name or a class.
     IdentifiabilityError
         If the data cannot determine the coefficients.
     ConvergenceError
@@ -62,20 +79,21 @@ def identify(
     >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(u, u, dt=0.02))
     >>> identify(Record(u, y, dt=0.02), Structure(1, 0)).parameters["a0"].value
     4.0
+    >>> identify(Record(u, y, dt=0.02), poles=1, zeros=0).names
+    ('a0', 'b0')
     """
     given = listed(records)
-    if not isinstance(structure, Structure):
-        raise OptionError(
-            f"found structure={type(structure).__name__}; expected a Structure; write for example "
-            "Structure(poles=2, zeros=1)"
-        )
+    wanted = _wanted(structure, poles, zeros)
     chosen = checked_method(method)
     with one_blas_thread():
-        estimate, seen, between, told = with_behaviour(chosen, given, structure, progress)
-        estimate = with_judgement(estimate, seen, chosen, between, told)
+        if isinstance(wanted, AutoStructure):
+            estimate = _of_chosen_order(given, wanted, chosen, progress)
+        else:
+            estimate, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+            estimate = with_judgement(estimate, seen, chosen, between, told)
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
         raise UnsupportedOrderError(
-            f"found a pole that runs away from the record with {structure.poles} poles: "
+            f"found a pole that runs away from the record with {estimate.structure.poles} poles: "
             f"{estimate.status.message}; expected poles that leave a trace between the samples; "
             f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
         )
@@ -85,3 +103,43 @@ def identify(
             f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
         )
     return estimate
+
+
+def _wanted(structure: object, poles: object, zeros: object) -> Structure | AutoStructure:
+    """What is asked for, in whichever way it was said."""
+    if poles is not None or zeros is not None:
+        if structure is not None or poles is None or zeros is None:
+            found = "zeros" if poles is None else "poles" if zeros is None else "poles and zeros"
+            beside = " beside a structure" if structure is not None else ""
+            raise OrderError(
+                f"found {found}{beside}; expected poles and zeros together, or a structure, or "
+                "neither for orders that the record chooses; write for example poles=2, zeros=1"
+            )
+        return Structure(poles, zeros)  # type: ignore[arg-type]
+    if structure is None:
+        return AutoStructure()
+    if isinstance(structure, Structure | AutoStructure):
+        return structure
+    if isinstance(structure, tuple) and len(structure) == 2:
+        return Structure(*structure)
+    raise OptionError(
+        f"found structure={type(structure).__name__}; expected a Structure; write for example "
+        "Structure(poles=2, zeros=1)"
+    )
+
+
+def _of_chosen_order(
+    records: list[Record], wanted: AutoStructure, method: Method, progress: Progress | None
+) -> Estimate:
+    """The estimate of the row that `select_structure` recommends, with the reason."""
+    candidates = default_candidates(records, wanted.template, wanted.max_poles)
+    selection = select_structure(records, candidates, method=method, progress=progress)
+    row = selection.recommended
+    if row is None or row.estimate is None:
+        raise IdentifiabilityError(
+            f"found no usable candidate among {len(candidates)} orders: {selection.reason}; "
+            "expected one that the record determines; state poles and zeros, or record longer"
+        )
+    told = f"poles, zeros = {row.label} chosen of {len(candidates)} candidates: {selection.reason}"
+    trace = replace(row.estimate.trace, decisions=(told, *row.estimate.trace.decisions))
+    return replace(row.estimate, trace=trace)
