@@ -14,7 +14,7 @@ candidate with more unknowns lowers ``-2 log L`` by more than
 for ``d`` more unknowns, ``k`` in all: the price of BIC (Schwarz 1978) with the factor of an F test
 where ``N`` is small. Of the adequate candidates the one with the fewest unknowns is the
 *likeliest*; those whose poles the record hardly determines stand back. It is to be believed if it
-*explains* the record: its residual does not follow the input.
+*explains* the record: it is sound and its residual does not follow the input.
 
 *What does a measured record support?* There every candidate is wrong, and enough samples refute all
 but the largest. Wanted is the smallest *sound* candidate (`soundness`: not at a limit, its
@@ -170,7 +170,7 @@ def recommend(
     likeliest : int or None
         `choose` of them.
     explains : bool
-        Whether its residual does not follow the input.
+        Whether it is sound and its residual does not follow the input.
     sharp : bool
         Whether its coefficients are known to where the likelihood is as good as Gaussian.
 

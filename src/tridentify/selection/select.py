@@ -254,9 +254,15 @@ class _Work:
                 zip(whole, table.criteria, held, strict=True)
             )
         ]
-        likeliest = choose(table.contenders())
-        explains = likeliest is not None and not _follows_input(
-            table.entries[likeliest], table.noise[likeliest], self.records
+        contenders = [
+            replace(one, known=one.known and not row.doubts)
+            for one, row in zip(table.contenders(), rows, strict=True)
+        ]
+        likeliest = choose(contenders)
+        explains = (
+            likeliest is not None
+            and not rows[likeliest].doubts
+            and not _follows_input(table.entries[likeliest], table.noise[likeliest], self.records)
         )
         noise = () if likeliest is None else table.noise[likeliest]
         judges = unseen or self.records
@@ -271,7 +277,7 @@ class _Work:
             rows[place] = self._judged(rows[place])
         hankel = self._hankel(table, place)
         missed = place is not None and self._missed(whole[place])
-        reason = in_words(rows, table.contenders(), verdict, missed)
+        reason = in_words(rows, contenders, verdict, missed)
         notes = (*told, *_notes(table, unseen))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, notes)
 
