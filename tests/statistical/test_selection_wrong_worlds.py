@@ -1,7 +1,7 @@
 """Order selection where no candidate is the true system, as on every measured record.
 
-A plant of order two, as it is recorded: with gusts, drift, a spring that stiffens. More poles always
-explain some of it, none of them is of the plant.
+A plant of order two, as it is recorded: with gusts, drift, a spring that stiffens. More poles
+always explain some of it, none of them is of the plant.
 """
 
 from __future__ import annotations

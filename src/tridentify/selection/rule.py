@@ -31,7 +31,8 @@ itself not sharply known, a difference of less than one percent of the output's 
 either: the wrong structure alone leaves more than that.
 
 *Measured*: on random systems in `benchmarks/trust.py` and `tests/statistical/test_selection.py`; on
-gusts, drifts and a stiffening spring (where it still buys poles) in `tests/statistical/test_selection_wrong_worlds.py`.
+gusts, and on drifts and a stiffening spring (where it still buys poles), in
+`tests/statistical/test_selection_wrong_worlds.py`.
 
 References: R. Davies, Biometrika 64 (1977) 247-254 and 74 (1987) 33-43. G. Schwarz, Annals of
 Statistics 6 (1978) 461-464. L. Breiman, J. Friedman, R. Olshen, C. Stone, *Classification and
