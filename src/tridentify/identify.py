@@ -2,52 +2,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from types import MappingProxyType
 
-from tridentify.causes.intersample import IN_WORDS, Behaviours, behaviours, better_behaviour
-from tridentify.cautions import judged
-from tridentify.checks.samples import Behaviour
+from tridentify.choice import METHODS, checked_method, listed, with_behaviour, with_judgement
 from tridentify.errors import (
     ConvergenceError,
+    IdentifiabilityError,
     OptionError,
-    SampleTypeError,
+    OrderError,
     UnsupportedOrderError,
-    shown,
 )
 from tridentify.estimate import Estimate, Status
 from tridentify.methods.base import Method, Progress
-from tridentify.methods.bias_compensated_least_squares import BiasCompensatedLeastSquares
-from tridentify.methods.capability import Capability
-from tridentify.methods.output_error import OutputError
-from tridentify.methods.refined_instrumental_variable import RefinedInstrumentalVariable
-from tridentify.methods.svf_instrumental_variable import SvfInstrumentalVariable
-from tridentify.methods.svf_least_squares import SvfLeastSquares
-from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record import Record
-from tridentify.structure import Structure
-from tridentify.text import as_call
+from tridentify.selection.orders import default_candidates
+from tridentify.selection.select import select_structure
+from tridentify.structure import AutoStructure, Structure
 
-METHODS: Mapping[str, Callable[[], Method]] = MappingProxyType(
-    {
-        "three-model": ThreeModel,
-        "output-error": OutputError,
-        "refined-instrumental-variable": RefinedInstrumentalVariable,
-        "svf-instrumental-variable": SvfInstrumentalVariable,
-        "svf-least-squares": SvfLeastSquares,
-        "bias-compensated-least-squares": BiasCompensatedLeastSquares,
-    }
-)
-"""Name -> method with its default options; the command line and the contract tests read it."""
+__all__ = ["METHODS", "identify"]
 
 
 def identify(
     records: Record | Sequence[Record],
-    structure: Structure,
+    structure: Structure | AutoStructure | tuple[int, int] | None = None,
     method: Method | None = None,
     *,
+    poles: int | Sequence[Sequence[int]] | None = None,
+    zeros: int | Sequence[Sequence[int]] | None = None,
     throw: bool = True,
     progress: Progress | None = None,
 ) -> Estimate:
@@ -57,10 +40,14 @@ def identify(
     ----------
     records : Record or sequence of Record
         One or several experiments on the same system.
-    structure : Structure
-        Numbers of poles and zeros, and which nuisance terms are estimated along.
+    structure : Structure, AutoStructure or tuple of (int, int), optional
+        Numbers of poles and zeros, and which nuisance terms are estimated along; ``(2, 1)`` for
+        ``Structure(2, 1)``. Left out, or `Structure.auto`, it is the one that `select_structure`
+        recommends, and the decisions in ``trace`` say why.
     method : Method, optional
         Default ``ThreeModel()``.
+    poles, zeros : int or nested sequence of int, optional
+        In place of ``structure``: ``poles=2, zeros=1`` for ``Structure(2, 1)``.
     throw : bool
         Whether an estimate that is not usable raises; otherwise it is returned and its
         ``status`` says so.
@@ -75,8 +62,10 @@ def identify(
     ------
     DataError, StructureError
         If records and structure are not usable.
+    OrderError
+        If one of ``poles`` and ``zeros`` is missing, or they stand beside a structure.
     OptionError
-        If ``method`` is a name or a class instead of a method with its options.
+        If ``structure`` or ``method`` is something else, such as a name or a class.
     IdentifiabilityError
         If the data cannot determine the coefficients.
     ConvergenceError
@@ -90,22 +79,21 @@ def identify(
     >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(u, u, dt=0.02))
     >>> identify(Record(u, y, dt=0.02), Structure(1, 0)).parameters["a0"].value
     4.0
+    >>> identify(Record(u, y, dt=0.02), poles=1, zeros=0).names
+    ('a0', 'b0')
     """
-    listed = _listed(records)
-    if not isinstance(structure, Structure):
-        raise OptionError(
-            f"found structure={type(structure).__name__}; expected a Structure; write for example "
-            "Structure(poles=2, zeros=1)"
-        )
+    given = listed(records)
+    wanted = _wanted(structure, poles, zeros)
     chosen = checked_method(method)
     with one_blas_thread():
-        estimate, seen, between, told = _with_behaviour(chosen, listed, structure, progress)
-        found = judged(estimate, seen, between)
-        trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *told))
-        estimate = replace(estimate, findings=found, trace=trace, call=as_call(chosen))
+        if isinstance(wanted, AutoStructure):
+            estimate = _of_chosen_order(given, wanted, chosen, progress)
+        else:
+            estimate, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+            estimate = with_judgement(estimate, seen, chosen, between, told)
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
         raise UnsupportedOrderError(
-            f"found a pole that runs away from the record with {structure.poles} poles: "
+            f"found a pole that runs away from the record with {estimate.structure.poles} poles: "
             f"{estimate.status.message}; expected poles that leave a trace between the samples; "
             f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
         )
@@ -117,74 +105,41 @@ def identify(
     return estimate
 
 
-def _with_behaviour(
-    method: Method, records: list[Record], structure: Structure, progress: Progress | None
-) -> tuple[Estimate, list[Record], Behaviours | None, tuple[str, ...]]:
-    """The estimate, with what explains the record best where the input's behaviour is left open.
-
-    The search runs with what the samples suggest; at its end every behaviour is fitted from there,
-    and another search with the best of them follows where that is another one.
-    """
-    stated = all(record.intersample != "auto" for record in records)
-    left_open = [record.behaviour for record in records if record.intersample == "auto"]
-    suggested: Behaviour = left_open[0] if left_open else "zoh"
-    tried: list[Behaviour] = []
-    wanted = suggested
-    while True:
-        seen = [record.settled(wanted) for record in records]
-        tried.append(wanted)
-        estimate = method.estimate(seen, structure, progress)
-        found = behaviours(estimate, seen)
-        if stated:
-            return estimate, seen, found, ()
-        if found is None:
-            told = f"input taken as {IN_WORDS[wanted]}, which its samples suggest"
-            return estimate, seen, None, (told,)
-        better = better_behaviour(found, suggested)
-        if better in tried or not _can_be(better, method):
-            return estimate, seen, found, (found.in_words(),)
-        wanted = better
-
-
-def _can_be(behaviour: Behaviour, method: Method) -> bool:
-    """Whether a method takes an input of that behaviour."""
-    can = getattr(method, "capabilities", Capability.NONE)
-    return behaviour != "band-limited" or Capability.BAND_LIMITED in can
-
-
-def checked_method(method: object) -> Method:
-    """Give the method that was chosen, or the default one.
-
-    Raises
-    ------
-    OptionError
-        It is a name of `METHODS`, a class, or no method at all.
-    """
-    if method is None:
-        return ThreeModel()
-    if isinstance(method, Method) and not isinstance(method, type):
-        return method
-    found, write = shown(method), "ThreeModel()"
-    if isinstance(method, str) and method in METHODS:
-        made = METHODS[method]
-        write = f"{getattr(made, '__name__', write)}(), or METHODS[{method!r}]()"
-    elif isinstance(method, type):
-        found = f"the class {method.__name__}"
-        if issubclass(method, tuple(m for m in METHODS.values() if isinstance(m, type))):
-            write = f"{method.__name__}()"
+def _wanted(structure: object, poles: object, zeros: object) -> Structure | AutoStructure:
+    """What is asked for, in whichever way it was said."""
+    if poles is not None or zeros is not None:
+        if structure is not None or poles is None or zeros is None:
+            found = "zeros" if poles is None else "poles" if zeros is None else "poles and zeros"
+            beside = " beside a structure" if structure is not None else ""
+            raise OrderError(
+                f"found {found}{beside}; expected poles and zeros together, or a structure, or "
+                "neither for orders that the record chooses; write for example poles=2, zeros=1"
+            )
+        return Structure(poles, zeros)  # type: ignore[arg-type]
+    if structure is None:
+        return AutoStructure()
+    if isinstance(structure, Structure | AutoStructure):
+        return structure
+    if isinstance(structure, tuple) and len(structure) == 2:
+        return Structure(*structure)
     raise OptionError(
-        f"found method={found}; expected a method with its options; write method={write}"
+        f"found structure={type(structure).__name__}; expected a Structure; write for example "
+        "Structure(poles=2, zeros=1)"
     )
 
 
-def _listed(records: Record | Sequence[Record]) -> list[Record]:
-    if isinstance(records, Record):
-        return [records]
-    found = list(records) if isinstance(records, Sequence) else [records]
-    wrong = [type(item).__name__ for item in found if not isinstance(item, Record)]
-    if wrong:
-        raise SampleTypeError(
-            f"found {wrong[0]} in place of a record; expected a Record or a list of them; write "
-            "Record(u, y, dt=...)"
+def _of_chosen_order(
+    records: list[Record], wanted: AutoStructure, method: Method, progress: Progress | None
+) -> Estimate:
+    """The estimate of the row that `select_structure` recommends, with the reason."""
+    candidates = default_candidates(records, wanted.template, wanted.max_poles)
+    selection = select_structure(records, candidates, method=method, progress=progress)
+    row = selection.recommended
+    if row is None or row.estimate is None:
+        raise IdentifiabilityError(
+            f"found no usable candidate among {len(candidates)} orders: {selection.reason}; "
+            "expected one that the record determines; state poles and zeros, or record longer"
         )
-    return found
+    told = f"poles, zeros = {row.label} chosen of {len(candidates)} candidates: {selection.reason}"
+    trace = replace(row.estimate.trace, decisions=(told, *row.estimate.trace.decisions))
+    return replace(row.estimate, trace=trace)

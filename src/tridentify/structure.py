@@ -43,7 +43,7 @@ from tridentify.errors import (
     shown,
 )
 
-__all__ = ["InitialState", "Structure"]
+__all__ = ["AutoStructure", "InitialState", "Structure"]
 
 FloatArray = NDArray[np.float64]
 Choice = bool | Literal["auto"]
@@ -51,6 +51,30 @@ InitialState = Literal["free", "rest", "equilibrium", "auto"]
 
 _PARAMETER = re.compile(r"([ab])([0-9]{1,4})(\[.+\])?|delay(\[.+\])?")
 _DEFAULT = (("u",), ("y",))
+
+
+@dataclass(frozen=True)
+class AutoStructure:
+    """Orders left open: what `Structure.auto` makes and `identify` understands.
+
+    Attributes
+    ----------
+    max_poles : int
+        Most poles that are tried.
+    template : Structure
+        Delay, offset, drift and initial state of all candidates; its orders do not count.
+    """
+
+    max_poles: int = 4
+    template: Structure = field(default_factory=lambda: Structure(1, 0))
+
+    def __post_init__(self) -> None:
+        most = checked_orders("max_poles", self.max_poles, lowest=1)
+        if not isinstance(most, int):
+            raise OrderError(
+                f"found max_poles={shown(self.max_poles)}; expected one whole number; write for "
+                "example Structure.auto(max_poles=4)"
+            )
 
 
 @dataclass(frozen=True)
@@ -129,6 +153,46 @@ class Structure:
     equalities: Sequence[Equality] | None = field(default=None, hash=False)
     priors: Mapping[str, tuple[float, float]] | None = field(default=None, hash=False)
     static_gain: float | Sequence[Sequence[float | None]] | None = None
+
+    @staticmethod
+    def auto(
+        max_poles: int = 4,
+        *,
+        delay: float | Sequence[Sequence[float]] | Literal["free"] = 0.0,
+        offset: Choice = "auto",
+        drift: Choice = False,
+        initial_state: InitialState = "auto",
+    ) -> AutoStructure:
+        """A structure whose orders `identify` chooses, as `select_structure` recommends them.
+
+        Parameters
+        ----------
+        max_poles : int
+            Most poles that are tried, with one denominator for all channels and every number of
+            zeros below that of the poles.
+        delay, offset, drift, initial_state
+            As for a `Structure`; of all candidates.
+
+        Returns
+        -------
+        AutoStructure
+
+        Raises
+        ------
+        OrderError
+            `max_poles` is no whole number from 1 on.
+        OptionError
+            An option has a value that is not offered.
+
+        Examples
+        --------
+        >>> Structure.auto(max_poles=3).max_poles
+        3
+        """
+        template = Structure(
+            1, 0, delay=delay, offset=offset, drift=drift, initial_state=initial_state
+        )
+        return AutoStructure(max_poles, template)
 
     def __post_init__(self) -> None:
         clean: dict[str, object] = {

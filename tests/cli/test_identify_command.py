@@ -221,6 +221,29 @@ def test_several_outputs_may_have_their_own_number_of_zeros(run, write_table, cl
     assert both == pytest.approx(expected | {"b1[alpha,elevator]": 0.0}, rel=1e-8, abs=1e-8)
 
 
+def test_without_poles_the_orders_are_chosen_and_told(run, noisy):
+    options = ["--input", "elevator", "--output", "q", "--offset", "no", "--initial-state", "rest"]
+    for more in ([], ["--poles", "auto"]):
+        outcome = run("identify", noisy, *options, *more)
+        assert outcome.code == 0
+        assert "poles, zeros = 2, 1 chosen of 10 candidates" in " ".join(outcome.out.split())
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [
+        (["--zeros", "1"], "found --zeros 1 without a number of --poles"),
+        (["--poles", "2"], "found --poles 2 without --zeros"),
+        (["--fix", "a0=0"], "found knowledge of coefficients without --poles"),
+    ],
+)
+def test_half_an_order_is_one_line_and_code_2(run, noisy, more, said):
+    outcome = run("identify", noisy, "--input", "elevator", "--output", "q", *more)
+    assert outcome.code == 2
+    (line,) = outcome.error_lines
+    assert said in line
+
+
 def test_several_inputs_may_have_their_own_number_of_zeros(run, write_table, clean, held):
     rudder = np.roll(clean["elevator"], 270)
     q = clean["q"] + held([5.0], rudder)

@@ -7,6 +7,8 @@ import json
 import numpy as np
 import pytest
 
+from tridentify import Estimate
+
 QUESTION = ["--input", "elevator", "--output", "q"]
 FEW = ["--poles", "1:2", "--zeros", "all"]
 
@@ -20,7 +22,7 @@ def test_the_table_names_the_recommended_row_and_why_and_progress_is_elsewhere(r
     assert "2 poles and no zero" in " ".join(answer.out.split())
     assert "AICc" in answer.out
     assert "parallel model, for all candidates" in answer.err
-    assert "the whole search for 2, 1" in answer.err
+    assert "the whole search for each: 3 of 3 done" in answer.err
 
 
 def test_json_and_a_folder_hold_the_same(run, noisy, tmp_path):
@@ -31,11 +33,14 @@ def test_json_and_a_folder_hold_the_same(run, noisy, tmp_path):
     assert document["rows"][document["recommended"]]["label"] == "2, 1"
     assert {path.name for path in folder.iterdir()} == {
         "selection.json",
+        "model.json",
         "selection.svg",
         "hankel.svg",
     }
     stored = json.loads((folder / "selection.json").read_text("utf-8"))
     assert stored["reason"] == document["reason"]
+    model = Estimate.load(folder / "model.json")
+    assert model.parameters["a0"].value == document["rows"][2]["coefficients"]["a0"]["value"]
 
 
 def test_a_validation_file_judges(run, noisy, write_table, clean):

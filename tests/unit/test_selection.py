@@ -61,21 +61,43 @@ def test_the_true_order_is_recommended_with_reasons(selection):
     assert [row.structure for row in selection.rows] == CANDIDATES
 
 
-def test_the_recommended_estimate_is_that_of_identify_to_the_last_bit(record, selection):
-    assert [row.identified for row in selection.rows] == [False, False, True, False]
-    row = selection.recommended
-    alone = identify(record, row.structure)
-    assert np.array_equal(row.estimate.theta, alone.theta)
-    assert np.array_equal(row.estimate.cov, alone.cov)
+def test_every_row_is_what_identify_gives_for_it_alone_to_the_last_bit(record, selection):
+    for row in selection.rows[:3]:
+        alone = identify(record, row.structure)
+        assert row.identified
+        assert np.array_equal(row.estimate.theta, alone.theta)
+        assert np.array_equal(row.estimate.cov, alone.cov)
+        assert np.array_equal(row.fit, alone.fit)
+    assert selection.recommended.estimate.findings == identify(record, CANDIDATES[2]).findings
 
 
-def test_other_estimates_are_the_likelihoods_maximum(record, selection):
-    maximum = ThreeModel(finish="likelihood", noise="white")
-    for row in selection.rows[:2]:
-        alone = identify(record, row.estimate.structure, maximum)
-        assert row.estimate.cost == pytest.approx(alone.cost, rel=1e-9)
-        np.testing.assert_allclose(row.estimate.theta, alone.theta, rtol=1e-4)
-        np.testing.assert_allclose(row.estimate.std, alone.std, rtol=1e-3)
+def test_a_row_does_not_change_with_the_company_it_keeps(record, selection):
+    alone = select_structure(record, CANDIDATES[1:2]).rows[0]
+    row = selection.rows[1]
+    assert np.array_equal(row.fit, alone.fit)
+    assert np.array_equal(row.cross_fit, alone.cross_fit)
+    assert row.doubts == alone.doubts
+    assert row.n_coefficients == alone.n_coefficients == 3
+
+
+def test_the_first_block_left_out_with_a_free_initial_state_stays_readable():
+    clean = made(TransferFunction([400.0], [1.0, 42.0, 80.0]), level=0.02, seed=4)
+    structure = Structure(2, 0, offset=True, initial_state="free")
+    (row,) = select_structure(clean, [structure]).rows
+    assert row.cross_fit[0] == pytest.approx(row.fit[0], abs=1.0)
+
+
+def test_numbers_that_say_nothing_are_words(double):
+    rows = [
+        SelectionRow(
+            Structure(2, 1), double.estimate, fit=np.array([90.0]), cross_fit=np.array([value]),
+            held_out_reason=reason, relative_std=0.1,
+        )
+        for value, reason in ((-3e12, ""), (-np.inf, ""), (np.nan, "fewer than 40 samples"))
+    ]  # fmt: skip
+    cells = Selection(tuple(rows), None, "").table()
+    assert [row[4] for row in cells] == ["< -100", "unstable", ""]
+    assert cells[2][-1] == "held-out: fewer than 40 samples"
 
 
 def test_a_superfluous_pole_finds_a_place_that_is_as_good(record, selection):

@@ -67,6 +67,41 @@ def nested_poles(given: Sequence[str], n_outputs: int, n_inputs: int) -> int | l
     return _nested("--poles", _orders("--poles", given), given, n_outputs, n_inputs)
 
 
+def chooses_orders(poles: Sequence[str], zeros: Sequence[str], known: bool) -> bool:
+    """Whether the record is to choose the orders: no --poles, or --poles auto.
+
+    Raises
+    ------
+    OrderError
+        Only one of --poles and --zeros says something, or coefficients are stated of a structure
+        that is not.
+
+    Examples
+    --------
+    >>> chooses_orders([], [], False), chooses_orders(["auto"], [], False)
+    (True, True)
+    >>> chooses_orders(["2"], ["1"], True)
+    False
+    """
+    auto = not poles or [one.strip() for one in poles] == ["auto"]
+    if auto and zeros:
+        raise OrderError(
+            f"found --zeros {zeros[0]} without a number of --poles; expected both, or neither for "
+            "orders that the record chooses; state --poles"
+        )
+    if auto and known:
+        raise OrderError(
+            "found knowledge of coefficients without --poles; expected --poles and --zeros, as a "
+            "coefficient belongs to its order; state them"
+        )
+    if not auto and not zeros:
+        raise OrderError(
+            f"found --poles {poles[0]} without --zeros; expected both, or --poles auto; state "
+            "--zeros"
+        )
+    return auto
+
+
 def nested_delays(
     given: Sequence[str], n_outputs: int, n_inputs: int
 ) -> float | list[list[float]] | Literal["free"]:

@@ -4,25 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 
 from tridentify.cli import options, tables
-from tridentify.cli.ask import chosen_method, nested_delays, nested_poles, nested_zeros
+from tridentify.cli.ask import (
+    chooses_orders,
+    chosen_method,
+    nested_delays,
+    nested_poles,
+    nested_zeros,
+)
 from tridentify.cli.knowledge import known_from
 from tridentify.cli.load import Source, load, rules_from, units_from
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import estimate_model, load_sample_loop, show_estimate, write_results
 from tridentify.cli.terminal import Activity, show_json
 from tridentify.methods.base import Method
-from tridentify.structure import Structure
+from tridentify.structure import AutoStructure, Structure
 
 
 def identify(
     files: options.Files,
     inputs: options.Inputs,
     outputs: options.Outputs,
-    poles: options.Poles,
-    zeros: options.Zeros,
+    poles: options.PolesOrAuto = None,
+    zeros: options.ZerosOrAuto = None,
     time: options.Time = None,
     dt: options.Step = None,
     intersample: options.Intersample = options.Between.AUTO,
@@ -48,7 +55,8 @@ def identify(
 ) -> None:
     """Identify the coefficients of a model from records in files.
 
-    Example: tridentify identify flight.csv --input elevator --output q --poles 2 --zeros 1
+    Without --poles the orders are chosen. Example: tridentify identify flight.csv --input elevator
+    --output q --poles 2 --zeros 1
     """
     source = Source(
         files,
@@ -64,21 +72,31 @@ def identify(
         rules_from(missing or ()),
     )
     shape = len(outputs), len(inputs)
-    structure = Structure(
-        nested_poles(poles, *shape),
-        nested_zeros(zeros, *shape),
+    template = Structure(
+        1,
+        0,
         delay=nested_delays(delay or (), *shape),
         offset=offset.answer,
         drift=None if drift is None else drift.answer,
         initial_state=initial_state.value,
-        **known_from(fixed or (), bounds or (), priors or (), gains or ()),
     )
+    known = known_from(fixed or (), bounds or (), priors or (), gains or ())
+    structure: Structure | AutoStructure
+    if chooses_orders(poles or (), zeros or (), bool(fixed or bounds or priors or gains)):
+        structure = AutoStructure(template=template)
+    else:
+        structure = replace(
+            template,
+            poles=nested_poles(poles or (), *shape),
+            zeros=nested_zeros(zeros or (), *shape),
+            **known,
+        )
     _answer(source, structure, chosen_method(method, noise, loss), out, title, as_json)
 
 
 def _answer(
     source: Source,
-    structure: Structure,
+    structure: Structure | AutoStructure,
     method: Method,
     out: Path | None,
     title: str | None,

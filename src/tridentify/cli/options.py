@@ -156,6 +156,26 @@ Zeros = Annotated[
         "them (--zeros 1,0).",
     ),
 ]
+PolesOrAuto = Annotated[
+    list[str] | None,
+    model_option(
+        "--poles",
+        metavar="N",
+        help="Degree of the denominator that all channels share; or denominators of their own: "
+        "once for each output with a number for each input (--poles 2,1). Left out, or auto: "
+        "orders are chosen as tridentify select does.",
+    ),
+]
+ZerosOrAuto = Annotated[
+    list[str] | None,
+    model_option(
+        "--zeros",
+        metavar="M",
+        help="Degree of the numerators: once for all channels, or once for each output in "
+        "their order (--zeros 1 --zeros 0); with several inputs also a number for each of "
+        "them (--zeros 1,0). Left out with --poles.",
+    ),
+]
 Delay = Annotated[
     list[str] | None,
     model_option(

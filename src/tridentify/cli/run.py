@@ -11,7 +11,7 @@ from tridentify.errors import ConvergenceError
 from tridentify.estimate import Estimate
 from tridentify.methods.base import Method
 from tridentify.record import Record
-from tridentify.structure import Structure
+from tridentify.structure import AutoStructure, Structure
 
 
 def load_sample_loop(activity: Activity) -> None:
@@ -25,7 +25,7 @@ def load_sample_loop(activity: Activity) -> None:
 
 def estimate_model(
     records: Record | Sequence[Record],
-    structure: Structure,
+    structure: Structure | AutoStructure,
     method: Method | None = None,
     progress: Callable[[str], None] | None = None,
 ) -> Estimate:

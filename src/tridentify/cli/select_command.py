@@ -58,7 +58,9 @@ Validation = Annotated[
 Out = Annotated[
     Path | None,
     options.result_option(
-        metavar="DIR", help="Write selection.json and the pictures into this folder."
+        metavar="DIR",
+        help="Write selection.json, model.json of the recommended row, and the pictures into this "
+        "folder.",
     ),
 ]
 
@@ -210,11 +212,13 @@ def _selected(
 
 
 def _write(selection: Selection, folder: Path, activity: Activity) -> None:
-    """Write selection.json and the pictures."""
+    """Write selection.json, the recommended model and the pictures."""
     from tridentify.plots import plot_hankel, plot_selection
 
     activity.stage("drawing the pictures")
     selection.save(folder / "selection.json")
+    if selection.recommended is not None and selection.recommended.estimate is not None:
+        selection.recommended.estimate.save(folder / "model.json")
     figure: Any = plot_selection(selection)[0].figure
     figure.savefig(folder / "selection.svg")
     if selection.hankel is not None:

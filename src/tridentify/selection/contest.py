@@ -31,7 +31,6 @@ from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
 from tridentify.estimate import Estimate, Status, Trace
-from tridentify.identify import identify
 from tridentify.methods.base import Method, check
 from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.autoregression import (
@@ -124,7 +123,7 @@ def run_task(task: Task) -> Entry:
 
 
 def _identified(task: Task) -> Estimate:
-    return identify(task.records, task.structure, task.method, throw=False)
+    return task.method.estimate(task.records, task.structure)
 
 
 def _finished(task: Task) -> tuple[Estimate, Complex]:

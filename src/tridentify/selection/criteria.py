@@ -109,8 +109,7 @@ def unknowns_of(estimate: Estimate) -> int:
 
     Free responses count a term for each state; those of the noise model are left out.
     """
-    held = sum(1 for name in estimate.structure.fixed or {} if name in estimate.names)
-    along = len(estimate.structure.equalities or ())
+    along = 0
     n_outputs = len(estimate.output_names)
     shape = n_outputs, len(estimate.input_names)
     poles = estimate.structure.poles_matrix(*shape)
@@ -118,7 +117,13 @@ def unknowns_of(estimate: Estimate) -> int:
     for terms in estimate.nuisance:
         along -= n_outputs * (bool(estimate.structure.offset) + bool(estimate.structure.drift))
         along -= states * (terms.initial_state == "free")
-    return len(estimate.names) - held - along + n_outputs
+    return free_coefficients(estimate) - along + n_outputs
+
+
+def free_coefficients(estimate: Estimate) -> int:
+    """Number of coefficients that the record had to determine, delays among them."""
+    held = sum(1 for name in estimate.structure.fixed or {} if name in estimate.names)
+    return len(estimate.names) - held - len(estimate.structure.equalities or ())
 
 
 def young(estimate: Estimate, spread: Array) -> float:

@@ -4,14 +4,22 @@
 are fitted to it.
 
 *Without one* the usual cut into a first and a second half does not serve a manoeuvre: the response
-to a step has died away in the second half, which then says nothing, and the halves need initial
-states of their own. Here blocks of output samples all over the record are marked as missing, the
-model is fitted to what is left, and judged on the blocks. The input is known throughout, so the
-state at a block's begin follows from it and needs no estimation, and nothing of the transient is
-lost but the marked samples. Every sample is left out once: five folds, each of several blocks, so
-that no fold loses the whole transient. The blocks are contiguous because neighbouring samples of
-coloured noise know each other (Burman, Chow & Nolan, Biometrika 81, 1994, 351-358; Racine, Journal
-of Econometrics 99, 2000, 39-61).
+to a step has died away in the second half, which then says nothing. Here blocks of output samples
+all over the record are marked as missing, the coefficients are fitted to what is left, from where
+the candidate's own estimate ended and with its own noise model, and judged on the blocks. Every
+sample is left out once: five folds, each of several blocks, so that no fold loses the whole
+transient. The blocks are contiguous because neighbouring samples of coloured noise know each other
+(Burman, Chow & Nolan, Biometrika 81, 1994, 351-358; Racine, Journal of Econometrics 99, 2000,
+39-61).
+
+*Offset, drift and initial state* belong to the record, not to the plant. Fitted without the first
+block, a free initial state has to be run backwards through it, which explodes for every pole that
+is faster than the block. Fitted to each block by itself, it would explain the block of a slow
+plant whatever the input did. So with the coefficients held they are fitted once, to all samples of
+the record, and the state at a block's begin follows from the input all the way. A sample helps to
+fix these few terms; what that saves it pays back: its error is divided by ``1 - h``, ``h`` its
+leverage on them, which makes it the error of a fit without that sample (Allen, Technometrics 16,
+1974, 125-127).
 """
 
 from __future__ import annotations
@@ -19,23 +27,33 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.errors import TridentifyError
 from tridentify.estimate import Estimate
 from tridentify.methods.output_error import OutputError
-from tridentify.numerics.least_squares import solve
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.output_error.finish import coefficients, finish
+from tridentify.output_error.point import evaluate
+from tridentify.output_error.result import model_of
 from tridentify.record import Record
 from tridentify.simulate import simulate
+from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 FOLDS = 5
 BLOCKS = 4
 FEWEST = 40
 MOST_STEPS = 20
+RANK = 1e-9
+"""Singular value over the largest below which a nuisance term is no term of its own."""
+LEAST_ROOM = 0.5
+"""Least share of a sample that offset and initial state may leave: the very first samples fix a
+fast initial state alone and would otherwise count many times over."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,22 +65,44 @@ class Held:
     validation: tuple[Record, ...]
 
 
-def cross_fit(task: Held) -> Array:
-    """(n_outputs,) fit (NRMSE) [percent] on samples that were not fitted; nan if there is none."""
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """What became of the samples that were not fitted.
+
+    Attributes
+    ----------
+    fit : (n_outputs,) array
+        NRMSE [percent]; nan where there is none, minus infinity where a response grows without
+        bound.
+    errors : tuple of (n_samples, n_outputs) arrays
+        One for each record that was judged; empty where there is none.
+    reason : str
+        Why there is none.
+    """
+
+    fit: Array
+    errors: tuple[Array, ...] = ()
+    reason: str = ""
+
+
+def cross_fit(task: Held) -> HeldOut:
+    """Fit and errors on samples that were not fitted."""
     if task.estimate is None:
-        return np.zeros(0)
+        return HeldOut(np.zeros(0), reason="no estimate")
     nothing = np.full(len(task.estimate.output_names), np.nan)
+    seen = task.validation or task.records
+    if not task.validation and sum(record.n_samples for record in seen) < FEWEST:
+        return HeldOut(nothing, reason=f"fewer than {FEWEST} samples")
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"), one_blas_thread():
             warnings.simplefilter("ignore")
             if task.validation:
-                errors = [_on_another(task.estimate, record) for record in task.validation]
-                return _percent(errors, task.validation)
-            if sum(record.n_samples for record in task.records) < FEWEST:
-                return nothing
-            return _percent(_left_out(task.estimate, task.records), task.records)
+                errors = [_on_all(task.estimate, task.estimate.model, one, False) for one in seen]
+            else:
+                errors = _left_out(task)
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
-        return nothing
+        return HeldOut(nothing, reason="not determined without every part of the record")
+    return HeldOut(_percent(errors, seen), tuple(errors))
 
 
 def _percent(errors: Sequence[Array], records: Sequence[Record]) -> Array:
@@ -71,13 +111,20 @@ def _percent(errors: Sequence[Array], records: Sequence[Record]) -> Array:
     for i in range(found.size):
         energy = spread = 0.0
         for one, record in zip(errors, records, strict=True):
-            seen = np.isfinite(one[:, i])
+            seen = np.isfinite(np.asarray(record.y)[:, i])
             y = np.asarray(record.y)[seen, i]
             energy += float(np.sum(one[seen, i] ** 2))
             spread += float(np.sum((y - y.mean()) ** 2)) if y.size else 0.0
-        if spread > 0:
+        if not np.isfinite(energy):
+            found[i] = -np.inf
+        elif spread > 0:
             found[i] = 100.0 * (1.0 - np.sqrt(energy / spread))
     return found
+
+
+def blocks(n_samples: int) -> NDArray[np.intp]:
+    """(n_samples,) number of the block of each sample."""
+    return np.asarray(np.arange(n_samples) * FOLDS * BLOCKS // n_samples, dtype=np.intp)
 
 
 def folds(n_samples: int) -> NDArray[np.intp]:
@@ -88,55 +135,82 @@ def folds(n_samples: int) -> NDArray[np.intp]:
     >>> np.bincount(folds(100)).tolist(), folds(100)[:12].tolist()
     ([20, 20, 20, 20, 20], [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2])
     """
-    return np.asarray((np.arange(n_samples) * FOLDS * BLOCKS // n_samples) % FOLDS, dtype=np.intp)
+    return np.asarray(blocks(n_samples) % FOLDS, dtype=np.intp)
 
 
-def _left_out(estimate: Estimate, records: Sequence[Record]) -> list[Array]:
-    """Errors of every sample by the fit that did not see it."""
-    structure = estimate.structure
-    if structure.delay == "free":
-        structure = replace(structure, delay=estimate.model.delay.tolist())
-    method = OutputError(estimate.model, MOST_STEPS)
-    errors = [np.full(record.y.shape, np.nan) for record in records]
-    numbers = [folds(record.n_samples) for record in records]
+def _left_out(task: Held) -> list[Array]:
+    """Errors of every sample by the coefficients that did not see it."""
+    assert task.estimate is not None
+    errors = [np.full(record.y.shape, np.nan) for record in task.records]
+    numbers = [folds(record.n_samples) for record in task.records]
     for fold in range(FOLDS):
-        kept = [
-            record.mask(number == fold) for record, number in zip(records, numbers, strict=True)
-        ]
-        found = method.estimate(kept, structure)
-        for e, record in enumerate(records):
+        kept = tuple(
+            record.mask(number == fold)
+            for record, number in zip(task.records, numbers, strict=True)
+        )
+        model = _again(task.estimate, kept)
+        for e, record in enumerate(task.records):
             out = numbers[e] == fold
-            errors[e][out] = np.asarray(found.residual(record, experiment=e))[out]
+            errors[e][out] = _on_all(task.estimate, model, record, True)[out]
     return errors
 
 
-def _on_another(estimate: Estimate, record: Record) -> Array:
-    """Errors on another record: coefficients held, offset and free response fitted to it."""
-    moved = record._on_its_times(record.u - record.u[0])
-    error = np.asarray(record.y - simulate(estimate.model, moved))
+def _again(estimate: Estimate, kept: Sequence[Record]) -> TransferFunction:
+    """The model without some samples, from where the estimate ended, with its noise model."""
+    if estimate.structure.constrained:
+        structure = estimate.structure
+        if structure.delay == "free":
+            structure = replace(structure, delay=estimate.model.delay.tolist())
+        return OutputError(estimate.model, MOST_STEPS).estimate(list(kept), structure).model
+    problem = problem_of(estimate, kept, stated(estimate))
+    at = partial(evaluate, problem)
+    # no covariance is formed: a fast initial state that no kept sample shows is no obstacle
+    point = finish(at, at(poles_of_estimate(estimate, problem)), None, MOST_STEPS)[0]
+    return model_of(point.problem, coefficients(point), kept[0])
+
+
+def _on_all(estimate: Estimate, model: TransferFunction, record: Record, own: bool) -> Array:
+    """Errors with coefficients held, offset and free response fitted to the whole record.
+
+    Of its ``own`` records an estimate says which of them there are; another one may have any.
+    """
+    known = estimate.structure
+    free, offset = not own or known.initial_state == "free", not own or bool(known.offset)
+    begin = record.u[0] if not own or known.initial_state == "equilibrium" else 0.0
+    error = np.array(record.y - simulate(model, record._on_its_times(record.u - begin)))
     still = record._on_its_times(np.zeros_like(record.u))
     for i in range(error.shape[1]):
-        columns = [np.ones(record.n_samples)]
-        for j in range(record.n_inputs):
-            n = estimate.model.den[i][j].size - 1
-            if j and estimate.structure.shared:
+        columns = [np.ones(record.n_samples)] if offset else []
+        for j in range(record.n_inputs) if free else ():
+            n = model.den[i][j].size - 1
+            if j and known.shared:
                 continue
             for k in range(n):
-                free = _unit(estimate, i, j, k)
-                columns.append(simulate(estimate.model, still, free_response=free)[:, i])
-        if estimate.structure.drift:
+                unit = _unit(estimate, model, i, j, k)
+                columns.append(simulate(model, still, free_response=unit)[:, i])
+        if known.drift:
             columns.append(record.t - record.t[0])
-        matrix = np.column_stack(columns)
-        norms = np.linalg.norm(matrix, axis=0)
-        matrix = matrix / np.where(norms > 0, norms, 1.0)
-        seen = np.isfinite(error[:, i])
-        error[:, i] -= matrix @ solve(matrix[seen], error[seen, i]).x
+        if columns:
+            error[:, i] = _without(np.column_stack(columns), error[:, i])
     return error
 
 
-def _unit(estimate: Estimate, output: int, input_: int, k: int) -> Array:
+def _without(columns: Array, error: Array) -> Array:
+    """What the columns leave of an error; each sample as if they were fitted without it."""
+    seen = np.isfinite(error)
+    norms = np.linalg.norm(columns[seen], axis=0)
+    basis, sizes, _ = np.linalg.svd(
+        columns[seen] / np.where(norms > 0, norms, 1.0), full_matrices=False
+    )
+    basis = basis[:, sizes > RANK * sizes[0]]
+    left = np.full(error.shape, np.nan)
+    own = error[seen] - basis @ (basis.T @ error[seen])
+    left[seen] = own / np.maximum(1.0 - np.sum(basis**2, axis=1), LEAST_ROOM)
+    return left
+
+
+def _unit(estimate: Estimate, model: TransferFunction, output: int, input_: int, k: int) -> Array:
     """The free response ``p^k / a(p)`` of one channel alone."""
-    model = estimate.model
     if estimate.structure.shared:
         free = np.zeros((model.n_outputs, model.den[output][0].size - 1))
         free[output, -1 - k] = 1.0

@@ -15,9 +15,9 @@ PER_COEFFICIENT = 10
 
 
 def default_candidates(
-    records: Sequence[Record], template: Structure | None = None
+    records: Sequence[Record], template: Structure | None = None, max_poles: int = MOST_POLES
 ) -> tuple[Structure, ...]:
-    """Structures with 1 to 4 poles and every relative degree from 1 to 4.
+    """Structures with 1 to ``max_poles`` poles and every number of zeros below that of the poles.
 
     Parameters
     ----------
@@ -25,6 +25,8 @@ def default_candidates(
         Orders for which there are fewer than ten output samples a coefficient are left out.
     template : Structure, optional
         Offset, drift, initial state and delay are taken over from it; its orders are not.
+    max_poles : int
+        Most poles.
 
     Returns
     -------
@@ -59,7 +61,7 @@ def default_candidates(
         )
     samples = min((record.n_samples for record in records), default=0)
     found = []
-    for n in range(1, MOST_POLES + 1):
+    for n in range(1, max_poles + 1):
         for m in range(n):
             if n == 1 or PER_COEFFICIENT * (n + m + 1) <= samples:
                 found.append(replace(plain, poles=n, zeros=m))

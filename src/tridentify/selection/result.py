@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import textwrap
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from numpy.typing import NDArray
 from tridentify.encoding import encode, save_document
 from tridentify.estimate import Estimate
 from tridentify.selection.hankel import Hankel
+from tridentify.selection.numbers import percent, relative
 from tridentify.selection.orders import order_label
 from tridentify.structure import Structure
 from tridentify.text import format_table, html_table
@@ -24,10 +24,7 @@ from tridentify.trace import freeze_arrays
 Array = NDArray[np.float64]
 SCHEMA = 1
 _WIDTH = 78
-_TITLES = (
-    "", "poles, zeros", "unknowns", "AIC", "AICc", "BIC", "YIC", "fit [%]", "held-out [%]",
-    "condition", "std/value", "status",
-)  # fmt: skip
+_TITLES = ("", "poles, zeros", "coefficients", "fit [%]", "held-out [%]", "std/value", "remark")
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,24 +40,30 @@ class SelectionRow:
     reason : str
         Why it failed, in one line; empty where it did not.
     aic, aicc, bic, yic : float
-        `selection.criteria`; on the same samples and with the same model of the noise in every
-        row, hence not always `Estimate.aicc`. nan where the candidate failed.
+        `selection.criteria` of the likelihood's maximum; on the same samples, with the same
+        nuisance terms and a noise model of the same order in every row, hence not always
+        `Estimate.aicc`: they compare the rows of one table and depend on its other rows. nan where
+        the candidate failed.
     fit, cross_fit : ndarray, shape (n_outputs,)
-        NRMSE [percent] on the samples that were fitted, and on samples that were not
-        (`selection.held_out`). As the criteria, that of the likelihood's maximum; a posterior mean
-        may fit less well.
+        NRMSE [percent] of ``estimate`` on the samples that were fitted, and on samples that were
+        not (`selection.held_out`). They are those of the candidate alone, as is ``estimate``.
+    held_out_reason : str
+        Why there is no ``cross_fit``; empty where there is one.
+    doubts : tuple of str
+        What speaks against recommending it (`selection.soundness`).
     condition : float
         The worst of the steps of the last pass and of the score columns.
     relative_std : float
         The largest standard error over its coefficient; ``widest`` is whose.
+    n_coefficients : int
+        Coefficients that are not held, delays among them.
     n_unknowns : int
-        Coefficients, nuisance terms, noise variances and coefficients of the noise model.
+        Of the criteria: coefficients, nuisance terms, noise variances and coefficients of the
+        noise model.
     deviance : float
         ``-2 log L`` without constants.
     identified : bool
-        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit; else it is
-        the likelihood's maximum with the nuisance terms of all candidates, that of `identify` for
-        ``estimate.structure`` with ``ThreeModel(finish="likelihood")``.
+        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit.
     ok : bool
         Whether the estimate is usable.
     """
@@ -77,6 +80,9 @@ class SelectionRow:
     condition: float = math.nan
     relative_std: float = math.nan
     widest: str = ""
+    held_out_reason: str = ""
+    doubts: tuple[str, ...] = ()
+    n_coefficients: int = 0
     n_unknowns: int = 0
     deviance: float = math.nan
     identified: bool = False
@@ -153,34 +159,29 @@ class Selection:
         return f"Selection({len(self.rows)} candidates; recommended poles, zeros = {which})"
 
     def table(self) -> list[tuple[str, ...]]:
-        """Cells of the table, row by row; AIC, AICc and BIC count from the lowest."""
-        low = [
-            min((getattr(r, name) for r in self.rows if math.isfinite(getattr(r, name))), default=0)
-            for name in ("aic", "aicc", "bic")
-        ]
-        return [self._cells(row, low) for row in self.rows]
+        """Cells of the table, row by row."""
+        return [self._cells(row) for row in self.rows]
 
     @property
     def titles(self) -> tuple[str, ...]:
         """Titles of `table`."""
         return _TITLES
 
-    def _cells(self, row: SelectionRow, low: Sequence[float]) -> tuple[str, ...]:
+    def _cells(self, row: SelectionRow) -> tuple[str, ...]:
         mark = "->" if row is self.recommended else ""
         if row.estimate is None:
-            return (mark, row.label, *[""] * 9, _shortened(row.reason))
-        values = (row.aic, row.aicc, row.bic)
+            return (mark, row.label, *[""] * 4, _shortened(row.reason))
+        remarks = list(row.doubts)
+        if row.held_out_reason:
+            remarks.append(f"held-out: {row.held_out_reason}")
         return (
             mark,
             row.label,
-            str(row.n_unknowns),
-            *(f"{v - base:.1f}" for v, base in zip(values, low, strict=True)),
-            f"{row.yic:.1f}",
-            _percent(row.fit),
-            _percent(row.cross_fit),
-            f"{row.condition:.1e}" if row.condition >= 1e4 else f"{row.condition:.0f}",
-            _share(row.relative_std),
-            row.status,
+            str(row.n_coefficients),
+            percent(row.fit),
+            percent(row.cross_fit),
+            relative(row.relative_std),
+            "; ".join(remarks) or row.status,
         )
 
     def summary(self) -> str:
@@ -195,7 +196,7 @@ class Selection:
 
     def all_notes(self) -> tuple[str, ...]:
         """Notes, and what the Hankel singular values say."""
-        told = ["AIC, AICc and BIC count from the lowest; condition is that of the last pass"]
+        told = ["std/value: the largest standard error over its coefficient"]
         told += self.notes
         if self.hankel is not None:
             h = self.hankel
@@ -239,31 +240,6 @@ class Selection:
             The file cannot be written.
         """
         return save_document(path, "schema", SCHEMA, self.to_dict())
-
-
-def _percent(values: Array) -> str:
-    """One number; of several outputs the least."""
-    seen = values[np.isfinite(values)]
-    return f"{seen.min():.2f}" if seen.size else ""
-
-
-def _share(value: float) -> str:
-    """A share in percent.
-
-    Examples
-    --------
-    >>> _share(0.034), _share(25.0), _share(float("nan"))
-    ('3.4 %', '> 999 %', '')
-    """
-    if math.isnan(value):
-        return ""
-    return (
-        "> 999 %"
-        if value > 9.99
-        else f"{100 * value:.2g} %"
-        if value < 1
-        else f"{100 * value:.0f} %"
-    )
 
 
 def _shortened(reason: str) -> str:

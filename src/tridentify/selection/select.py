@@ -1,11 +1,14 @@
 """From records and candidates to a recommendation.
 
-The candidates share their work: the parallel model is fitted once (`shared`) and gives all of them
-their starts, local minima show by comparison with lesser candidates, and the noise is modelled once
-(`contest`). Only the recommended candidate gets the whole search of `identify`, with posterior mean
-and all: its estimate is that of `identify` to the last bit. The other rows keep the likelihood's
-maximum with the nuisance terms that all have in common, which `identify` gives for
-``row.estimate.structure`` with ``ThreeModel(finish="likelihood")``.
+What is shown belongs to each candidate alone: every row holds the estimate that `identify` gives
+for its structure, its fit, and the fit on samples left out in turn. A row does not change with the
+company it keeps.
+
+What decides compares them, and a likelihood can only be compared on the same terms. So the
+candidates are finished once more on the maximum of one likelihood, with one noise model and the
+same nuisance terms (`contest`); there they share their work: the parallel model is fitted once
+(`shared`) and gives all of them their starts, and local minima show by comparison with lesser
+candidates.
 """
 
 from __future__ import annotations
@@ -18,11 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.causes.intersample import IN_WORDS, behaviours
+from tridentify.choice import checked_method, listed, with_behaviour, with_judgement
 from tridentify.errors import DataError, TridentifyError
 from tridentify.estimate import Estimate, Status
-from tridentify.identify import _listed, checked_method
 from tridentify.methods.base import Method, Progress
 from tridentify.methods.three_model import ThreeModel
+from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.posterior.mean import vagueness
 from tridentify.record import Record
@@ -44,17 +49,19 @@ from tridentify.selection.contest import (
 from tridentify.selection.criteria import (
     Criteria,
     criteria_of,
+    free_coefficients,
     largest_relative_std,
     unknowns_of,
     young,
 )
 from tridentify.selection.hankel import Hankel, hankel_values
-from tridentify.selection.held_out import Held, cross_fit
+from tridentify.selection.held_out import Held, HeldOut, blocks, cross_fit
 from tridentify.selection.orders import checked_candidates, default_candidates, order_label
 from tridentify.selection.result import Selection, SelectionRow
-from tridentify.selection.rule import Contender, choose
+from tridentify.selection.rule import Contender, Trial, choose, recommend
 from tridentify.selection.shared import Shared, shared_models
-from tridentify.selection.words import reason_of
+from tridentify.selection.soundness import doubts
+from tridentify.selection.words import in_words
 from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
@@ -118,20 +125,58 @@ def select_structure(
     >>> selection.recommended.label
     '2, 0'
     """
-    listed = tuple(_listed(records))
-    unseen = () if validation is None else tuple(_listed(validation))
-    if not listed:
+    given = tuple(listed(records))
+    unseen = () if validation is None else tuple(listed(validation))
+    if not given:
         raise DataError("found no record; expected at least one; pass a Record or a list of them")
-    _check_channels(listed, unseen)
+    _check_channels(given, unseen)
     chosen = checked_method(method)
     if candidates is None:
-        structures = default_candidates(listed, template)
+        structures = default_candidates(given, template)
     else:
         structures = checked_candidates(candidates)
     say = progress or (lambda _: None)
-    work = _Work(listed, chosen, executor, say)
     with one_blas_thread():
-        return work.selection(structures, unseen)
+        given, unseen, told = _settled(given, unseen, structures, chosen, say)
+        return _Work(given, chosen, executor, say).selection(structures, unseen, told)
+
+
+def _settled(
+    records: tuple[Record, ...],
+    unseen: tuple[Record, ...],
+    structures: Sequence[Structure],
+    method: Method,
+    say: Progress,
+) -> tuple[tuple[Record, ...], tuple[Record, ...], tuple[str, ...]]:
+    """The records with one behaviour of the input for all candidates, where it was left open."""
+    if all(record.intersample != "auto" for record in (*records, *unseen)):
+        return records, unseen, ()
+    middle = _middle(structures)
+    say(f"what the input does between its samples, with {order_label(middle)}")
+    try:
+        seen = with_behaviour(method, list(records), middle, None)[1]
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        seen = [record.settled(record.behaviour) for record in records]
+    behaviour = seen[0].behaviour
+    told = (
+        f"input taken as {IN_WORDS[behaviour]} for all candidates, as {order_label(middle)} says: "
+        "state intersample where you know it"
+    )
+    return tuple(seen), tuple(one.settled(behaviour) for one in unseen), (told,)
+
+
+def _middle(structures: Sequence[Structure]) -> Structure:
+    """The candidate in the middle by its poles, of those the one with most zeros."""
+
+    def sizes(one: Structure) -> tuple[int, int]:
+        return tuple(
+            v if isinstance(v, int) else max(k for row in v for k in row)
+            for v in (one.poles, one.zeros)
+        )  # type: ignore[return-value]
+
+    ordered = sorted(structures, key=sizes)
+    poles = sizes(ordered[(len(ordered) - 1) // 2])[0]
+    return max((one for one in ordered if sizes(one)[0] == poles), key=sizes)
 
 
 def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None:
@@ -180,30 +225,76 @@ class _Work:
         mapped = map if self.executor is None else self.executor.map
         return list(mapped(function, list(tasks)))
 
-    def selection(self, structures: Sequence[Structure], unseen: tuple[Record, ...]) -> Selection:
+    def counted(self, function: Any, tasks: Sequence[Any], said: str) -> list[Any]:
+        """The same, with a word after each."""
+        mapped = map if self.executor is None else self.executor.map
+        found = []
+        for done, outcome in enumerate(mapped(function, tasks), 1):
+            found.append(outcome)
+            self.say(f"{said}: {done} of {len(tasks)} done")
+        return found
+
+    def selection(
+        self, structures: Sequence[Structure], unseen: tuple[Record, ...], told: tuple[str, ...]
+    ) -> Selection:
         """All stages."""
         self.say("the parallel model, for all candidates")
         shared = self._shared(structures)
         tasks = self._tasks(structures, shared)
         table = self.contest(tasks, shared)
-        place = choose(table.contenders())
-        full = {k for k in (place,) if k is not None and table.entries[k].shared}
-        again = self._identified(tasks, table, full)
-        held = [Held(e.estimate, self.records, unseen) for e in table.entries]
-        fits = self.run(cross_fit, held, "fits on samples that were left out")
-        rows = tuple(
-            self._row(structures[k], entry, criteria, fit, k in full, table.entries[k].estimate)
+        whole = self._identified(tasks, table)
+        held = self.counted(
+            cross_fit,
+            [Held(e.estimate, self.records, unseen) for e in whole],
+            "fits on samples that were left out",
+        )
+        rows = [
+            self._row(structures[k], entry, criteria, fit, table.entries[k].estimate)
             for k, (entry, criteria, fit) in enumerate(
-                zip(again, table.criteria, fits, strict=True)
+                zip(whole, table.criteria, held, strict=True)
             )
+        ]
+        contenders = [
+            replace(one, known=one.known and not row.doubts)
+            for one, row in zip(table.contenders(), rows, strict=True)
+        ]
+        likeliest = choose(contenders)
+        explains = (
+            likeliest is not None
+            and not rows[likeliest].doubts
+            and not _follows_input(table.entries[likeliest], table.noise[likeliest], self.records)
         )
+        noise = () if likeliest is None else table.noise[likeliest]
+        judges = unseen or self.records
+        verdict = recommend(
+            [_trial(row, fit, noise, judges) for row, fit in zip(rows, held, strict=True)],
+            likeliest,
+            explains=explains,
+            sharp=likeliest is not None and _is_sharp(rows[likeliest]),
+        )
+        place = verdict.place
+        if place is not None:
+            rows[place] = self._judged(rows[place])
         hankel = self._hankel(table, place)
-        missed = place is not None and _follows_input(
-            table.entries[place], table.noise[place], self.records
+        missed = place is not None and self._missed(whole[place])
+        reason = in_words(rows, contenders, verdict, missed)
+        notes = (*told, *_notes(table, unseen))
+        return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, notes)
+
+    def _judged(self, row: SelectionRow) -> SelectionRow:
+        """The row with all that `identify` says of its estimate."""
+        assert row.estimate is not None
+        self.say(f"what is to be said of {row.label}")
+        between = behaviours(row.estimate, list(self.records))
+        return replace(
+            row, estimate=with_judgement(row.estimate, self.records, self.method, between)
         )
-        reason = reason_of(rows, table.contenders(), place, missed)
-        notes = _notes(table, unseen)
-        return Selection(rows, None if place is None else rows[place], reason, hankel, notes)
+
+    def _missed(self, entry: Entry) -> bool:
+        """Whether the residual, whitened by the estimate's noise model, follows the input."""
+        if entry.estimate is None:
+            return False
+        return _follows_input(entry, entry.estimate.noise_model, self.records)
 
     def _shared(self, structures: Sequence[Structure]) -> Shared | None:
         able = [s for s in structures if self._can_share(s)]
@@ -314,54 +405,57 @@ class _Work:
                 found[k] = entry
         return found
 
-    def _identified(self, tasks: Sequence[Task], table: Table, full: set[int]) -> list[Entry]:
-        wanted = sorted(full)
+    def _identified(self, tasks: Sequence[Task], table: Table) -> list[Entry]:
+        """What `identify` gives for every candidate."""
+        wanted = [k for k, entry in enumerate(table.entries) if entry.shared]
         whole = [replace(tasks[k], shared=False) for k in wanted]
-        said = (
-            f"the whole search for {' and '.join(order_label(tasks[k].structure) for k in wanted)}"
+        outcomes = dict(
+            zip(wanted, self.counted(run_task, whole, "the whole search for each"), strict=True)
         )
-        outcomes = dict(zip(wanted, self.run(run_task, whole, said), strict=True)) if whole else {}
-        found = []
-        for k, entry in enumerate(table.entries):
-            other = outcomes.get(k)
-            # one that the whole search refuses keeps what it has here
-            found.append(entry if other is None or other.estimate is None else other)
-        return found
+        # one that the whole search refuses is refused, whatever the contest made of it
+        return [outcomes.get(k, entry) for k, entry in enumerate(table.entries)]
 
     def _row(
         self,
         structure: Structure,
         entry: Entry,
         criteria: Criteria | None,
-        fit: Array,
-        identified: bool,
+        held: HeldOut,
         maximum: Estimate | None,
     ) -> SelectionRow:
-        """A row: criteria and fit of the likelihood's maximum, the rest of the estimate."""
+        """A row: all of its own estimate, but the criteria of the contest."""
         estimate = entry.estimate
-        if estimate is None or criteria is None or maximum is None:
+        if estimate is None:
             return SelectionRow(structure, None, entry.reason or "no estimate")
-        relative, widest = largest_relative_std(estimate)
+        widest_std, widest = largest_relative_std(estimate)
         # earlier passes may carry nuisance terms that depend on each other and were left out
         last = estimate.trace.passes[-1].steps if estimate.trace.passes else ()
         steps = [step.condition for step in last]
         conditions = [c for c in (*steps, estimate.condition) if math.isfinite(c)]
-        return SelectionRow(
+        row = SelectionRow(
             structure=structure,
             estimate=estimate,
+            fit=estimate.fit,
+            cross_fit=held.fit,
+            held_out_reason=held.reason,
+            doubts=doubts(estimate, self.records),
+            condition=max(conditions, default=math.nan),
+            relative_std=widest_std,
+            widest=widest,
+            n_coefficients=free_coefficients(estimate),
+            identified=True,
+            ok=estimate.status.ok,
+        )
+        if criteria is None or maximum is None:
+            return row
+        return replace(
+            row,
             aic=criteria.aic,
             aicc=criteria.aicc,
             bic=criteria.bic,
             yic=young(maximum, _spread(self.records)),
-            fit=maximum.fit,
-            cross_fit=fit,
-            condition=max(conditions, default=math.nan),
-            relative_std=relative,
-            widest=widest,
             n_unknowns=criteria.n_unknowns,
             deviance=criteria.deviance,
-            identified=identified or not entry.shared,
-            ok=estimate.status.ok,
         )
 
     def _hankel(self, table: Table, place: int | None) -> Hankel | None:
@@ -387,6 +481,53 @@ class _Work:
             return hankel_values(self.records, operators, nuisances, table.noise[place])
         except (TridentifyError, np.linalg.LinAlgError, ValueError):
             return None
+
+
+def _is_sharp(row: SelectionRow) -> bool:
+    """Whether the likelihood is as good as Gaussian about an estimate."""
+    return row.estimate is not None and row.estimate.status is Status.CONVERGED
+
+
+def _trial(
+    row: SelectionRow, held: HeldOut, noise: Sequence[Array], records: Sequence[Record]
+) -> Trial:
+    """A candidate on samples that it has not seen."""
+    nothing = np.zeros(0)
+    if row.estimate is None:
+        return Trial(0, nothing, nothing, False, False)
+    plain = _block_sums(held.errors, records)
+    innovations = [
+        np.column_stack(
+            [
+                whiten(np.ascontiguousarray(one[:, i]), a)[0] if a.size else one[:, i]
+                for i, a in enumerate(noise or (nothing,) * one.shape[1])
+            ]
+        )
+        for one in held.errors
+    ]
+    whitened = _block_sums(innovations, records)
+    finite = bool(np.all(np.isfinite(plain)))
+    return Trial(
+        row.n_coefficients,
+        plain if finite else nothing,
+        whitened if finite else nothing,
+        not row.doubts and not held.reason,
+        row.ok,
+    )
+
+
+def _block_sums(errors: Sequence[Array], records: Sequence[Record]) -> Array:
+    """(n_blocks,) sums of squares, each output over its spread, the mean of the outputs."""
+    if not errors:
+        return np.zeros(0)
+    centred = [np.asarray(r.y) - np.nanmean(np.asarray(r.y), axis=0) for r in records]
+    spread = np.sum([np.nansum(one**2, axis=0) for one in centred], axis=0)
+    size = np.where(spread > 0, spread, 1.0) * spread.size
+    found = []
+    for one in errors:
+        own, number = np.nansum(one**2 / size, axis=1), blocks(one.shape[0])
+        found.append(np.bincount(number, weights=own))
+    return np.concatenate(found)
 
 
 def _table(entries: Sequence[Entry], records: Sequence[Record], orders: tuple[int, ...]) -> Table:
@@ -459,17 +600,15 @@ def _notes(table: Table, unseen: Sequence[Record]) -> tuple[str, ...]:
     if any(a.size for a in noise):
         sizes = ", ".join(str(a.size) for a in noise)
         told.append(
-            "the noise is coloured: all criteria are those of samples whitened by "
+            "the noise is coloured: likelihoods are compared on samples whitened by "
             f"autoregressions, for every candidate of the same order ({sizes})"
         )
     if unseen:
         told.append("held-out: fit of the validation record, offset and initial state fitted to it")
     else:
-        told.append("held-out: fit of blocks of the record that were left out in turn")
-    rest = sum(1 for e in table.entries if e.shared and e.estimate is not None)
-    if rest:
         told.append(
-            "the recommended row is what identify gives; the others end on the likelihood's "
-            "maximum, all with the same offset, drift and initial state"
+            "held-out: fit of blocks of the record that were left out in turn, offset and initial "
+            "state fitted to the whole record"
         )
+    told.append("fit and coefficients of every row are those that identify gives for it alone")
     return tuple(told)

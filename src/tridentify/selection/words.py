@@ -4,13 +4,85 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from tridentify.selection.numbers import percent, share
 from tridentify.selection.orders import order_label
 from tridentify.selection.result import SelectionRow
-from tridentify.selection.rule import Contender, needed
+from tridentify.selection.rule import POINT, Contender, Verdict, needed
 from tridentify.structure import Structure
 
 POORLY = 0.5
 CLOSE = 10.0
+
+
+def in_words(
+    rows: Sequence[SelectionRow],
+    contenders: Sequence[Contender],
+    verdict: Verdict,
+    missed: bool,
+) -> str:
+    """Say what decided.
+
+    Parameters
+    ----------
+    rows : sequence of SelectionRow
+    contenders : sequence of Contender
+        What the likelihood says of them.
+    verdict : Verdict
+    missed : bool
+        Whether the residual of the recommended one follows the input.
+    """
+    place = verdict.place
+    if place is None or verdict.by == "likelihood" or verdict.best is None:
+        return reason_of(rows, contenders, place, missed)
+    own, name = rows[place], _capital(named(rows[place].structure))
+    fit = percent(own.cross_fit)
+    if verdict.best == place:
+        text = f"{name} predict samples that were left out best ({fit} %)"
+        if not verdict.sound:
+            text += " of those that are usable"
+        told = [text + "."]
+    else:
+        best = f"{named(rows[verdict.best].structure)} ({percent(rows[verdict.best].cross_fit)} %)"
+        within = (
+            f"less than {POINT:g} % of the output's size below the best, {best}, which is no "
+            "reason for more coefficients where no candidate explains the record"
+            if verdict.by == "size"
+            else f"as well as the best, {best}, within the scatter of the difference"
+        )
+        joint = "," if verdict.by == "size" else ""
+        told = [f"{name} predict samples that were left out to {fit} %{joint} {within}."]
+    told.append(_passed_over(rows, place))
+    if not verdict.sound:
+        told.append(f"It is not sound: {'; '.join(own.doubts) or own.held_out_reason}.")
+    if missed:
+        told.append(MISSED)
+    return " ".join(filter(None, told))
+
+
+MISSED = (
+    "Its residual still follows the input, so it does not explain the record: the smallest useful "
+    "model is recommended; try a delay, an offset or drift, or look for what is not linear."
+)
+
+
+def _passed_over(rows: Sequence[SelectionRow], place: int) -> str:
+    """The candidate of the best held-out fit that something speaks against, and what."""
+    own = rows[place].cross_fit.min(initial=float("inf"))
+    better = [
+        row
+        for row in rows
+        if row.doubts
+        and row.cross_fit.size
+        and row.cross_fit.min() > own
+        and row is not rows[place]
+    ]
+    if not better:
+        return ""
+    best = max(better, key=lambda row: float(row.cross_fit.min()))
+    return (
+        f"{_capital(named(best.structure))} reach {percent(best.cross_fit)} %, but: "
+        f"{'; '.join(best.doubts)}."
+    )
 
 
 def reason_of(
@@ -44,7 +116,7 @@ def reason_of(
     own = rows[place]
     if own.relative_std > POORLY:
         told.append(
-            f"Its {own.widest} is known to {_share(own.relative_std)} only: a simpler model may do."
+            f"Its {own.widest} is known to {share(own.relative_std)} only: a simpler model may do."
         )
     if missed:
         told.append(
@@ -83,7 +155,7 @@ def _against_larger(
         only = " only" if gain < CLOSE else ""
         text = f"{_capital(named(rows[best].structure))} lower AICc by {gain:.1f}{only}"
         if rows[best].relative_std > POORLY:
-            text += f", while {rows[best].widest} is known to {_share(rows[best].relative_std)}"
+            text += f", while {rows[best].widest} is known to {share(rows[best].relative_std)}"
         if other.n_unknowns > own.n_unknowns:
             price = needed(contenders[place], contenders[best])
             fall = own.deviance - other.deviance
@@ -145,7 +217,3 @@ def _unusable(rows: Sequence[SelectionRow], contenders: Sequence[Contender], pla
 
 def _capital(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.0f} %" if value < 10 else "more than 1000 %"
