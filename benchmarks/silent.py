@@ -111,7 +111,7 @@ def main() -> None:
     lines = table(rows, checked)
     print("\n".join(lines))
     if asked.save:
-        keep("silent", rows, lines)
+        keep("silent", "\n".join(lines), rows)
 
 
 if __name__ == "__main__":

@@ -7,13 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.causes.attempt import promise
+from tridentify.causes.attempt import Attempt, attempt
 from tridentify.causes.present import Present
 from tridentify.causes.rivals import Rival, one
+from tridentify.errors import TridentifyError
+from tridentify.numerics.realization import Complex
 
-GRID = 10
-"""Delays tried over the whole range: neighbours differ by a factor of two at most up to 1,000
-samples, and the best is refined."""
+GROWTH = 1.6
+"""Ratio of neighbouring delays of the first search: a model half an octave late still moves toward
+the right one."""
+
+STEPS = 5
+"""Levenberg-Marquardt steps of each: the poles of a model without the delay are far off, so that
+what a single step promises there says little."""
 
 SHARE = 4
 """The longest delay that is tried is this part of a record, where what came before is stated."""
@@ -41,27 +47,41 @@ def delay_rivals(present: Present) -> Iterator[Rival]:
 def _best(present: Present, rows: tuple[int, ...], j: int) -> Rival | None:
     share = SHARE_FREE if present.nuisances.initial_state == "free" else SHARE
     longest = min(record.n_samples for record in present.records) // share
-    known: dict[float, float] = {}
+    plain = replace(present, noise=())
+    known: dict[float, Attempt | None] = {}
 
-    def later(steps: float) -> Present:
-        late = np.array(present.delay)
-        late[list(rows), j] += steps * present.step
-        return replace(present, delay=late)
-
-    def at(steps: float) -> float:
+    def at(steps: float, poles: Complex) -> float:
         if steps not in known:
-            known[steps] = promise(later(steps), present.poles)
-        return known[steps]
+            try:
+                problem = _later(plain, rows, j, steps).problem()
+                known[steps] = attempt(problem, [poles], present.orders, steps=STEPS, rounds=0)
+            except TridentifyError:
+                known[steps] = None
+        end = known[steps]
+        return np.inf if end is None else end.deviance / end.count
 
-    grid = np.unique(np.round(np.geomspace(1, max(longest, 2), GRID)).astype(int)).tolist()
-    best = float(min(grid, key=at))
-    between = np.unique(np.round(np.linspace(best / 2.0, best * 2.0, 6))).tolist()
-    best = min([best, *(k for k in between if 1 <= k <= longest)], key=at)
-    for width in FINER:
-        best = min([best, *(s for s in (best - width, best + width) if s > 0)], key=at)
-    if not np.isfinite(at(best)):
+    grid = [1.0]
+    while grid[-1] * GROWTH < longest:
+        grid.append(float(np.ceil(grid[-1] * GROWTH)))
+    best = min(grid, key=lambda steps: at(steps, present.poles))
+    for width in (max(round(best / 4.0), 1.0), *FINER):
+        end = known[best]
+        if end is None:
+            return None
+        near = [best, *(s for s in (best - width, best + width) if 0 < s <= longest)]
+        poles = end.point.poles
+        best = min(near, key=lambda steps: at(steps, poles))
+    end = known[best]
+    if end is None:
         return None
-    return _rival(later(best), rows, j)
+    found = _rival(_later(present, rows, j, best), rows, j)
+    return replace(found, starts=((end.point.poles, present.poles),))
+
+
+def _later(present: Present, rows: tuple[int, ...], j: int, steps: float) -> Present:
+    late = np.array(present.delay)
+    late[list(rows), j] += steps * present.step
+    return replace(present, delay=late)
 
 
 def neighbours(present: Present, rival: Rival) -> Iterator[Rival]:
@@ -74,9 +94,8 @@ def neighbours(present: Present, rival: Rival) -> Iterator[Rival]:
     near |= {float(np.floor(steps)), float(np.ceil(steps))}
     for other in sorted(near - {steps}):
         if other > 0:
-            late = np.array(present.delay)
-            late[list(rows), j] += other * present.step
-            yield _rival(replace(present, delay=late), rows, j)
+            near_it = _rival(_later(present, rows, j, other), rows, j)
+            yield replace(near_it, starts=rival.starts)
 
 
 def _rival(later: Present, rows: tuple[int, ...], j: int) -> Rival:

@@ -51,7 +51,7 @@ FEWEST_AT_LIMIT = 4
 BEYOND = 4.0
 FEWEST_HANGING = 5
 RARELY = 0.02
-"""Share of runs of more than one sample below which values do not repeat by themselves."""
+"""Runs of equal values a sample, below which values do not repeat by themselves."""
 LONG_RUN = 8
 """Equal samples in a row that noise of any size cannot make where values do not repeat."""
 MOVED = 6.0
@@ -247,7 +247,7 @@ def _hanging(
     seen = np.isfinite(y)
     pairs = max(int((seen[1:] & seen[:-1]).sum()), 1)
     count = lost = begin = end = 0
-    usual = float(np.mean(repeated.length > 1)) if repeated.length.size else 1.0
+    usual = float((repeated.length > 1).sum()) / pairs
     restless = np.mean(np.any(u[1:] != u[:-1], axis=1)) > RESTLESS
     for first, length, value in zip(*repeated, strict=True):
         if length < FEWEST_HANGING or value in ends or first == 0:
