@@ -139,7 +139,9 @@ class FrequencyResponse:
         """Plain numbers and text, as for JSON; None for what is not known."""
 
         def plain(values: Array) -> object:
-            return np.where(np.isfinite(values), values, None).tolist()
+            boxed = values.astype(object)
+            boxed[~np.isfinite(values)] = None
+            return boxed.tolist()
 
         return {
             "omega": self.omega.tolist(),

@@ -153,7 +153,8 @@ def _fit(window: Window, degree: int) -> _Fit | None:
     count = linear.shape[1]
     for _ in range(REWEIGHTED):
         weight = 1.0 / (1.0 + powers @ below)
-        columns = np.hstack([linear, -window.output[:, None] * powers]) * weight[:, None]
+        moved = np.hstack([linear, -window.output[:, None] * powers])
+        columns = np.asarray(moved * weight[:, None], dtype=np.complex128)
         fit = _solve(columns, window.output * weight)
         if not np.all(np.isfinite(fit.weights)):
             return None
@@ -161,16 +162,17 @@ def _fit(window: Window, degree: int) -> _Fit | None:
         below = weights[count:]
     best: _Fit | None = None
     for _ in range(REFINED):
-        weight = 1.0 / (1.0 + powers @ weights[count:])
-        shown = (linear @ weights[:count]) * weight
-        columns = np.hstack([linear, -shown[:, None] * powers]) * weight[:, None]
-        left = window.output - shown
+        divided = 1.0 / (1.0 + powers @ weights[count:])
+        shown = (linear @ weights[:count]) * divided
+        moved = np.hstack([linear, -shown[:, None] * powers])
+        columns = np.asarray(moved * divided[:, None], dtype=np.complex128)
+        left = np.asarray(window.output - shown, dtype=np.complex128)
         step = _solve(columns, left)
         rss = float(np.sum(np.abs(left) ** 2))
         if not np.isfinite(rss) or (best is not None and rss >= best.rss):
             break
         best = _Fit(weights, step.inverse, rss, step.rank, step.lost)
-        weights = weights + step.weights
+        weights = np.asarray(weights + step.weights, dtype=np.complex128)
     return best if best is not None and best.rank < window.x.size else None
 
 

@@ -134,7 +134,7 @@ def _transform(record: Record, rows: slice, y: Array, step: float) -> Stretch:
         y = np.interp(even, t, y)
     n = y.size
     lines = np.arange(1, max(int(BELOW_NYQUIST * n / 2), 1) + 1)
-    omega = 2.0 * np.pi * lines / (n * step)
+    omega = np.asarray(2.0 * np.pi * lines / (n * step), dtype=np.float64)
     between = acted(omega, step, behaviour)
     if averaged:
         between = between / np.sinc(omega * step / (2.0 * np.pi))

@@ -1,0 +1,204 @@
+"""What is wrong with single samples of a record, as its neighbours tell.
+
+A *bad sample* stands out of what is left by the parallel model against a cubic through its
+neighbours, alone: noise has a scale, taken from the middle of all such differences, and a response
+that the model misses is smooth or lasts. *Lost rows* are a jump of a measured input and of an
+output between the same two samples, each many times what it ever moves otherwise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from tridentify.checks.samples import looks_measured, typical_step
+from tridentify.finding import Finding
+from tridentify.numerics.converter import quantum
+from tridentify.numerics.robust import median_scale
+from tridentify.record import Record
+
+Array = NDArray[np.float64]
+
+CHANCE = 1e-4
+"""Of a Gaussian record in which a sample is taken for bad."""
+
+LEAST = 8.0
+"""Standard deviations from which a sample is bad, at least: what the operators miss of an edge may
+stand out by seven."""
+
+WIDE = 0.95
+"""Quantile that the scale is also taken from, so that heavy tails are not bad samples."""
+
+STEP = 0.5
+"""Scale, at least, in steps of a converter."""
+
+MOST_BAD = 0.02
+"""Share of bad samples above which the noise has heavy tails instead."""
+
+JUMPED = 12.0
+"""Jump in usual ones from which rows are lost."""
+
+TORN = 1.5
+"""Interval in typical ones from which samples are missing."""
+
+FEW = 0.05
+"""Share of long intervals up to which they are gaps, not an uneven clock."""
+
+FEWEST = 30
+MOST_NAMED = 5
+
+
+def bad_samples(record: Record, output: int, left: Array, experiment: int | None) -> list[Finding]:
+    """Samples of an output that stand alone.
+
+    Parameters
+    ----------
+    record : Record
+    output : int
+    left : (n_samples,) array
+        Output less a fitted response; ``nan`` where it is missing.
+    experiment : int or None
+        Its position; None for the only one.
+    """
+    rows = np.flatnonzero(np.isfinite(left))
+    if rows.size < FEWEST:
+        return []
+    e = left[rows]
+    off = e[2:-2] - (4.0 * (e[1:-3] + e[3:-1]) - e[:-4] - e[4:]) / 6.0
+    size = np.abs(off - np.median(off))
+    wide = float(np.quantile(size, WIDE)) / float(ndtri(0.5 + WIDE / 2.0))
+    scale = max(median_scale(size), wide, STEP * quantum(record.y[:, output]))
+    if not scale > 1e-9 * float(np.sqrt(np.mean(record.y[rows, output] ** 2))):
+        return []
+    limit = max(LEAST, -float(ndtri(CHANCE / off.size / 2.0)))
+    size = size / scale
+    at = np.flatnonzero((size > limit) & (size >= _largest_nearby(size)))
+    if not at.size or at.size > MOST_BAD * rows.size:
+        return []
+    places = rows[at + 2]
+    name = record.output_names[output]
+    where = "" if experiment is None else f" in experiment {experiment + 1}"
+    times = tuple(float(t) for t in record.t[places])
+    many = f"{at.size} samples of {name}{where} stand" if at.size > 1 else (
+        f"A sample of {name}{where} stands"
+    )  # fmt: skip
+    return [
+        Finding(
+            "bad-samples",
+            "error" if float(size[at].max()) > 2.0 * limit else "warning",
+            f"{many} alone, up to {size[at].max():.0f} standard deviations away from the "
+            f"neighbours ({_named(times)}).",
+            "Mark them as missing (nan, record.mask; --missing), or fit with a robust loss "
+            "(--loss huber).",
+            (name,),
+            experiment,
+            times,
+        )
+    ]
+
+
+def _largest_nearby(size: Array) -> Array:
+    padded = np.concatenate([np.zeros(2), size, np.zeros(2)])
+    return np.asarray(np.max([padded[k : k + size.size] for k in range(5)], axis=0))
+
+
+def lost_rows(record: Record, fitted: Sequence[Array], experiment: int | None) -> list[Finding]:
+    """Jumps of a measured input and of an output at the same place.
+
+    Parameters
+    ----------
+    record : Record
+    fitted : sequence of (n_samples,) arrays
+        Responses of the outputs, for their number alone.
+    experiment : int or None
+        Its position; None for the only one.
+    """
+    if record.n_samples < FEWEST or not looks_measured(record.u):
+        return []
+    inputs = np.any([_jumps(column) for column in record.u.T], axis=0)
+    outputs = np.any([_jumps(record.y[:, i]) for i in range(len(fitted))], axis=0)
+    at = np.flatnonzero(inputs & outputs)
+    if not at.size or at.size > MOST_BAD * record.n_samples:
+        return []
+    times = tuple(float(t) for t in record.t[at + 1])
+    where = "" if experiment is None else f" of experiment {experiment + 1}"
+    return [
+        Finding(
+            "lost-rows",
+            "error",
+            f"Inputs and outputs{where} jump together, and nowhere else so far "
+            f"({_named(times)}): rows were lost there.",
+            "Cut the record there (record.split, --start and --stop) and identify the parts "
+            "together.",
+            (),
+            experiment,
+            times,
+        )
+    ]
+
+
+def _jumps(x: Array) -> NDArray[np.bool_]:
+    """Steps between samples that their neighbours do not lead to, and that last."""
+    found = np.zeros(x.size - 1, dtype=bool)
+    step = np.diff(x)
+    expected = 0.5 * (step[:-2] + step[2:])
+    off = np.abs(step[1:-1] - expected)
+    usual = median_scale(off[np.isfinite(off)])
+    beside = np.maximum(np.abs(step[:-2]), np.abs(step[2:]))
+    if usual > 0:
+        with np.errstate(invalid="ignore"):
+            lasts = np.abs(step[1:-1]) > 3.0 * beside
+            found[1:-1] = (off > JUMPED * usual) & lasts
+    return found
+
+
+def gaps(record: Record, experiment: int | None) -> list[Finding]:
+    """Missing samples: those that are nan, and intervals that are too long.
+
+    Parameters
+    ----------
+    record : Record
+    experiment : int or None
+        Its position; None for the only one.
+    """
+    found = []
+    where = "" if experiment is None else f" in experiment {experiment + 1}"
+    lost = np.isnan(record.y)
+    if lost.any():
+        at = record.t[lost.any(axis=1)]
+        found.append(
+            Finding(
+                "missing-samples",
+                "note",
+                f"{int(lost.sum())} output samples are missing{where}; estimates do not count "
+                "them.",
+                experiment=experiment,
+                times=(at[0], at[-1]),
+            )
+        )
+    steps = np.diff(record.t)
+    long = np.flatnonzero(steps > TORN * typical_step(record.t)) if record.dt is None else steps[:0]
+    if long.size and long.size <= FEW * steps.size:
+        times = tuple(float(t) for t in record.t[np.asarray(long, dtype=int)])
+        found.append(
+            Finding(
+                "missing-samples",
+                "note",
+                f"The time stamps{where} have {long.size} gaps, the longest of "
+                f"{float(steps.max()):.3g} s ({_named(times)}). A held input is taken to stay as "
+                "it was there.",
+                "Cut the record where the input moved in a gap (record.split), and identify the "
+                "parts together.",
+                experiment=experiment,
+                times=times,
+            )
+        )
+    return found
+
+
+def _named(times: Sequence[float]) -> str:
+    more = f" and {len(times) - MOST_NAMED} more" if len(times) > MOST_NAMED else ""
+    return f"at {', '.join(f'{t:.4g} s' for t in times[:MOST_NAMED])}{more}"
