@@ -93,9 +93,7 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--save", action="store_true", help="store the result and fill README.md")
     args = parser.parse_args()
-    tasks = [
-        (kind, args.seed + k) for kind in (*RIGHT, *WRONG) for k in range(args.records)
-    ]
+    tasks = [(kind, args.seed + k) for kind in (*RIGHT, *WRONG) for k in range(args.records)]
     with ProcessPoolExecutor(args.jobs) as pool:
         rows = list(pool.map(judge, tasks, chunksize=4))
     report = "\n".join(table(rows))

@@ -88,7 +88,7 @@ def p_value(small: Fit, large: Fit) -> float:
     Examples
     --------
     >>> round(p_value(Fit(0.0, 1, 100, 100.0), Fit(0.0, 2, 100, 90.0)), 5)
-    0.00136
+    0.00135
     """
     more, left = large.rank - small.rank, large.count - large.rank
     if more < 1 or left < 1:

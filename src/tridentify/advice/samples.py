@@ -16,7 +16,7 @@ from scipy.special import ndtri
 
 from tridentify.checks.samples import looks_measured, typical_step
 from tridentify.finding import Finding
-from tridentify.numerics.converter import quantum
+from tridentify.numerics.converter import quantum, runs
 from tridentify.numerics.robust import median_scale
 from tridentify.record import Record
 
@@ -46,6 +46,18 @@ TORN = 1.5
 
 FEW = 0.05
 """Share of long intervals up to which they are gaps, not an uneven clock."""
+
+FEWEST_HUNG = 8
+"""Equal samples in a row, of a signal that has noise everywhere else, from which it hangs."""
+
+TONE = 0.99
+"""Share of the power within five lines of a spectrum that makes a single tone."""
+
+PERIODS = 4
+"""Of a tone in the record, at least: below, a step or a pulse has its power there too."""
+
+SLOW_LINES, SLOW = 4, 0.5
+"""Periods in the record up to which a disturbance is slow, and its share of what is left."""
 
 FEWEST = 30
 MOST_NAMED = 5
@@ -103,6 +115,91 @@ def bad_samples(record: Record, output: int, left: Array, experiment: int | None
 def _largest_nearby(size: Array) -> Array:
     padded = np.concatenate([np.zeros(2), size, np.zeros(2)])
     return np.asarray(np.max([padded[k : k + size.size] for k in range(5)], axis=0))
+
+
+def hung(record: Record, output: int, experiment: int | None) -> list[Finding]:
+    """Runs of one value inside of a signal that never repeats itself elsewhere.
+
+    Parameters
+    ----------
+    record : Record
+    output : int
+    experiment : int or None
+        Its position; None for the only one.
+    """
+    y = record.y[:, output]
+    if quantum(y) > 0:
+        return []
+    repeated = runs(y)
+    long = repeated.length >= FEWEST_HUNG
+    limits = (np.nanmax(y), np.nanmin(y))
+    inside = long & (repeated.first > 0) & ~np.isin(repeated.value, limits)
+    # a noise-free signal at rest repeats itself too, and does so before it first moves
+    others = int((repeated.length[~long] > 1).sum())
+    if not inside.any() or np.any(long & (repeated.first == 0)) or others > MOST_BAD * y.size:
+        return []
+    first, length = repeated.first[inside], repeated.length[inside]
+    name = record.output_names[output]
+    where = "" if experiment is None else f" in experiment {experiment + 1}"
+    parts = [record.t[k : k + n] for k, n in zip(first, length, strict=True)]
+    times = tuple(float(t) for part in parts for t in part)
+    return [
+        Finding(
+            "stuck-sensor",
+            "error",
+            f"Output {name}{where} stays at exactly one value for {int(length.sum())} samples "
+            f"({times[0]:.4g} to {times[-1]:.4g} s) and never repeats itself elsewhere: the sensor "
+            "or the recording hung.",
+            "Mark these samples as missing (nan, record.mask; --missing).",
+            (name,),
+            experiment,
+            tuple(
+                float(t) for k, n in zip(first, length, strict=True) for t in record.t[k : k + n]
+            ),
+        )
+    ]
+
+
+def single_tone(record: Record, input_: int) -> float:
+    """Frequency of an input that is a single tone [rad/s]; 0 where it is not.
+
+    Parameters
+    ----------
+    record : Record
+    input_ : int
+
+    Examples
+    --------
+    >>> u = np.sin(2.3 * 0.05 * np.arange(1000))
+    >>> round(single_tone(Record(u, u, dt=0.05), 0), 1)
+    2.3
+    """
+    even = np.linspace(record.t[0], record.t[-1], record.n_samples)
+    u = np.interp(even, record.t, record.u[:, input_])
+    power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(u.size))) ** 2
+    peak = int(np.argmax(power))
+    near = float(power[max(peak - 2, 0) : peak + 3].sum())
+    if peak < PERIODS or near < TONE * float(power.sum()):
+        return 0.0
+    return 2.0 * np.pi * peak / record.duration
+
+
+def is_slow(record: Record, left: Array) -> bool:
+    """Whether most of what is left of an output is slower than a few periods in the record.
+
+    Parameters
+    ----------
+    record : Record
+    left : (n_samples,) array
+        Output less a response; ``nan`` where it is missing.
+    """
+    seen = np.isfinite(left)
+    if seen.sum() < FEWEST:
+        return False
+    even = np.linspace(record.t[0], record.t[-1], record.n_samples)
+    e = np.interp(even, record.t[seen], left[seen])
+    power = np.abs(np.fft.rfft(e - e.mean())[1:]) ** 2
+    return bool(power[:SLOW_LINES].sum() > SLOW * power.sum() > 0)
 
 
 def lost_rows(record: Record, fitted: Sequence[Array], experiment: int | None) -> list[Finding]:

@@ -146,9 +146,13 @@ def feedback_seen(parallel: Parallel, fit: Fit) -> float:
     Where past inputs explain more beside the operators, what is left is no noise but a response
     that the operators miss, and later inputs, which resemble past ones, may stand in for it.
     """
-    guard = GUARD if any(looks_measured(record.u) for record in parallel.records) else 0
-    beside = [_moved(r, (*BEHIND, *range(-guard, 0))) for r in parallel.records]
-    ahead = [_moved(r, [-k for k in AHEAD if k > guard]) for r in parallel.records]
+    if any(looks_measured(record.u) for record in parallel.records):
+        known, later = (*range(-GUARD, 0), *BEHIND), [k for k in AHEAD if k > GUARD]
+    else:
+        # a held input acts after its sample: what goes along with it made the input
+        known, later = BEHIND[1:], [0, *AHEAD]
+    beside = [_moved(r, known) for r in parallel.records]
+    ahead = [_moved(r, [-k for k in later]) for r in parallel.records]
     both = [np.hstack(pair) for pair in zip(beside, ahead, strict=True)]
     small = parallel.fits(fit.pole, (fit.order,), beside)[0]
     if 1.0 - small.rss / max(fit.rss, 1e-300) > MISSED:

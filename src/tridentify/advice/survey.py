@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from tridentify.advice.frequency import FrequencyResponse, check_alike, frequency_response
 from tridentify.advice.parallel import Fit, Parallel, p_value, with_noise_model
 from tridentify.advice.result import Advice
-from tridentify.advice.samples import bad_samples, gaps, lost_rows
+from tridentify.advice.samples import bad_samples, gaps, hung, is_slow, lost_rows, single_tone
 from tridentify.advice.seen import (
     DelaySeen,
     behaviours_seen,
@@ -22,7 +22,7 @@ from tridentify.advice.seen import (
 from tridentify.causes.intersample import CLEARLY, IN_WORDS, TIE, is_staircase
 from tridentify.cautions.beginning import beginning
 from tridentify.cautions.sensors import seen_in
-from tridentify.checks.samples import Behaviour
+from tridentify.checks.samples import Behaviour, typical_step
 from tridentify.errors import TooFewSamplesError, TridentifyError
 from tridentify.finding import Finding, ranked
 from tridentify.record import Record
@@ -53,8 +53,14 @@ LATE = 12.0
 DRIFTS = 10.0
 """Fall of AICc from which a drift is told (odds of 150 to 1)."""
 
-ONE_TONE = 1.3
-"""Highest over lowest excited frequency, below which the input is one tone."""
+SAME_TONE = 1.1
+"""Highest over lowest tone of several records that count as one."""
+
+SPOILT = ("bad-samples", "stuck-sensor")
+"""Findings whose samples are left out of what follows."""
+
+SLOWLY = 0.05
+"""Standard deviation of a slow disturbance, in that of the output, from which it is told."""
 
 WEAKEST = 0.1
 """Hankel singular values, in the largest, that count: what a real system has beside its linear
@@ -130,22 +136,25 @@ def advise(records: Record | Sequence[Record]) -> Advice:
     still = not any(np.ptp(record.u, axis=0).any() for record in parts)
     outputs = [_output(parts, i, frequency) for i in range(first.n_outputs)]
     found = _of_samples(given, parts, outputs)
-    if any(finding.code == "bad-samples" for finding in found):
+    if any(finding.code in SPOILT for finding in found):
         parts = [_without(part, e, found) for e, part in enumerate(parts)]
         outputs = [_output(parts, i, frequency) for i in range(first.n_outputs)]
     responding = [] if still else [output for output in outputs if output.any]
-    behaviours, best = _between(parts, responding)
     delays = tuple(
         delay_seen(output.parallel, output.fit, j)
         for output in responding
         for j in range(first.n_inputs)
         if output.responds[j] < NO_RESPONSE
     )
-    found += _of_input(given, frequency)
+    late = [_delayed(output, delays, first) for output in responding]
+    behaviours, best = _between(parts, late)
+    found += _of_input(given)
     found += [] if still else _of_response(first, outputs)
-    found += _of_behaviour(given, behaviours, best)
     found += [_of_delay(seen) for seen in delays if _is_late(seen)]
-    found += [finding for output in responding for finding in _of_noise(first, output)]
+    found += [finding for output in late for finding in _of_noise(first, output)]
+    if not any(finding.code == "feedback" for finding in found):
+        # an input that reacts to the output seems to act early
+        found += _of_behaviour(given, behaviours, best)
     return Advice(
         ranked(found),
         frequency,
@@ -218,16 +227,21 @@ def _of_samples(
     whole: Sequence[Record], parts: Sequence[Record], outputs: Sequence[_Output]
 ) -> list[Finding]:
     found: list[Finding] = []
+    names = parts[0].output_names
     for e, (record, part) in enumerate(zip(whole, parts, strict=True)):
         number = e if len(whole) > 1 else None
         fitted = [output.fit.fitted[e] for output in outputs]
         left = [part.y[:, i] - one for i, one in enumerate(fitted)]
         variance = np.array([_scale(one) ** 2 for one in left])
         found += gaps(record, number)
-        found += seen_in(part, np.column_stack(fitted), variance, number)
-        hung = {f.outputs for f in found if f.code in ("stuck-sensor", "quantisation")}
+        still = [finding for i in range(len(names)) for finding in hung(part, i, number)]
+        told = {finding.outputs for finding in still}
+        seen = seen_in(part, np.column_stack(fitted), variance, number)
+        found += still
+        found += [f for f in seen if not (f.code == "stuck-sensor" and f.outputs in told)]
+        repeats = {f.outputs for f in found if f.code in ("stuck-sensor", "quantisation")}
         for i, one in enumerate(left):
-            if (part.output_names[i],) not in hung:
+            if (names[i],) not in repeats:
                 found += bad_samples(part, i, one, number)
         found += lost_rows(part, fitted, number)
     return found
@@ -237,7 +251,7 @@ def _without(record: Record, number: int, found: Sequence[Finding]) -> Record:
     """The record with its bad samples missing."""
     where = np.zeros(record.y.shape, dtype=bool)
     for finding in found:
-        if finding.code == "bad-samples" and finding.experiment in (None, number):
+        if finding.code in SPOILT and finding.experiment in (None, number):
             column = record.output_names.index(finding.outputs[0])
             where[np.isin(record.t, finding.times), column] = True
     return record.mask(where) if where.any() else record
@@ -249,7 +263,7 @@ def _scale(left: Array) -> float:
     return float(np.median(seen)) / 0.6745 if seen.size else 0.0
 
 
-def _of_input(records: Sequence[Record], frequency: FrequencyResponse | None) -> list[Finding]:
+def _of_input(records: Sequence[Record]) -> list[Finding]:
     found = []
     for j, name in enumerate(records[0].input_names):
         if not any(np.ptp(record.u[:, j]) for record in records):
@@ -261,13 +275,15 @@ def _of_input(records: Sequence[Record], frequency: FrequencyResponse | None) ->
                     "Leave it out, or record a manoeuvre in which it moves.",
                 )
             )
-        elif frequency is not None and (band := frequency.band(j)) and band[1] < ONE_TONE * band[0]:
+        elif all(tones := [single_tone(record, j) for record in records]) and (
+            max(tones) < SAME_TONE * min(tones)
+        ):
             found.append(
                 Finding(
                     "not-excited",
                     "warning",
-                    f"The power of input {name} lies at one tone, {band[0]:.3g} to "
-                    f"{band[1]:.3g} rad/s, which tells two coefficients and no more.",
+                    f"Input {name} is a single tone of {tones[0]:.3g} rad/s, which tells two "
+                    "coefficients and no more.",
                     "Record steps, pulses or several tones (tridentify excite).",
                 )
             )
@@ -325,6 +341,21 @@ def _of_behaviour(
     ]
 
 
+def _delayed(output: _Output, delays: Sequence[DelaySeen], record: Record) -> _Output:
+    """With the delays that were seen, so that nothing else is taken for them."""
+    own = {
+        seen.input: seen.value
+        for seen in delays
+        if seen.output == record.output_names[output.index] and _is_late(seen)
+    }
+    step = typical_step(record.t)
+    if not own or max(own.values()) < step:
+        return output
+    values = tuple(own.get(name, 0.0) for name in record.input_names)
+    parallel = output.parallel.changed(delays=values, left=max(values))
+    return replace(output, parallel=parallel, fit=parallel.best())
+
+
 def _is_late(seen: DelaySeen) -> bool:
     """Whether the delay is more than noise would show."""
     return seen.fall > LATE and seen.low > 0
@@ -352,14 +383,27 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
             Finding(
                 "feedback",
                 "warning",
-                f"What past inputs leave of {name} is explained by later ones (probability by "
-                f"chance {chance:.1g}): the input reacts to the output, or its clock is late.",
+                f"What past inputs leave of {name} is explained by present and later ones "
+                f"(probability by chance {chance:.1g}): the input reacts to the output, its "
+                "clock is late, or the system has a direct part (as many zeros as poles).",
                 "Open the loop, or add a test signal that is large against the feedback; identify "
                 "with a noise model (noise='ar').",
                 (name,),
             )
         )
     fall = drift_seen(output.parallel, output.fit)
+    if fall <= DRIFTS and _wanders(output):
+        found.append(
+            Finding(
+                "drift",
+                "warning",
+                f"Most of what the inputs do not explain of {name} is slower than four periods in "
+                "the record: a slow disturbance, which slow coefficients take for response.",
+                "Use a noise model (noise='ar'), estimate a drift along (drift=True, --drift yes), "
+                "or cut the record shorter.",
+                (name,),
+            )
+        )
     if fall > DRIFTS:
         found.append(
             Finding(
@@ -372,6 +416,18 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
             )
         )
     return found
+
+
+def _wanders(output: _Output) -> bool:
+    """Whether a slow disturbance of some size is left of every record."""
+    records = output.parallel.records
+    white = output.parallel.changed(noise=np.zeros(0), resonance=0.0).best()
+    for record, fitted in zip(records, white.fitted, strict=True):
+        y = record.y[:, output.index]
+        left = y - fitted
+        if np.nanstd(left) < SLOWLY * np.nanstd(y) or not is_slow(record, left):
+            return False
+    return True
 
 
 def _poles(
