@@ -43,6 +43,11 @@ class Advice:
         [s].
     notes : tuple of str
         What was done to the records on the way.
+
+    Examples
+    --------
+    >>> Advice((), None, (), 2, "zoh", {"zoh": 0.0}, ("u",), ("y",), 100, 5.0).ok
+    True
     """
 
     findings: tuple[Finding, ...]

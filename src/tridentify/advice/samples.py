@@ -38,6 +38,21 @@ STEP = 0.5
 MOST_BAD = 0.02
 """Share of bad samples above which the noise has heavy tails instead."""
 
+ROUNDING = 1e-9
+"""Of an output without noise, in its standard deviation."""
+
+FEW_BAD = 3
+"""Bad samples that any record may have, however short."""
+
+AT_END = 0.7
+"""Weight of the difference at the first and the last sample."""
+
+GROSS = 16.0
+"""Standard deviations from which least squares is spoilt."""
+
+ROUNDS = 6
+"""Passes, each without the bad samples of those before."""
+
 JUMPED = 12.0
 """Jump in usual ones from which rows are lost."""
 
@@ -75,33 +90,21 @@ def bad_samples(record: Record, output: int, left: Array, experiment: int | None
     experiment : int or None
         Its position; None for the only one.
     """
-    rows = np.flatnonzero(np.isfinite(left))
-    if rows.size < FEWEST:
+    y = record.y[:, output]
+    rows, far = _standing_alone(left, STEP * quantum(y), ROUNDING * float(np.nanstd(y)))
+    if not rows.size or rows.size > MOST_BAD * np.isfinite(left).sum() + FEW_BAD:
         return []
-    e = left[rows]
-    off = e[2:-2] - (4.0 * (e[1:-3] + e[3:-1]) - e[:-4] - e[4:]) / 6.0
-    size = np.abs(off - np.median(off))
-    wide = float(np.quantile(size, WIDE)) / float(ndtri(0.5 + WIDE / 2.0))
-    scale = max(median_scale(size), wide, STEP * quantum(record.y[:, output]))
-    if not scale > 1e-9 * float(np.sqrt(np.mean(record.y[rows, output] ** 2))):
-        return []
-    limit = max(LEAST, -float(ndtri(CHANCE / off.size / 2.0)))
-    size = size / scale
-    at = np.flatnonzero((size > limit) & (size >= _largest_nearby(size)))
-    if not at.size or at.size > MOST_BAD * rows.size:
-        return []
-    places = rows[at + 2]
     name = record.output_names[output]
     where = "" if experiment is None else f" in experiment {experiment + 1}"
-    times = tuple(float(t) for t in record.t[places])
-    many = f"{at.size} samples of {name}{where} stand" if at.size > 1 else (
-        f"A sample of {name}{where} stands"
-    )  # fmt: skip
+    times = tuple(float(t) for t in record.t[rows])
+    several = rows.size > 1
+    many = f"{rows.size} samples" if several else "A sample"
+    many += f" of {name}{where} {'stand' if several else 'stands'}"
     return [
         Finding(
             "bad-samples",
-            "error" if float(size[at].max()) > 2.0 * limit else "warning",
-            f"{many} alone, up to {size[at].max():.0f} standard deviations away from the "
+            "error" if far > GROSS else "warning",
+            f"{many} alone, up to {far:.0f} standard deviations away from the "
             f"neighbours ({_named(times)}).",
             "Mark them as missing (nan, record.mask; --missing), or fit with a robust loss "
             "(--loss huber).",
@@ -110,6 +113,44 @@ def bad_samples(record: Record, output: int, left: Array, experiment: int | None
             times,
         )
     ]
+
+
+def _standing_alone(left: Array, least: float, rounding: float) -> tuple[NDArray[np.intp], float]:
+    """Bad samples in order, and how far the farthest is off [standard deviations].
+
+    The farthest are taken away first, so that one next to another is seen by what remains.
+    """
+    rows = np.flatnonzero(np.isfinite(left))
+    found: list[int] = []
+    farthest = 0.0
+    for _ in range(ROUNDS):
+        if rows.size < FEWEST:
+            break
+        off = _beside_neighbours(left[rows])
+        size = np.abs(off - np.median(off))
+        wide = float(np.quantile(size, WIDE)) / float(ndtri(0.5 + WIDE / 2.0))
+        scale = max(median_scale(size), wide, least)
+        limit = max(LEAST, -float(ndtri(CHANCE / off.size / 2.0)))
+        if not scale > rounding:
+            break
+        size = size / scale
+        at = np.flatnonzero((size > limit) & (size >= _largest_nearby(size)))
+        if not at.size:
+            break
+        farthest = max(farthest, float(size[at].max()))
+        found += rows[at].tolist()
+        rows = np.delete(rows, at)
+    return np.array(sorted(found), dtype=np.intp), farthest
+
+
+def _beside_neighbours(e: Array) -> Array:
+    """Differences from a cubic through two neighbours on either side, of straight lines at ends."""
+    off = np.empty_like(e)
+    off[2:-2] = e[2:-2] - (4.0 * (e[1:-3] + e[3:-1]) - e[:-4] - e[4:]) / 6.0
+    off[[1, -2]] = e[[1, -2]] - 0.5 * (e[[0, -3]] + e[[2, -1]])
+    # the one at the very end has a single neighbour, and is not to be blamed for it
+    off[[0, -1]] = AT_END * (e[[0, -1]] - e[[1, -2]])
+    return off
 
 
 def _largest_nearby(size: Array) -> Array:

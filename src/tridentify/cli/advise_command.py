@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from tridentify.advice import Advice
 from tridentify.cli import options
 from tridentify.cli.load import Source, load, rules_from, units_from
 from tridentify.cli.results import ResultFolder
@@ -16,6 +15,9 @@ from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.files import write_atomically
 from tridentify.record import Record
+
+if TYPE_CHECKING:
+    from tridentify.advice import Advice
 
 Out = Annotated[
     Path | None,
