@@ -19,8 +19,8 @@ from tridentify.advice.seen import (
     drift_seen,
     feedback_seen,
 )
+from tridentify.causes.first_samples import beginning
 from tridentify.causes.intersample import CLEARLY, IN_WORDS, TIE, is_staircase
-from tridentify.cautions.beginning import beginning
 from tridentify.cautions.sensors import seen_in
 from tridentify.checks.samples import Behaviour, typical_step
 from tridentify.errors import TooFewSamplesError, TridentifyError

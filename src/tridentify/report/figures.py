@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tridentify.advice import FrequencyResponse, frequency_response
-from tridentify.cautions.beginning import beginning
+from tridentify.causes.first_samples import beginning
 from tridentify.errors import OptionError, StepNotTakenError, TridentifyError
 from tridentify.estimate import Estimate
 from tridentify.files import write_atomically
