@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tridentify import online
+    from tridentify.advice import Advice, FrequencyResponse, advise, frequency_response
     from tridentify.errors import (
         ConvergenceError,
         DataError,
@@ -48,11 +49,13 @@ __version__ = "0.1.0"
 
 __all__ = [
     "METHODS",
+    "Advice",
     "BiasCompensatedLeastSquares",
     "ConvergenceError",
     "DataError",
     "Estimate",
     "Finding",
+    "FrequencyResponse",
     "IdentifiabilityError",
     "MissingDependencyError",
     "OutputError",
@@ -72,8 +75,10 @@ __all__ = [
     "TridentifyError",
     "Validation",
     "__version__",
+    "advise",
     "asymptotic_bias",
     "frame_from_record",
+    "frequency_response",
     "identify",
     "list_channels",
     "online",
@@ -86,11 +91,13 @@ __all__ = [
 
 _HOME = {
     "METHODS": "identify",
+    "Advice": "advice",
     "BiasCompensatedLeastSquares": "methods.bias_compensated_least_squares",
     "ConvergenceError": "errors",
     "DataError": "errors",
     "Estimate": "estimate",
     "Finding": "finding",
+    "FrequencyResponse": "advice",
     "IdentifiabilityError": "errors",
     "MissingDependencyError": "errors",
     "OutputError": "methods.output_error",
@@ -109,8 +116,10 @@ _HOME = {
     "TransferFunction": "transfer_function",
     "TridentifyError": "errors",
     "Validation": "validation",
+    "advise": "advice",
     "asymptotic_bias": "methods.asymptotic_bias",
     "frame_from_record": "formats.frames",
+    "frequency_response": "advice",
     "identify": "identify",
     "list_channels": "formats.read",
     "online": "online",

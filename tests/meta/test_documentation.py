@@ -18,7 +18,7 @@ import tridentify
 RUN = ("{code-cell}", "{command}")
 TEXT = ("{toctree}", "{include}", "{public-names}", "{note}", "{tip}", "{warning}", "{math}")
 ROOMS = ("online", "physical", "plots", "report", "studies", "uncertainty", "errors")
-COMING = ("diagrams", "excitation", "export", "selection", "validation")
+COMING = ("advice", "diagrams", "excitation", "export", "selection", "validation")
 
 
 def blocks(text: str) -> list[tuple[int, str]]:

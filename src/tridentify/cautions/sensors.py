@@ -88,15 +88,32 @@ def sensor_findings(
         What was computed before.
     """
     record = beginning(record, LONGEST)
-    u = record.u
     fitted = (known or Predictions(estimate)).fitted(record, experiment)
-    found: list[Finding] = []
     several = len(estimate.nuisance) > 1
-    where = f" in experiment {experiment + 1}" if several else ""
-    place = _Place(record.t, experiment if several else None)
-    for i, name in enumerate(estimate.output_names):
+    return seen_in(record, fitted, estimate.noise_variance, experiment if several else None)
+
+
+def seen_in(
+    record: Record, fitted: Array, noise_variance: Array, experiment: int | None
+) -> list[Finding]:
+    """Coarse steps, limits, hanging and repeats, whatever the response was fitted with.
+
+    Parameters
+    ----------
+    record : Record
+    fitted : (n_samples, n_outputs) array
+        Response of any model.
+    noise_variance : (n_outputs,) array
+    experiment : int or None
+        Its position; None for the only one.
+    """
+    u = record.u
+    found: list[Finding] = []
+    where = "" if experiment is None else f" in experiment {experiment + 1}"
+    place = _Place(record.t, experiment)
+    for i, name in enumerate(record.output_names):
         y, f = record.y[:, i], fitted[:, i]
-        noise = math.sqrt(float(estimate.noise_variance[i]))
+        noise = math.sqrt(float(noise_variance[i]))
         if not noise > ROUNDING * float(np.sqrt(np.nanmean(y**2))):
             continue
         repeated, q = runs(y), quantum(y)
@@ -108,7 +125,7 @@ def sensor_findings(
         if repeats is None:
             own.append(_hanging(y, f, u, q, noise, repeated, name + where))
         found += [place.put(seen, name) for seen in own if seen is not None]
-    for j, name in enumerate(estimate.input_names):
+    for j, name in enumerate(record.input_names):
         clipped = _clipped_input(record.u[:, j], name + where)
         found += [] if clipped is None else [place.put(clipped)]
     return found

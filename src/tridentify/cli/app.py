@@ -13,6 +13,7 @@ import typer
 from typer.main import get_command
 
 from tridentify.cli import (
+    advise_command,
     channels_command,
     demo_command,
     excite_command,
@@ -46,6 +47,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
+app.command("advise")(advise_command.advise)
 app.command("identify")(identify_command.identify)
 app.command("select")(select_command.select)
 app.command("physical")(physical_command.physical)

@@ -13,6 +13,7 @@ from tridentify.plots.cost_surface import plot_cost_surface
 from tridentify.plots.fit import plot_fit
 from tridentify.plots.hankel import plot_hankel
 from tridentify.plots.impulse import plot_impulse
+from tridentify.plots.measured import plot_frequency_response
 from tridentify.plots.nyquist import plot_nyquist
 from tridentify.plots.pole_zero import plot_pole_zero
 from tridentify.plots.record import plot_record
@@ -38,6 +39,7 @@ __all__ = [
     "plot_spectrum",
     "plot_step",
     "plot_residual_tests",
+    "plot_frequency_response",
     "plot_hankel",
     "plot_selection",
     "plot_trajectory",

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.advice import FrequencyResponse
 from tridentify.estimate import Estimate
+from tridentify.plots.measured import draw_measured
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import BLUE, channel, dress, legend, literal, make_axes
 from tridentify.text import IN_PICTURES, short, unit_ratio
@@ -25,6 +27,7 @@ def plot_bode(
     *,
     omega: npt.ArrayLike | None = None,
     level: float = 0.95,
+    measured: FrequencyResponse | None = None,
     axes: Sequence[Axes] | None = None,
 ) -> list[Axes]:
     """Draw magnitude and phase of every channel with a pointwise confidence band.
@@ -38,6 +41,9 @@ def plot_bode(
     level : float
         Probability that the band holds at each frequency. Of a posterior mean the band lies
         between quantiles of its draws.
+    measured : FrequencyResponse, optional
+        What the record shows without a model (`tridentify.advice.frequency_response`): points with
+        95 % error bars where the coherence is good, faded elsewhere, and the excited band shaded.
     axes : sequence of matplotlib Axes, optional
         Two per channel (magnitude, phase), outputs in the outer loop. A figure is made when left
         out.
@@ -69,6 +75,8 @@ def plot_bode(
         magnitude, phase = drawn[2 * k : 2 * k + 2]
         _draw(magnitude, grid, decibels, level, least_reach=10.0, known=known)
         _draw(phase, grid, degrees, level, least_reach=45.0, known=known)
+        if measured is not None:
+            _draw_behind(magnitude, phase, measured, (i, j), grid, degrees[0])
         unit = ""
         if output in estimate.units and input_ in estimate.units:
             unit = unit_ratio(estimate.units[output], estimate.units[input_])
@@ -84,6 +92,40 @@ def plot_bode(
             legend(magnitude)
     drawn[-1].set_xlabel("angular frequency [rad/s]", fontsize=9)
     return drawn
+
+
+def _draw_behind(
+    magnitude: Axes,
+    phase: Axes,
+    measured: FrequencyResponse,
+    channel_: tuple[int, int],
+    grid: Real,
+    degrees: Real,
+) -> None:
+    """Measured points behind the model's lines; they widen the scale, but not by far."""
+    limits = [ax.get_xlim() for ax in (magnitude, phase)]
+    scales = [ax.get_ylim() for ax in (magnitude, phase)]
+    known = np.isfinite(degrees)
+    nearby = np.interp(np.log(measured.omega), np.log(grid[known]), degrees[known])
+    draw_measured(magnitude, phase, measured, *channel_, nearby)
+    good = measured.good[:, channel_[0], channel_[1]]
+    good = good & (measured.omega >= grid[0]) & (measured.omega <= grid[-1])
+    response = measured.response[good, channel_[0], channel_[1]]
+    turned = np.degrees(np.angle(response))
+    turned = turned + 360.0 * np.round((nearby[good] - turned) / 360.0)
+    for ax, values, (left, right), (low, high) in zip(
+        (magnitude, phase),
+        (20.0 * np.log10(np.maximum(np.abs(response), 1e-300)), turned),
+        limits,
+        scales,
+        strict=True,
+    ):
+        ax.set_xlim(left, right)
+        reach = 0.5 * (high - low)
+        bottom = max(float(np.min(values, initial=low)), low - reach)
+        top = min(float(np.max(values, initial=high)), high + reach)
+        margin = 0.04 * (top - bottom)
+        ax.set_ylim(bottom - margin * (bottom < low), top + margin * (top > high))
 
 
 def default_frequencies(estimate: Estimate, n_points: int = 240) -> Real:

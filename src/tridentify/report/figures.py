@@ -12,7 +12,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tridentify.errors import OptionError, StepNotTakenError
+from tridentify.advice import FrequencyResponse, frequency_response
+from tridentify.causes.first_samples import beginning
+from tridentify.errors import OptionError, StepNotTakenError, TridentifyError
 from tridentify.estimate import Estimate
 from tridentify.files import write_atomically
 from tridentify.plots import (
@@ -40,6 +42,9 @@ if TYPE_CHECKING:
 FORMATS = ("png", "svg", "pdf")
 RESOLUTION = 150
 """Of the pixels in saved figures [1/inch]."""
+
+LONGEST = 20_000
+"""Samples of each record that the measured frequency response is made of: below a second."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,6 +126,7 @@ def draw_figures(
         )
         yield replace(tests, is_file=False)
     drawn = bool(len(estimate.draws))
+    measured = _measured(records)
     origin = (
         "between quantiles of the models that explain the record"
         if drawn
@@ -130,8 +136,8 @@ def draw_figures(
         "bode",
         "Frequency response",
         f"Pointwise 95 % confidence band, {origin}. Beyond the frequencies that the input excites "
-        "it holds only if the structure is right.",
-        plot_bode(estimate)[0],
+        f"it holds only if the structure is right.{_OF_POINTS if measured else ''}",
+        plot_bode(estimate, measured=measured)[0],
     )
     yield _drawing(
         "step",
@@ -155,6 +161,20 @@ def draw_figures(
         "A coefficient below the dashed line is closer to its final value than its standard error.",
         plot_convergence(estimate)[0],
     )
+
+
+_OF_POINTS = (
+    " Points: measured without a model, with 95 % error bars, faded where the coherence is poor; "
+    "shaded: the frequencies that the input excites."
+)
+
+
+def _measured(records: Sequence[Record]) -> FrequencyResponse | None:
+    """The frequency response without a model, where the records are long enough for one."""
+    try:
+        return frequency_response([beginning(record, LONGEST) for record in records])
+    except TridentifyError:
+        return None
 
 
 @dataclass(frozen=True)

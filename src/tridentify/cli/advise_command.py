@@ -1,0 +1,113 @@
+"""``tridentify advise``: files in, what the record can tell before a model is chosen out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+from tridentify.cli import options
+from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.results import ResultFolder
+from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.tables import describe_records
+from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.files import write_atomically
+from tridentify.record import Record
+
+if TYPE_CHECKING:
+    from tridentify.advice import Advice
+
+Out = Annotated[
+    Path | None,
+    options.result_option(
+        metavar="DIR", help="Write advice.json and frequency-response.png into this folder."
+    ),
+]
+
+
+def advise(
+    files: options.Files,
+    inputs: options.Inputs,
+    outputs: options.Outputs,
+    time: options.Time = None,
+    dt: options.Step = None,
+    intersample: options.Intersample = options.Between.AUTO,
+    instants: options.Instants = options.Merging.AUTO,
+    missing: options.Missing = None,
+    units: options.Units = None,
+    start: options.Start = None,
+    stop: options.Stop = None,
+    out: Out = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Say what a record can tell before anything is fitted: excited band, delay, bad samples.
+
+    Example: tridentify advise flight.csv --input elevator --output q
+    """
+    source = Source(
+        files,
+        tuple(inputs),
+        tuple(outputs),
+        time,
+        dt,
+        intersample.value,
+        start,
+        stop,
+        instants.value,
+        units_from(units or ()),
+        rules_from(missing or ()),
+    )
+    written: Sequence[Path] = ()
+    with ExitStack() as stack:
+        results = None if out is None else stack.enter_context(ResultFolder(out))
+        activity = stack.enter_context(Activity())
+        records = load(source, activity)
+        load_sample_loop(activity)
+        activity.stage("looking at the record")
+        found = _advice(records)
+        if results is not None:
+            _write(found, results.draft, activity)
+            written = results.publish()
+    if as_json:
+        show_json(found.to_dict() | {"files": [str(path) for path in written]})
+    else:
+        _show(found, records, written)
+
+
+def _advice(records: Sequence[Record]) -> Advice:
+    from tridentify.advice import advise as look_at
+
+    return look_at(records)
+
+
+def _write(found: Advice, folder: Path, activity: Activity) -> None:
+    import json
+
+    from tridentify.plots import plot_frequency_response
+
+    activity.stage("writing the figure")
+    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
+    write_atomically(folder / "advice.json", text + "\n")
+    if found.frequency is not None:
+        figure = plot_frequency_response(found.frequency)[0].get_figure(root=True)
+        assert figure is not None
+        figure.savefig(folder / "frequency-response.png", dpi=150)
+
+
+def _show(found: Advice, records: Sequence[Record], written: Sequence[Path]) -> None:
+    """Print findings and facts."""
+    lines = [] if found.findings else ["nothing stands in the way of an estimate"]
+    for finding in found.findings:
+        said = f"{finding.message} {finding.effect}".strip()
+        lines.append(paragraph(said, "! " if finding.matters else "- ", "  "))
+        if finding.remedy:
+            lines.append(paragraph(finding.remedy, "  what to do: ", "    "))
+    show(
+        describe_records(records),
+        "\n".join(lines),
+        "\n".join(paragraph(f"{name}: {value}", "  ", "    ") for name, value in found.facts()[1:]),
+        "\n".join(paragraph(note, "- ", "  ") for note in found.notes),
+        *describe_files(written),
+    )
