@@ -324,9 +324,9 @@ class Estimate:
     def derived(self) -> tuple[Parameter, ...]:
         """Poles, dampings and static gains with standard errors and intervals.
 
-        Of a posterior mean from its draws: between quantiles, and half the width of their central
-        68.27 % in place of a standard error, which is finite where their tails have no variance.
-        Else to first order.
+        Of a posterior mean from its draws: their median, between quantiles, and half the width of
+        their central 68.27 % in place of a standard error, which is finite where their tails have
+        no variance. (What the mean coefficients give may lie outside.) Else to first order.
         """
         rows = self.derived_rows()
         if not len(self.draws):
@@ -334,11 +334,13 @@ class Estimate:
         values = self.derived_values(np.asarray(self.draws))
         ends = 0.5 + 0.5 * ONE_SIGMA * np.array([-1.0, 1.0])
         with np.errstate(invalid="ignore"):
-            low, high = np.nanquantile(values, ends, axis=0)
+            low, centre, high = np.nanquantile(values, (ends[0], 0.5, ends[1]), axis=0)
             spread = (0.5 * (high - low)).tolist()
+        means = np.array([row[1] for row in rows])
+        centre = np.where(np.isfinite(centre), centre, means).tolist()
         return tuple(
-            Parameter(name, value, spread[k], unit, values[:, k])
-            for k, (name, value, _, unit) in enumerate(rows)
+            Parameter(name, centre[k], spread[k], unit, values[:, k])
+            for k, (name, _, _, unit) in enumerate(rows)
         )
 
     def noise_note(self) -> str:

@@ -101,8 +101,9 @@ _STATUS = {
         "record longer, excite nearer to the natural frequency, or use fewer poles or zeros",
     ),
     Status.POSTERIOR_MEAN: (
-        "short and noisy record: the mean of all models that explain it",
-        "record longer, or excite nearer to the natural frequency, to narrow the intervals",
+        "the mean of all models that explain the record, not the one that explains it best",
+        "record longer, excite nearer to the natural frequency, or use fewer poles or zeros, to "
+        "narrow the intervals",
     ),
     Status.STALLED: (
         "no step lowers the output-error cost any further, yet its gradient is not zero",
