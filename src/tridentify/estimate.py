@@ -15,7 +15,7 @@ import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -95,6 +95,9 @@ class Estimate:
         experiment, of the output and of the sample, and the weight that it had (at most 1).
     findings : tuple of Finding
         What a reader should know before using the numbers, what matters most first.
+    errors : {"likelihood", "scores"}
+        What the covariance comes from: the curvature of the likelihood, or the scatter of the
+        scores over blocks where that is clearly larger (`output_error.scores`).
     call : str
         The method with its options, as one writes it; empty if it was not called by `identify`.
 
@@ -138,6 +141,7 @@ class Estimate:
     loss: str = "squared"
     outliers: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
     call: str = ""
+    errors: Literal["likelihood", "scores"] = "likelihood"
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -148,6 +152,8 @@ class Estimate:
         if not self.outliers.size:
             object.__setattr__(self, "outliers", np.zeros((0, 4)))
             self.outliers.setflags(write=False)
+        if self.errors not in ("likelihood", "scores"):
+            raise ValueError(f"found errors={self.errors!r}; expected 'likelihood' or 'scores'")
         self._check_shapes()
         self._check_names()
         object.__setattr__(self, "units", dict(self.units))

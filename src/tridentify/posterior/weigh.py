@@ -15,7 +15,7 @@ from tridentify.output_error.decide import Finished
 from tridentify.output_error.finish import Recorder, at_rounding
 from tridentify.output_error.point import Point, evaluate
 from tridentify.output_error.problem import Variant
-from tridentify.output_error.result import estimate_from, output_rss
+from tridentify.output_error.result import covariance, estimate_from, output_rss, scatter_at
 from tridentify.posterior.mean import VAGUE, Posterior, Vague, is_short, posterior, vaguest
 from tridentify.record import Record
 from tridentify.strategy.moves import moved_poles
@@ -89,7 +89,8 @@ def weigh(
     if len(best.point.problem.groups) > 1 or best.point.problem.n_delays:
         return _told(_given(maximum), SEPARATE)
     n = best.point.problem.n_poles
-    cov = None if isinstance(maximum, UnsupportedOrderError) else maximum.cov[:n, :n]
+    # that of the likelihood, whatever the scatter of the scores makes of it
+    cov = None if isinstance(maximum, UnsupportedOrderError) else covariance(best.point)[:n, :n]
     longest = max(e.duration for e in best.point.problem.experiments)
     vague = None if cov is None else vaguest(best.point.poles, cov, longest)
     sound = best.status in SOUND
@@ -97,7 +98,13 @@ def weigh(
     if finish == "auto" and sound and sharp and not has_rivals(best.point, scan):
         return _given(maximum)
     say("the posterior, as the record leaves coefficients open")
-    found = posterior(best.point.problem, [(best.point.poles, cov)])
+    scatter = None if cov is None else scatter_at(best.point)
+    near = cov if cov is None or scatter is None else scatter.ratio * cov
+    found = posterior(
+        best.point.problem,
+        [(best.point.poles, near)],
+        1.0 if scatter is None else max(scatter.ratio, 1.0),
+    )
     if not found.usable:
         return _told(
             _given(maximum), "the posterior could not be sampled; the likelihood's maximum is kept"
@@ -106,6 +113,8 @@ def weigh(
     if finish == "auto" and sound and point.objective > best.point.objective + RIVAL:
         return _told(_given(maximum), BETWEEN)
     told = _in_words(finish, vague, sound, best)
+    if scatter is not None:
+        trace = replace(trace, decisions=(*trace.decisions, scatter.in_words()))
     trace = _continued(trace, point, found, told)
     estimate = estimate_from(
         point,
@@ -116,8 +125,10 @@ def weigh(
         trace,
         method,
         best.criterion,
+        judged=False,
     )
-    return replace(estimate, cov=found.covariance, draws=found.draws)
+    errors: Literal["likelihood", "scores"] = "likelihood" if scatter is None else "scores"
+    return replace(estimate, cov=found.covariance, draws=found.draws, errors=errors)
 
 
 def has_rivals(point: Point, scan: Scan | None = None) -> bool:
