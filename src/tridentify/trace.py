@@ -17,6 +17,8 @@ Array = npt.NDArray[np.float64]
 
 OTHER_DELAYS = "other delays explain the record almost as well"
 REPEATED_INPUT = "the input repeats itself"
+RESPONSE_AS_NOISE = "the noise model may take a slow response for noise"
+SLOW_AS_NOISE = "the noise model explains slow parts of the output that white weights follow"
 
 
 def freeze_arrays(noun: object) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tridentify import Record, Structure, ThreeModel, identify
+from tridentify import OutputError, Record, Structure, TransferFunction, identify
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -59,7 +59,7 @@ def test_intervals_cover(signal, disturb, least):
     u = signal()
     clean = respond(u)
     inside, scores = [], []
-    method = ThreeModel(noise="white", finish="likelihood")
+    method = OutputError(TransferFunction([NUM], DEN))
     for draw in range(DRAWS):
         noise = disturb(np.random.default_rng([draw, 11]))
         record = Record(u, clean + 0.3 * clean.std() * noise, dt=DT)
