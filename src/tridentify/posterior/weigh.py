@@ -33,6 +33,12 @@ SEPARATE = (
 BETWEEN = (
     "the likelihood's maximum: the mean of the models that explain the record does not explain it"
 )
+CONTRADICTED = (
+    "the likelihood's maximum: the posterior weighs models by the likelihood, which the scatter of the "
+    "scores contradicts"
+)
+LOST = 0.5
+"""Standard error over natural size above which a maximum is not kept for that reason."""
 SOUND = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.WEAKLY_IDENTIFIABLE)
 
 
@@ -97,8 +103,11 @@ def weigh(
     sharp = vague is not None and vague.share < VAGUE
     if finish == "auto" and sound and sharp and not has_rivals(best.point, scan):
         return _given(maximum)
-    say("the posterior, as the record leaves coefficients open")
     scatter = None if cov is None else scatter_at(best.point)
+    known = vague is not None and vague.share < LOST
+    if finish == "auto" and sound and known and scatter is not None:
+        return _told(_given(maximum), CONTRADICTED)
+    say("the posterior, as the record leaves coefficients open")
     near = cov if cov is None or scatter is None else scatter.ratio * cov
     found = posterior(
         best.point.problem,
