@@ -153,7 +153,9 @@ class Estimate:
             object.__setattr__(self, "outliers", np.zeros((0, 4)))
             self.outliers.setflags(write=False)
         if self.errors not in ("likelihood", "scores"):
-            raise ValueError(f"found errors={self.errors!r}; expected 'likelihood' or 'scores'")
+            raise DataError(
+                f"found errors={self.errors!r}; expected 'likelihood' or 'scores'; name one of them"
+            )
         self._check_shapes()
         self._check_names()
         object.__setattr__(self, "units", dict(self.units))

@@ -34,8 +34,8 @@ BETWEEN = (
     "the likelihood's maximum: the mean of the models that explain the record does not explain it"
 )
 CONTRADICTED = (
-    "the likelihood's maximum: the posterior weighs models by the likelihood, which the scatter of the "
-    "scores contradicts"
+    "the likelihood's maximum: the posterior weighs models by the likelihood, which the scatter "
+    "of the scores contradicts"
 )
 LOST = 0.5
 """Standard error over natural size above which a maximum is not kept for that reason."""
