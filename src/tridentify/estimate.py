@@ -15,7 +15,7 @@ import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -141,7 +141,7 @@ class Estimate:
     loss: str = "squared"
     outliers: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
     call: str = ""
-    errors: Literal["likelihood", "scores"] = "likelihood"
+    errors: str = "likelihood"
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

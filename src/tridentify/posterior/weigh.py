@@ -136,7 +136,7 @@ def weigh(
         best.criterion,
         judged=False,
     )
-    errors: Literal["likelihood", "scores"] = "likelihood" if scatter is None else "scores"
+    errors = "likelihood" if scatter is None else "scores"
     return replace(estimate, cov=found.covariance, draws=found.draws, errors=errors)
 
 
