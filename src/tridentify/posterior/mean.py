@@ -27,8 +27,8 @@ models lie on a curve and their mean beside it (little noise, needless poles): t
 *Uncertainty.* Intervals are quantiles of posterior draws. A volume prior of Jeffreys' kind makes
 them cover as stated to first order (Welch & Peers 1963). The standard error shown is half the
 width of the central 68.3 % interval, as the second moment may not exist. Where the scores scatter
-more than the likelihood says (`output_error.scores`), the likelihood counts for so much less (a
-power posterior: Holmes & Walker, Biometrika 104, 2017, 497-503).
+more than the likelihood says (`output_error.scores`), the draws are drawn apart from the mean by so
+much (`posterior.weigh`).
 """
 
 from __future__ import annotations
@@ -187,9 +187,7 @@ def _phi_of_a(phi: Array) -> Array:
     return np.asarray(np.linalg.pinv(jacobian / scale) / scale.T)
 
 
-def posterior(
-    problem: Problem, near: Sequence[tuple[Complex, Array | None]], spread: float = 1.0
-) -> Posterior:
+def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) -> Posterior:
     """Weigh all denominators.
 
     Parameters
@@ -199,15 +197,13 @@ def posterior(
     near : sequence of (poles, covariance)
         Ends of searches, to place the first draws; covariance (n, n) of ``a_{n-1} .. a_0``, or
         None where there is none.
-    spread : float
-        See `surface`.
     """
     n, unit = problem.n_poles, unit_of(problem)
     generator = np.random.default_rng(0)
     seen: list[Surface] = []
 
     def density(phi: Array) -> Array:
-        found = surface(problem, phi, spread)
+        found = surface(problem, phi)
         seen.append(found)
         return found.log_density
 

@@ -118,7 +118,7 @@ def unit_of(problem: Problem) -> float:
     return min(e.dt for e in problem.experiments)
 
 
-def surface(problem: Problem, phi: Array, spread: float = 1.0) -> Surface:
+def surface(problem: Problem, phi: Array) -> Surface:
     """Posterior density and linear fits at many denominators.
 
     Parameters
@@ -126,19 +126,16 @@ def surface(problem: Problem, phi: Array, spread: float = 1.0) -> Surface:
     problem : Problem
     phi : (s, n) array
         Coordinates (`posterior.sections`), rates times `unit_of`.
-    spread : float
-        Variance of the scores over that which the likelihood gives them
-        (`output_error.scores`): how many samples say as much as one independent one would.
     """
     n = problem.n_poles
     longest = max(e.n_samples for e in problem.experiments)
     columns = 2 * n * (problem.n_inputs + 1) + problem.n_inputs + problem.n_outputs + 2
     size = max(1, LARGEST_BLOCK // (longest * columns))
-    parts = [_surface(problem, phi[k : k + size], spread) for k in range(0, phi.shape[0], size)]
+    parts = [_surface(problem, phi[k : k + size]) for k in range(0, phi.shape[0], size)]
     return parts[0] if len(parts) == 1 else Surface.joined(parts)
 
 
-def _surface(problem: Problem, phi: Array, spread: float) -> Surface:
+def _surface(problem: Problem, phi: Array) -> Surface:
     n = problem.n_poles
     sections = Sections.of(phi, n)
     bank_a, bank_b = sections.cascade(2)
@@ -162,13 +159,13 @@ def _surface(problem: Problem, phi: Array, spread: float) -> Surface:
         freedom = max(count - terms - fit.projection.shape[1], 1)
         cost = np.einsum("sr,sr->s", fit.residual, fit.residual)
         cost = cost + 1e-30 * count * problem.size[i]
-        likelihood -= 0.5 * freedom / spread * np.log(cost)
+        likelihood -= 0.5 * freedom * np.log(cost)
         weight = freedom / cost
         energy += weight * np.einsum("sk,sk->s", fit.projection, fit.projection)
         scores.append(np.sqrt(weight)[:, None, None] * _scores(problem, signals, fit, maps, bank_b))
         found, root = _physical(problem, i, fit, bases, tables, polynomials)
         numerators.append(found)
-        roots.append(root * np.sqrt(spread * cost / freedom)[:, None, None])
+        roots.append(root * np.sqrt(cost / freedom)[:, None, None])
     lengths = np.linalg.svd(np.concatenate(scores, axis=1), compute_uv=False)
     shape = np.log(np.maximum(lengths, TINY)).sum(axis=1) - 0.5 * n * np.log(energy + TINY)
     volume = shape + sections.log_jacobian() - np.linalg.slogdet(tables)[1]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
@@ -108,12 +109,7 @@ def weigh(
     if finish == "auto" and sound and known and scatter is not None:
         return _told(_given(maximum), CONTRADICTED)
     say("the posterior, as the record leaves coefficients open")
-    near = cov if cov is None or scatter is None else scatter.ratio * cov
-    found = posterior(
-        best.point.problem,
-        [(best.point.poles, near)],
-        1.0 if scatter is None else max(scatter.ratio, 1.0),
-    )
+    found = posterior(best.point.problem, [(best.point.poles, cov)])
     if not found.usable:
         return _told(
             _given(maximum), "the posterior could not be sampled; the likelihood's maximum is kept"
@@ -136,8 +132,11 @@ def weigh(
         best.criterion,
         judged=False,
     )
-    errors = "likelihood" if scatter is None else "scores"
-    return replace(estimate, cov=found.covariance, draws=found.draws, errors=errors)
+    if scatter is None:
+        return replace(estimate, cov=found.covariance, draws=found.draws)
+    ratio = max(scatter.ratio, 1.0)
+    draws = estimate.theta + math.sqrt(ratio) * (found.draws - estimate.theta)
+    return replace(estimate, cov=ratio * found.covariance, draws=draws, errors="scores")
 
 
 def has_rivals(point: Point, scan: Scan | None = None) -> bool:
