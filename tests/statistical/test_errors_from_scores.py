@@ -53,7 +53,9 @@ def white(rng):
 
 @pytest.mark.parametrize("signal", [binary, manoeuvres])
 @pytest.mark.parametrize(
-    ("disturb", "least"), [(gusts, 0.88), (drift, 0.85), (white, 0.92)], ids=lambda x: str(x)
+    ("disturb", "least"),
+    [(gusts, 0.88), (drift, 0.85), (white, 0.92)],
+    ids=["gusts", "drift", "white"],
 )
 def test_intervals_cover(signal, disturb, least):
     u = signal()
