@@ -95,6 +95,9 @@ class Estimate:
         experiment, of the output and of the sample, and the weight that it had (at most 1).
     findings : tuple of Finding
         What a reader should know before using the numbers, what matters most first.
+    errors : {"likelihood", "scores"}
+        What the covariance comes from: the curvature of the likelihood, or the scatter of the
+        scores over blocks where that is clearly larger (`output_error.scores`).
     call : str
         The method with its options, as one writes it; empty if it was not called by `identify`.
 
@@ -138,6 +141,7 @@ class Estimate:
     loss: str = "squared"
     outliers: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
     call: str = ""
+    errors: str = "likelihood"
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -148,6 +152,10 @@ class Estimate:
         if not self.outliers.size:
             object.__setattr__(self, "outliers", np.zeros((0, 4)))
             self.outliers.setflags(write=False)
+        if self.errors not in ("likelihood", "scores"):
+            raise DataError(
+                f"found errors={self.errors!r}; expected 'likelihood' or 'scores'; name one of them"
+            )
         self._check_shapes()
         self._check_names()
         object.__setattr__(self, "units", dict(self.units))
@@ -324,9 +332,9 @@ class Estimate:
     def derived(self) -> tuple[Parameter, ...]:
         """Poles, dampings and static gains with standard errors and intervals.
 
-        Of a posterior mean from its draws: between quantiles, and half the width of their central
-        68.27 % in place of a standard error, which is finite where their tails have no variance.
-        Else to first order.
+        Of a posterior mean from its draws: their median, between quantiles, and half the width of
+        their central 68.27 % in place of a standard error, which is finite where their tails have
+        no variance. (What the mean coefficients give may lie outside.) Else to first order.
         """
         rows = self.derived_rows()
         if not len(self.draws):
@@ -334,11 +342,13 @@ class Estimate:
         values = self.derived_values(np.asarray(self.draws))
         ends = 0.5 + 0.5 * ONE_SIGMA * np.array([-1.0, 1.0])
         with np.errstate(invalid="ignore"):
-            low, high = np.nanquantile(values, ends, axis=0)
+            low, centre, high = np.nanquantile(values, (ends[0], 0.5, ends[1]), axis=0)
             spread = (0.5 * (high - low)).tolist()
+        means = np.array([row[1] for row in rows])
+        centre = np.where(np.isfinite(centre), centre, means).tolist()
         return tuple(
-            Parameter(name, value, spread[k], unit, values[:, k])
-            for k, (name, value, _, unit) in enumerate(rows)
+            Parameter(name, centre[k], spread[k], unit, values[:, k])
+            for k, (name, _, _, unit) in enumerate(rows)
         )
 
     def noise_note(self) -> str:

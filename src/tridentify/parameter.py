@@ -34,12 +34,12 @@ class Parameter:
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Interval that holds the probability ``level``.
 
-        Gaussian; between quantiles of the draws where the estimate is a posterior mean. That of a
-        delay begins at zero at the earliest.
+        Gaussian; between quantiles of the draws where the estimate is a posterior mean, drawn out
+        to the mean where that lies in their tail. That of a delay begins at zero at the earliest.
         """
         if self.draws.size:
             low, high = np.quantile(self.draws, ((1 - level) / 2, (1 + level) / 2)).tolist()
-            return low, high
+            return min(low, self.value), max(high, self.value)
         half = NormalDist().inv_cdf((1 + level) / 2) * self.std
         low = self.value - half
         return max(low, 0.0) if self.name.startswith("delay") else low, self.value + half

@@ -17,6 +17,8 @@ Array = npt.NDArray[np.float64]
 
 OTHER_DELAYS = "other delays explain the record almost as well"
 REPEATED_INPUT = "the input repeats itself"
+RESPONSE_AS_NOISE = "the noise model may take a slow response for noise"
+SLOW_AS_NOISE = "the noise model explains slow parts of the output that white weights follow"
 
 
 def freeze_arrays(noun: object) -> None:
@@ -101,8 +103,9 @@ _STATUS = {
         "record longer, excite nearer to the natural frequency, or use fewer poles or zeros",
     ),
     Status.POSTERIOR_MEAN: (
-        "short and noisy record: the mean of all models that explain it",
-        "record longer, or excite nearer to the natural frequency, to narrow the intervals",
+        "the mean of all models that explain the record, not the one that explains it best",
+        "record longer, excite nearer to the natural frequency, or use fewer poles or zeros, to "
+        "narrow the intervals",
     ),
     Status.STALLED: (
         "no step lowers the output-error cost any further, yet its gradient is not zero",

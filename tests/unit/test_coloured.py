@@ -22,6 +22,7 @@ from tridentify.errors import OptionError, TooFewSamplesError, UnsupportedError
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.levinson import autocovariance, polynomial
 from tridentify.numerics.realization import cascade
+from tridentify.output_error import result
 from tridentify.output_error.finish import coefficients
 from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.point import evaluate
@@ -212,12 +213,17 @@ def test_fit_is_that_of_the_simulated_output():
     assert estimate.fit[0] == pytest.approx(expected, rel=1e-9)
 
 
-def test_standard_errors_grow_with_slow_noise():
+def test_standard_errors_grow_with_slow_noise(monkeypatch):
     record = coloured([-0.95], seed=2)
+    seen = identify(record, STRUCTURE, ThreeModel(noise="white"))
+    monkeypatch.setattr(result, "scatter_of_scores", lambda *_: None)
     white, auto = (identify(record, STRUCTURE, ThreeModel(noise=n)) for n in ("white", "auto"))
     assert white.noise_model[0].size == 0
     assert any("not white" in line for line in white.cautions)
     assert np.all(auto.std > 1.2 * white.std)
+    # without a noise model the scores show it
+    assert seen.errors == "scores"
+    assert np.all(seen.std > 1.2 * white.std)
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -115,8 +115,8 @@ def test_summary_tables_and_draws_tell_the_same(vague):
     _, estimate = vague
     drawn = sampled_derived(sample(estimate, n_draws=len(estimate.draws)))
     text = estimate.summary()
-    for item, other, row in zip(derived(estimate), drawn, estimate.derived_rows(), strict=True):
-        assert item.value == other.value == row[1]
+    for item, other in zip(derived(estimate), drawn, strict=True):
+        assert item.value == other.value == np.median(item.draws)
         assert item.interval() == pytest.approx((other.low, other.high), rel=0.1, abs=0.02)
         assert item.std == pytest.approx(other.spread, rel=0.1)
         line = next(line for line in text.splitlines() if line.startswith(item.name))

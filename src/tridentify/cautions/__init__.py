@@ -13,7 +13,7 @@ from tridentify.causes.first_samples import Predictions
 from tridentify.causes.intersample import Behaviours, intersample_findings
 from tridentify.cautions.coefficients import coefficient_findings
 from tridentify.cautions.outliers import outlier_findings
-from tridentify.cautions.residual import residual_findings
+from tridentify.cautions.residual import residual_findings, response_as_noise
 from tridentify.cautions.sensors import sensor_findings
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding, joined
@@ -52,6 +52,7 @@ def judged(
     # those of the method come first: what it alone could see
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
     found += outlier_findings(estimate, records, known)
+    found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
     tested = looked_at(estimate, records) if estimate.status.ok else ()
     for number, record in enumerate(records):

@@ -34,6 +34,10 @@ FEWEST = 12
 LONGEST = 100_000
 FEW = 10_000
 CLEARLY = 0.9
+MOST_SPIKES = 50
+"""Samples taken out of one experiment's noise, one by one."""
+BESIDE = 3
+"""Samples within which two that are far off are one burst."""
 MOST_NAMED = 5
 """Times that are written out."""
 
@@ -62,7 +66,10 @@ def outlier_findings(
     residuals = [known.residual(record, e) for e, record in enumerate(records)]
     found = []
     for i, name in enumerate(estimate.output_names):
-        places, farthest = _outliers([one[:, i] for one in residuals])
+        series = [one[:, i] for one in residuals]
+        places, farthest = _outliers(series)
+        if not places and estimate.noise_model[i].size:
+            places, farthest = spikes(series, estimate.noise_model[i])
         count = len(places)
         size = math.sqrt(float(np.nanmean(np.concatenate([r.y[:, i] for r in records]) ** 2)))
         if count and math.sqrt(float(estimate.noise_variance[i])) > ROUNDING * size:
@@ -120,6 +127,67 @@ def _outliers(series: Sequence[Array]) -> tuple[list[tuple[int, int]], float]:
     if 2 * alone < max(len(places), 1):
         return [], 0.0
     return places, float(size.max()) / scale
+
+
+def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], float]:
+    """Single samples that stand out of coloured noise, though not from its size.
+
+    Each sample is told from its neighbours on both sides, by ``sum_j c_j v(k + j) / c_0`` with
+    ``c`` the autocorrelation of ``(1, a)``: what is left has the variance ``s^2 / c_0``. The
+    farthest is taken out, and all is looked at again, so that what it does to its neighbours does
+    not count.
+
+    Parameters
+    ----------
+    series : sequence of (n_samples,) arrays
+        Residuals, not whitened; ``nan`` marks a missing sample.
+    a : (p,) array
+        What whitens them.
+
+    Returns
+    -------
+    places : list of (experiment, sample)
+        None where those that are far off stand together, as those of a missed response do.
+    farthest : float
+        In standard deviations of what is left of the others.
+    """
+    whole = np.concatenate([[1.0], a])
+    taps = np.correlate(whole, whole, "full") / float(whole @ whole)
+    parts = [_from_neighbours(one, taps) for one in series]
+    seen = np.concatenate([one[np.isfinite(one)] for one in parts])
+    if seen.size < FEWEST:
+        return [], 0.0
+    scale = _scale(np.abs(seen - np.median(seen)))
+    limit = _limit(seen.size) * scale
+    places, farthest = [], 0.0
+    for e, one in enumerate(parts):
+        left = one.copy()
+        for _ in range(MOST_SPIKES):
+            size = np.nan_to_num(np.abs(left))
+            k = int(np.argmax(size))
+            if not size[k] > limit:
+                break
+            places.append((e, k))
+            farthest = max(farthest, float(size[k]) / scale)
+            first, last = max(k - a.size, 0), min(k + a.size + 1, left.size)
+            left[first:last] -= left[k] * taps[first - k + a.size : last - k + a.size]
+    apart = sum(
+        all(
+            other == here or other[0] != here[0] or abs(other[1] - here[1]) > BESIDE
+            for other in places
+        )
+        for here in places
+    )
+    return (sorted(places), farthest) if places and 2 * apart >= len(places) else ([], 0.0)
+
+
+def _from_neighbours(series: Array, taps: Array) -> Array:
+    """What is left of each sample that has all its neighbours."""
+    found = np.full(series.size, np.nan)
+    if series.size >= taps.size:
+        half = taps.size // 2
+        found[half : series.size - half] = np.convolve(series, taps, "valid")
+    return found
 
 
 def _scale(size: Array) -> float:

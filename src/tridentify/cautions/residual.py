@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from tridentify.causes.first_samples import Predictions, beginning
@@ -13,7 +14,11 @@ from tridentify.finding import Finding
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
 from tridentify.numerics.whiteness import input_share
+from tridentify.output_error.raster import on_raster, places_on_raster, spread_out
 from tridentify.record import Record
+from tridentify.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
+
+Array = NDArray[np.float64]
 
 ROUNDING = 1e-9
 """Residual over output below which there is nothing but rounding."""
@@ -74,6 +79,20 @@ def residual_findings(
     return found
 
 
+def response_as_noise(estimate: Estimate) -> list[Finding]:
+    """Slow parts of the output that are a response or noise, as the method saw it."""
+    return [
+        Finding(
+            "noise-model",
+            "warning" if told.startswith(RESPONSE_AS_NOISE) else "note",
+            f"{told[0].upper()}{told[1:]}. The record cannot say which of the two is right.",
+            "Compare with ThreeModel(noise='white'), and try a drift, or more poles or zeros.",
+        )
+        for told in estimate.trace.decisions
+        if told.startswith((RESPONSE_AS_NOISE, SLOW_AS_NOISE))
+    ]
+
+
 def coloured_outputs(
     estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
 ) -> list[tuple[str, int, int]]:
@@ -100,7 +119,7 @@ def coloured_outputs(
     first.
     """
     record = beginning(record, LONGEST)
-    residual = (known or Predictions(estimate)).residual(record, experiment)
+    residual = evenly(estimate, record, experiment, known)
     n_lags = min(MOST_LAGS, record.n_samples // 4)
     found = []
     for i, name in enumerate(estimate.output_names):
@@ -113,6 +132,32 @@ def coloured_outputs(
         if outside > MOST_OUTSIDE:
             found.append((name, outside, n_lags))
     return found
+
+
+def evenly(
+    estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
+) -> Array:
+    """The residual on its raster, without the samples that a robust loss set aside.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record
+        The beginning of one that was identified.
+    experiment : int
+    known : Predictions, optional
+
+    Returns
+    -------
+    (n, n_outputs) array
+        ``nan`` where nothing was recorded, and at outliers.
+    """
+    residual = (known or Predictions(estimate)).residual(record, experiment)
+    rows = estimate.outliers[estimate.outliers[:, 0] == experiment]
+    rows = rows[rows[:, 2] < record.n_samples]
+    residual[rows[:, 2].astype(int), rows[:, 1].astype(int)] = np.nan
+    places = None if record.dt is not None else places_on_raster(np.asarray(record.t))
+    return residual if places is None else spread_out(residual, places)
 
 
 def missed_outputs(
@@ -143,12 +188,15 @@ def missed_outputs(
     if not any(a.size for a in estimate.noise_model):
         return []
     record = beginning(record, LONGEST)
-    residual = (known or Predictions(estimate)).residual(record, experiment)
+    full = on_raster(record)
+    residual = evenly(estimate, record, experiment, known)
+    if len(residual) != full.n_samples:
+        return []
     found = []
     for i, name in enumerate(estimate.output_names):
         if not estimate.noise_model[i].size:
             continue
-        _, statistic, dimension = input_share(residual[:, i], record.u, estimate.noise_model[i])
+        _, statistic, dimension = input_share(residual[:, i], full.u, estimate.noise_model[i])
         if statistic > chdtri(float(dimension), MISSED):
             found.append(name)
     return found

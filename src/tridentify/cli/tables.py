@@ -194,6 +194,7 @@ def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str
         "derived": [entry(item) for item in derived(estimate)],
         "estimated_along": [entry(item) for item in along(estimate)],
         "fit": fits(estimate),
+        "errors": estimate.errors,
         "loss": estimate.loss,
         "outliers": _outliers(estimate),
         "noise_model": dict(zip(estimate.output_names, estimate.noise_model, strict=True)),

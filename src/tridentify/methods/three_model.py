@@ -50,6 +50,8 @@ from tridentify.output_error.finish import Recorder, coefficients
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import Point
 from tridentify.output_error.problem import Problem
+from tridentify.output_error.raster import on_raster
+from tridentify.output_error.result import fingerprint
 from tridentify.posterior.weigh import FinishChoice, check_finish, weigh
 from tridentify.record import Record
 from tridentify.strategy.delay_search import Place
@@ -210,6 +212,16 @@ class ThreeModel:
         check(records, structure, self.name, self.capabilities)
         if self.loss != "squared":
             return self._robust(records, structure, say)
+        full = records if self.noise == "white" else [on_raster(record) for record in records]
+        found = self._squared(full, structure, say)
+        return (
+            found
+            if all(a is b for a, b in zip(full, records, strict=True))
+            else _as_recorded(found, full, records)
+        )
+
+    def _squared(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
+        """The method with squared loss."""
         if structure.constrained:
             return self._constrained(records, structure, say)
         if structure.delay != "free":
@@ -352,3 +364,16 @@ class ThreeModel:
         )
         note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
         recorder.add(point, (step,), series.distance, note)
+
+
+def _as_recorded(estimate: Estimate, full: Sequence[Record], records: Sequence[Record]) -> Estimate:
+    """The estimate from records with their missing rows put back, as one of the records."""
+    lost = sum(one.n_samples - own.n_samples for one, own in zip(full, records, strict=True))
+    told = f"{lost} rows missing from a uniform raster: taken for samples without an output"
+    return replace(
+        estimate,
+        n_samples=sum(record.n_samples for record in records),
+        dt=records[0].dt,
+        record_fingerprint=fingerprint(records),
+        trace=replace(estimate.trace, decisions=(*estimate.trace.decisions, told)),
+    )

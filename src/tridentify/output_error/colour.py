@@ -21,7 +21,8 @@ misses looks like coloured noise there, but no whitening can make it independent
 more than half of the whitened residual follows the input, the samples are left as they are: with
 whitening the coefficients would move to where the missing response is smallest for its size, which
 can be far from anything wanted. A smaller part is usual in measured records; the standard errors
-then allow for its colour, and `cautions` says that it is there.
+then allow for its colour, and `cautions` says that it is there. What white weights explain and the
+whitened samples leave to the noise is told too.
 
 References: D. Pierce, Biometrika 59 (1972) 73-78. G. Box, G. Jenkins & G. Reinsel, *Time Series
 Analysis*, 4th ed., chapter 12 (2008). L. Ljung, *System Identification*, 2nd ed. (1999).
@@ -57,7 +58,9 @@ from tridentify.output_error.finish import (
 )
 from tridentify.output_error.point import Point, evaluate
 from tridentify.output_error.problem import Problem
+from tridentify.output_error.raster import NEARLY, places_on_raster
 from tridentify.output_error.result import output_rss, standard_errors, taken
+from tridentify.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
 
 Array = NDArray[np.float64]
 NoiseChoice = Literal["white", "ar", "auto"]
@@ -72,6 +75,9 @@ ROUNDING = 1e-9
 PER_UNKNOWN = 2.0
 MOSTLY = 0.5
 LOST = 10.0
+NOTABLE, LARGE = 1.5, 4.0
+"""Residual power with whitened samples over that with white weights: worth a note, a caution. Right
+models in noise that wanders over the whole record reach three, others 1.1."""
 LONGEST = 20_000
 TESTED = 200_000
 PASSED = "noise white: the residual passes the portmanteau test"
@@ -180,7 +186,8 @@ def settle(
     if noise == "auto" and _is_lost(best, first):
         told = ("noise taken as white: on whitened samples there was no usable minimum",)
         return Coloured(first, reasons + told, False)
-    return Coloured(best, (*found, _in_words(best.point, tinted, noise)), True)
+    words = (_in_words(best.point, tinted, noise), *_apart(first, best))
+    return Coloured(best, (*found, *words), True)
 
 
 def _alternate(
@@ -290,13 +297,15 @@ def _refusal(point: Point) -> UnsupportedError | TooFewSamplesError | None:
         return UnsupportedError(
             "found a residual that is no more than rounding; expected noise; use noise='white'"
         )
-    if any(e.t is not None for e in point.problem.experiments):
+    instants = [e.t for e in point.problem.experiments if e.t is not None]
+    if any(not _is_nearly_uniform(t) for t in instants):
         return UnsupportedError(
             "found time that is not uniform; expected a uniform step, as an autoregression is a "
             "model of evenly spaced samples; use noise='white', or resample the record"
         )
     steps = [e.dt for e in point.problem.experiments]
-    if not all(math.isclose(dt, steps[0], rel_tol=1e-6) for dt in steps):
+    same = NEARLY if instants else 1e-6
+    if not all(math.isclose(dt, steps[0], rel_tol=same) for dt in steps):
         return UnsupportedError(
             f"found experiments with sampling intervals from {min(steps):g} to {max(steps):g} s; "
             "expected one interval, as the noise model is that of the samples; resample the "
@@ -309,6 +318,34 @@ def _refusal(point: Point) -> UnsupportedError | TooFewSamplesError | None:
             "least 20 more than twice the unknowns; record longer, or use noise='white'"
         )
     return None
+
+
+def _apart(first: Finished, best: Finished) -> tuple[str, ...]:
+    """A word where white weights explain far more of the output than whitened samples do.
+
+    Slow noise looks like a slow response, and the other way round: the record cannot say which,
+    only by how much the two ends differ.
+    """
+    counts = first.point.counts
+    size = np.maximum(first.point.problem.power * counts, 1e-300)
+    plain, own = (output_rss(end.point) / size for end in (first, best))
+    told: list[str] = []
+    for known, much in ((RESPONSE_AS_NOISE, LARGE), (SLOW_AS_NOISE, NOTABLE)):
+        where = np.flatnonzero(own > much * plain)
+        if where.size and not told:
+            fits = [
+                f"{100.0 * (1.0 - math.sqrt(own[i])):.1f} % where white weights reach "
+                f"{100.0 * (1.0 - math.sqrt(plain[i])):.1f} %"
+                for i in where
+            ]
+            told.append(f"{known}: fit {', '.join(fits)}")
+    return tuple(told)
+
+
+def _is_nearly_uniform(t: Array) -> bool:
+    """Whether samples are so evenly spaced that noise makes no difference of it."""
+    places = places_on_raster(t)
+    return places is not None and bool(places[-1] + 1 == t.size)
 
 
 def _in_words(point: Point, tinted: Sequence[bool], noise: str) -> str:

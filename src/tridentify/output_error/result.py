@@ -30,6 +30,7 @@ from tridentify.output_error.finish import ROUNDING, coefficients, mean_square
 from tridentify.output_error.nuisance import Nuisances, reference_of
 from tridentify.output_error.point import Point
 from tridentify.output_error.problem import Problem
+from tridentify.output_error.scores import Scatter, scatter_of_scores
 from tridentify.record import Record
 from tridentify.regression import Regression
 from tridentify.structure import InitialState, Structure
@@ -51,8 +52,12 @@ def estimate_from(
     trace: Trace,
     method: str,
     criterion: float,
+    *,
+    judged: bool = True,
 ) -> Estimate:
     """Assemble the estimate.
+
+    ``judged`` says whether the scatter of the scores has a say in the covariance.
 
     Raises
     ------
@@ -65,22 +70,25 @@ def estimate_from(
     freedom = degrees_of_freedom(point)
     noise = point.rss / freedom
     rss = output_rss(point)
-    inverse, condition, keys = _covariance(point, noise)
+    root, condition, keys = _root(point, noise)
     if condition > SINGULAR:
         raise UnsupportedOrderError(
             f"found score columns of condition {condition:.1e} with {structure.poles} poles; "
             f"expected coefficients that the record can tell apart (below {SINGULAR:.0e}); lower "
             "the number of poles or zeros, or excite the system more richly"
         )
-    transform = physical_transform(point, keys, inverse.shape[0])
+    transform = physical_transform(point, keys, root.shape[0])
     _refuse_invisible(point, structure, theta, transform, noise)
-    cov = transform @ inverse @ transform.T
-    cov = 0.5 * (cov + cov.T)
-    std = np.sqrt(np.diag(cov))
     a = point.problem.denominator_places()
+    std = np.linalg.norm(transform @ root, axis=1)
     weak = bool(np.any(std[a] > np.abs(theta[a])))
     if status is Status.CONVERGED and weak:
         status = Status.WEAKLY_IDENTIFIABLE
+    scatter = scatter_of_scores(point, root, noise) if judged else None
+    inverse = root @ root.T if scatter is None else root @ scatter.covariance @ root.T
+    cov = transform @ inverse @ transform.T
+    cov = 0.5 * (cov + cov.T)
+    trace = trace if scatter is None else _with_decision(trace, scatter.in_words())
     return Estimate(
         model=model_of(point.problem, theta, first),
         structure=_resolved(structure, nuisances),
@@ -107,7 +115,18 @@ def estimate_from(
         record_fingerprint=fingerprint(records),
         noise_model=point.problem.noise,
         findings=_left_out(point.problem),
+        errors="likelihood" if scatter is None else "scores",
     )
+
+
+def scatter_at(point: Point) -> Scatter | None:
+    """What the scores say of the covariance (`output_error.scores`)."""
+    noise = point.rss / degrees_of_freedom(point)
+    return scatter_of_scores(point, _root(point, noise)[0], noise)
+
+
+def _with_decision(trace: Trace, told: str) -> Trace:
+    return replace(trace, decisions=(*trace.decisions, told))
 
 
 def _told(trace: Trace, problem: Problem) -> Trace:
@@ -124,7 +143,7 @@ def _told(trace: Trace, problem: Problem) -> Trace:
         f"{'it' if one else 'them'}, "
         "delayed, came before the record (initial_state='rest' or 'equilibrium' states them)"
     )
-    return replace(trace, decisions=(*trace.decisions, told))
+    return _with_decision(trace, told)
 
 
 def _left_out(problem: Problem) -> tuple[Finding, ...]:

@@ -11,8 +11,11 @@ relative error is Pitman's for a scale (Pitman 1939; Lehmann & Casella 1998, sec
     a_{n-k} = E[a_{n-k} w^{-2k}] / E[w^{-2k}],
 
 finite although the plain mean is not, since the far tail of fast poles weighs next to nothing. It
-scales exactly with the unit of time. ``b`` and the nuisance terms are then the least-squares
-ones at this denominator.
+scales exactly with the unit of time. Where poles lie decades apart one ``w`` does not measure them
+all: a fast pair that the record hardly sees would pull along a slow one that it sees well. So with
+three poles and more the mean is also taken section by section, each with a ``w`` of its own, and of
+the two the one that explains the record better counts. ``b`` and the nuisance terms are then the
+least-squares ones at this denominator.
 
 *When.* The maximum is kept where the posterior is as good as Gaussian: where no coefficient of
 a section ``p^2 + c p + d`` (neighbouring poles, `posterior.sections`) has a standard error above
@@ -23,13 +26,15 @@ models lie on a curve and their mean beside it (little noise, needless poles): t
 
 *Uncertainty.* Intervals are quantiles of posterior draws. A volume prior of Jeffreys' kind makes
 them cover as stated to first order (Welch & Peers 1963). The standard error shown is half the
-width of the central 68.3 % interval, as the second moment may not exist.
+width of the central 68.3 % interval, as the second moment may not exist. Where the scores scatter
+more than the likelihood says (`output_error.scores`), the draws are drawn apart from the mean by so
+much (`posterior.weigh`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import NormalDist
 
 import numpy as np
@@ -37,6 +42,8 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.root_draws import stacked_roots
+from tridentify.output_error.point import evaluate
 from tridentify.output_error.problem import Problem
 from tridentify.posterior.sampling import (
     Box,
@@ -59,6 +66,7 @@ ENOUGH = 400.0
 SOME = 60.0
 MORE = 7
 TOO_FEW = 5.0
+SEVERAL = 3
 SLOW_EDGE, FAST_EDGE = 0.3, 2.0
 LEAST_DAMPING, MOST_DAMPING = 0.02, 6.0
 SPREAD = (0.02, 1.0)
@@ -112,8 +120,27 @@ def is_short(problem: Problem) -> bool:
     return sum(e.n_samples for e in problem.experiments) <= LONGEST
 
 
-def vagueness(poles: Complex, cov: Array, longest: float) -> float:
-    """Largest standard error of a section's coefficient over its natural size.
+@dataclass(frozen=True)
+class Vague:
+    """The section ``p^2 + c p + d`` (or the factor ``p + s``) that a record determines worst.
+
+    Attributes
+    ----------
+    share : float
+        Standard error of one of its coefficients over the natural size of that.
+    frequency : float
+        Where its poles lie [rad/s].
+    quantity : str
+        In words, which coefficient it is.
+    """
+
+    share: float
+    frequency: float
+    quantity: str
+
+
+def vaguest(poles: Complex, cov: Array, longest: float) -> Vague:
+    """The section whose coefficient has the largest standard error over its natural size.
 
     Parameters
     ----------
@@ -127,19 +154,26 @@ def vagueness(poles: Complex, cov: Array, longest: float) -> float:
     inverse = _phi_of_a(phi)
     spread = inverse @ cov @ inverse.T
     n = phi.size
-    worst = 0.0
+    found = []
     for i in range(n // 2):
-        w, zeta = np.exp(phi[2 * i]), np.exp(phi[2 * i + 1])
+        w, zeta = float(np.exp(phi[2 * i])), float(np.exp(phi[2 * i + 1]))
         c, d = 2.0 * zeta * w, w * w
         own = spread[2 * i : 2 * i + 2, 2 * i : 2 * i + 2]
-        size = max(c, w, 1.0 / longest)
         std_c = c * np.sqrt(max(own.sum(), 0.0))
         std_d = 2.0 * d * np.sqrt(max(own[0, 0], 0.0))
-        worst = max(worst, std_c / size, std_d / max(d, c / longest, 1.0 / longest**2))
+        found.append(Vague(float(std_c) / max(c, w, 1.0 / longest), w, "sum"))
+        size = max(d, c / longest, 1.0 / longest**2)
+        found.append(Vague(float(std_d) / size, w, "product"))
     if n % 2:
-        rate = np.exp(phi[-1])
-        worst = max(worst, rate * np.sqrt(max(spread[-1, -1], 0.0)) / max(rate, 1.0 / longest))
-    return float(worst)
+        rate = float(np.exp(phi[-1]))
+        std = rate * np.sqrt(max(spread[-1, -1], 0.0))
+        found.append(Vague(float(std) / max(rate, 1.0 / longest), rate, "rate"))
+    return max(found, key=lambda one: one.share)
+
+
+def vagueness(poles: Complex, cov: Array, longest: float) -> float:
+    """Largest standard error of a section's coefficient over its natural size (`vaguest`)."""
+    return vaguest(poles, cov, longest).share
 
 
 def _phi_of_a(phi: Array) -> Array:
@@ -177,13 +211,47 @@ def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) ->
     drawn = sample(density, _first(problem, near), ROUND, goals, generator)
     whole = Surface.joined(seen)
     order = np.arange(1, n + 1)
-    middle = np.exp(drawn.weights @ np.log(whole.scale))
-    share = drawn.weights[:, None] * (whole.scale / middle)[:, None] ** (-2.0 * order)
-    mean = (share * whole.denominators).sum(axis=0) / share.sum(axis=0)
+    mean = _pitman(whole.denominators, whole.scale, drawn.weights, order)
     roots = sort_poles(np.roots(np.concatenate([[1.0], mean])).astype(np.complex128))
     poles, _ = problem.admissible(roots / unit)
     draws = _draws(problem, drawn, whole, generator)
-    return Posterior(poles, draws, drawn.effective, drawn.weights.size)
+    found = Posterior(poles, draws, drawn.effective, drawn.weights.size)
+    if n < SEVERAL:
+        return found
+    apart, _ = problem.admissible(_by_sections(draws[:, :n] * unit**order) / unit)
+    costs = [evaluate(problem, one).objective for one in (poles, apart)]
+    return found if costs[0] <= costs[1] else replace(found, poles=apart)
+
+
+def _pitman(values: Array, scale: Array, weights: Array, order: NDArray[np.int64]) -> Array:
+    """``E[value scale^(-2 order)] / E[scale^(-2 order)]`` for the columns of ``values``."""
+    middle = np.exp(weights @ np.log(scale))
+    share = weights[:, None] * (scale / middle)[:, None] ** (-2.0 * order)
+    return np.asarray((share * values).sum(axis=0) / share.sum(axis=0))
+
+
+def _by_sections(denominators: Array) -> Complex:
+    """Poles of the product of the means of the sections, those of equally likely denominators."""
+    count, n = denominators.shape
+    whole = np.concatenate([np.ones((count, 1)), denominators], axis=1)
+    phi = np.array([_ordered(one) for one in stacked_roots(whole)])
+    weights = np.full(count, 1.0 / count)
+    means = []
+    for k in range(n // 2):
+        w, zeta = np.exp(phi[:, 2 * k]), np.exp(phi[:, 2 * k + 1])
+        c, d = _pitman(np.column_stack([2.0 * zeta * w, w * w]), w, weights, np.arange(1, 3))
+        means += [np.log(np.sqrt(d)), np.log(0.5 * c / np.sqrt(d))]
+    if n % 2:
+        rate = np.exp(phi[:, -1])
+        means.append(float(np.log(_pitman(rate[:, None], rate, weights, np.arange(1, 2))[0])))
+    return sort_poles(Sections.of(np.array([means]), n).roots()[0])
+
+
+def _ordered(roots: Complex) -> Array:
+    """Coordinates of one denominator, slow sections first."""
+    phi = coordinates(roots)
+    pairs = phi[: 2 * (roots.size // 2)].reshape(-1, 2)
+    return np.concatenate([pairs[np.argsort(pairs[:, 0])].ravel(), phi[pairs.size :]])
 
 
 def _first(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) -> Mixture:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Literal
@@ -15,8 +16,8 @@ from tridentify.output_error.decide import Finished
 from tridentify.output_error.finish import Recorder, at_rounding
 from tridentify.output_error.point import Point, evaluate
 from tridentify.output_error.problem import Variant
-from tridentify.output_error.result import estimate_from
-from tridentify.posterior.mean import VAGUE, Posterior, is_short, posterior, vagueness
+from tridentify.output_error.result import covariance, estimate_from, output_rss, scatter_at
+from tridentify.posterior.mean import VAGUE, Posterior, Vague, is_short, posterior, vaguest
 from tridentify.record import Record
 from tridentify.strategy.moves import moved_poles
 from tridentify.strategy.search import Scan
@@ -33,6 +34,12 @@ SEPARATE = (
 BETWEEN = (
     "the likelihood's maximum: the mean of the models that explain the record does not explain it"
 )
+CONTRADICTED = (
+    "the likelihood's maximum: the posterior weighs models by the likelihood, which the scatter "
+    "of the scores contradicts"
+)
+LOST = 0.5
+"""Standard error over natural size above which a maximum is not kept for that reason."""
 SOUND = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.WEAKLY_IDENTIFIABLE)
 
 
@@ -89,13 +96,19 @@ def weigh(
     if len(best.point.problem.groups) > 1 or best.point.problem.n_delays:
         return _told(_given(maximum), SEPARATE)
     n = best.point.problem.n_poles
-    cov = None if isinstance(maximum, UnsupportedOrderError) else maximum.cov[:n, :n]
+    # that of the likelihood, whatever the scatter of the scores makes of it
+    cov = None if isinstance(maximum, UnsupportedOrderError) else covariance(best.point)[:n, :n]
     longest = max(e.duration for e in best.point.problem.experiments)
-    vague = np.inf if cov is None else vagueness(best.point.poles, cov, longest)
+    vague = None if cov is None else vaguest(best.point.poles, cov, longest)
     sound = best.status in SOUND
-    if finish == "auto" and sound and vague < VAGUE and not has_rivals(best.point, scan):
+    sharp = vague is not None and vague.share < VAGUE
+    if finish == "auto" and sound and sharp and not has_rivals(best.point, scan):
         return _given(maximum)
-    say("the posterior, as the record is short and noisy")
+    scatter = None if cov is None else scatter_at(best.point)
+    known = vague is not None and vague.share < LOST
+    if finish == "auto" and sound and known and scatter is not None:
+        return _told(_given(maximum), CONTRADICTED)
+    say("the posterior, as the record leaves coefficients open")
     found = posterior(best.point.problem, [(best.point.poles, cov)])
     if not found.usable:
         return _told(
@@ -105,6 +118,8 @@ def weigh(
     if finish == "auto" and sound and point.objective > best.point.objective + RIVAL:
         return _told(_given(maximum), BETWEEN)
     told = _in_words(finish, vague, sound, best)
+    if scatter is not None:
+        trace = replace(trace, decisions=(*trace.decisions, scatter.in_words()))
     trace = _continued(trace, point, found, told)
     estimate = estimate_from(
         point,
@@ -115,8 +130,13 @@ def weigh(
         trace,
         method,
         best.criterion,
+        judged=False,
     )
-    return replace(estimate, cov=found.covariance, draws=found.draws)
+    if scatter is None:
+        return replace(estimate, cov=found.covariance, draws=found.draws)
+    ratio = max(scatter.ratio, 1.0)
+    draws = estimate.theta + math.sqrt(ratio) * (found.draws - estimate.theta)
+    return replace(estimate, cov=ratio * found.covariance, draws=draws, errors="scores")
 
 
 def has_rivals(point: Point, scan: Scan | None = None) -> bool:
@@ -187,16 +207,31 @@ def _told(estimate: Estimate, decision: str) -> Estimate:
     return replace(estimate, trace=replace(trace, decisions=(*trace.decisions, decision)))
 
 
-def _in_words(finish: str, vague: float, sound: bool, best: Finished) -> str:
+def _in_words(finish: str, vague: Vague | None, sound: bool, best: Finished) -> str:
+    """Why the maximum is not the answer: what the record leaves open, and what the record is."""
+    point = best.point
+    power = np.where(point.problem.power > 0, point.problem.power, np.inf)
+    noise = float(np.sqrt(np.max(output_rss(point) / point.counts / power)))
+    record = f"{int(point.counts.max())} samples, residual {_percent(noise)} of the output"
     if finish == "posterior":
         why = "as asked for"
     elif not sound:
         why = f"the likelihood's maximum is no usable end ({best.status.message})"
+    elif vague is None:
+        why = f"the record ({record}) does not tell the coefficients apart"
+    elif vague.share < VAGUE:
+        why = f"poles elsewhere explain the record ({record}) almost as well"
     else:
-        why = f"a coefficient has a standard error of {100 * vague:.0f} % of its natural size"
-        if vague < VAGUE:
-            why = "poles elsewhere explain the record almost as well"
+        which = "the pole" if vague.quantity == "rate" else f"the {vague.quantity} of the poles"
+        why = (
+            f"the record ({record}) hardly sees {which} near {vague.frequency:.3g} rad/s, which "
+            f"has a standard error of {_percent(vague.share)} of its natural size"
+        )
     return f"posterior mean, not the likelihood's maximum: {why}"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.2g} %" if share < 1.0 else f"{100.0 * share:.3g} %"
 
 
 def _continued(trace: Trace, point: Point, found: Posterior, told: str) -> Trace:

@@ -244,7 +244,7 @@ def sampled_derived(
     The quantities, names and order are those of `derived`; the parameters those of
     `sampled_coefficients`.
     """
-    rows = [(name, value, unit) for name, value, _, unit in sample.estimate.derived_rows()]
+    rows = [(p.name, p.value, p.unit) for p in sample.estimate.derived()]
     return _quantities(rows, derived_values(sample.estimate, sample.theta), level, kind)
 
 

@@ -30,6 +30,7 @@ from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import monomials
 from tridentify.output_error.nuisance import Nuisances, reference_of
 from tridentify.output_error.point import Point, evaluate, free_states
+from tridentify.output_error.raster import on_raster
 from tridentify.output_error.result import fingerprint, physical_map
 from tridentify.record import Record
 from tridentify.simulate import simulate
@@ -165,6 +166,9 @@ def look(
     identified = own or fingerprint(records) == estimate.record_fingerprint
     whose = [experiment] * len(records) if experiment is not None else [*range(len(records))]
     own = identified or experiment is not None
+    if any(a.size for a in estimate.noise_model):
+        # an autoregression counts in steps of the raster
+        records = [on_raster(record.settled(estimate.intersample)) for record in records]
     told = []
     if any(record.n_samples > LONGEST for record in records):
         told.append(f"the first {LONGEST} samples of each record are looked at")

@@ -1,0 +1,89 @@
+"""Single wild samples that slow noise hides by its size."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from tridentify import (
+    OutputError,
+    Record,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    identify,
+    simulate,
+)
+from tridentify.cautions import judged
+from tridentify.cautions.outliers import spikes
+
+MODEL = TransferFunction([2.0], [1.0, 2.0, 4.0])
+DT, N = 0.05, 800
+SLOW = np.array([-1.9, 0.905])
+
+
+def slow_noise(seed):
+    return lfilter([1.0], [1.0, *SLOW], np.random.default_rng(seed).standard_normal(N + 300))[300:]
+
+
+def places(series, a=SLOW):
+    return [k for _, k in spikes([series], a)[0]]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_gaussian_noise_has_none(seed):
+    assert places(slow_noise(seed)) == []
+
+
+@pytest.mark.parametrize("size", [8.0, -16.0])
+def test_single_samples_are_found(size):
+    v = slow_noise(0)
+    v[[100, 400, 650]] += size
+    found, farthest = spikes([v], SLOW)
+    assert found == [(0, 100), (0, 400), (0, 650)]
+    assert farthest > 10.0
+    assert np.max(np.abs(v - np.median(v))) < 5.0 * np.std(v)
+
+
+def test_two_beside_each_other_are_a_burst():
+    v = slow_noise(1)
+    v[300:312] += 12.0 * np.array([1.0, -1.0] * 6)
+    assert places(v) == []
+
+
+def test_missing_samples_are_not_looked_at():
+    v = slow_noise(2)
+    v[[200, 500]] = np.nan
+    v[350] += 12.0
+    assert places(v) == [350]
+
+
+def test_the_estimate_says_when():
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([-1.0, 1.0], N // 10), 10)
+    clean = simulate(MODEL, Record(u, u, dt=DT))[:, 0]
+    v = 0.3 * clean.std() * slow_noise(3) / slow_noise(3).std()
+    innovations = 0.3 * clean.std() / slow_noise(3).std()
+    v[[150, 420]] += 9.0 * innovations
+    record = Record(u, clean + v, dt=DT)
+    estimate = identify(record, Structure(2, 0), ThreeModel(noise="ar", finish="likelihood"))
+    found = [f for f in estimate.findings if f.code == "bad-samples"]
+    assert len(found) == 1
+    assert found[0].times == pytest.approx((150 * DT, 420 * DT))
+
+
+def test_whiteness_of_a_robust_fit_leaves_outliers_out():
+    """Pairs of outliers two samples apart: a correlation that the noise does not have."""
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.choice([-1.0, 1.0], N // 10), 10)
+    clean = simulate(MODEL, Record(u, u, dt=DT))[:, 0]
+    y = clean + 0.05 * clean.std() * rng.standard_normal(N)
+    for k in range(20, N - 20, 40):
+        y[[k, k + 2, k + 4, k + 6, k + 8]] += 2.0 * clean.std()
+    record = Record(u, y, dt=DT)
+    estimate = identify(record, Structure(2, 0), OutputError(MODEL, loss="student"))
+    assert len(estimate.outliers) >= 90
+    assert not [f for f in estimate.findings if f.code == "noise-model"]
+    blind = judged(type(estimate)(**{**vars(estimate), "outliers": np.zeros((0, 4))}), [record])
+    assert [f for f in blind if f.code == "noise-model"]
