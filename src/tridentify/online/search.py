@@ -154,7 +154,7 @@ def _maximum(record: Record, structure: Structure, thorough: bool) -> Slices[Est
     yield
     return estimate_from(
         best.point, records, structure, best.nuisances, best.status, Trace((), ()), "the search",
-        best.criterion,
+        best.criterion, judged=False,
     )  # fmt: skip
 
 

@@ -248,6 +248,8 @@ def estimate_of(
     found = estimate_from(
         point, [record], setting.structure, solution.nuisances, solution.status, trace, method,
         solution.criterion,
+        # there are no samples any more: the scatter that was gathered along is used below
+        judged=False,
     )  # fmt: skip
     summary = summarise(blueprint, x)
     share = float(np.mean(summary.shares))
