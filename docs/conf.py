@@ -36,7 +36,7 @@ nitpick_ignore_regex = [
     ("py:(class|exc)", r"(numpy|np|npt|scipy|matplotlib|pathlib|collections|os|enum|types)\..+"),
     ("py:class", r"(concurrent|typing|io|functools|datetime|fractions)\..+"),
     # names of types (Array, Truth) and what stands behind the on-line seam
-    ("py:class", r"(\w+|tridentify\.online\.(seam|blueprint|state)\.\w+|.+\.Executor)"),
+    ("py:class", r"(\w+|tridentify\.online\.(seam|blueprint|search|state)\.\w+|.+\.Executor)"),
     ("py:obj", r".+"),
 ]
 default_role = "py:obj"
