@@ -316,7 +316,7 @@ def test_a_folder_in_the_place_of_a_file_undoes_what_was_moved(
     ("words", "says"),
     [
         (["identify"], "FILE"),
-        (["identify", "x.csv", "--input", "u", "--output", "y", "--zeros", "1"], "--poles"),
+        (["validate"], "MODEL"),
         (["identify", "x.csv", "--offset", "perhaps"], "--offset"),
         (["identify", "x.csv", "--colour", "red"], "--colour"),
         (["--colour"], "--colour"),

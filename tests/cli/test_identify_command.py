@@ -284,7 +284,9 @@ def test_noise_may_be_taken_for_white_or_modelled(run, write_table, clean, quest
         documents[noise] = json.loads(outcome.out)
     assert documents["auto"]["parameters"] == documents["ar"]["parameters"]
     errors = {key: [p["std"] for p in d["parameters"]] for key, d in documents.items()}
-    assert np.all(np.array(errors["auto"]) > 1.1 * np.array(errors["white"]))
+    # taken as white, the scatter of the scores makes up for the colour
+    assert any("scatter of the scores" in note for note in documents["white"]["decisions"])
+    assert np.all(np.array(errors["auto"]) > 0.7 * np.array(errors["white"]))
     assert any("whitened" in note for note in documents["auto"]["decisions"])
     assert any("not white" in text for text in documents["white"]["warnings"])
 

@@ -64,6 +64,6 @@ def test_advice_to_shift_an_input_names_the_option():
     y = simulate(TransferFunction([2.0], [1.0, 2.0], delay=0.31), Record(u, u, dt=0.1))[:, 0]
     y = y + 0.02 * np.std(y) * rng.standard_normal(u.size)
     lines = identify(Record(u, y, dt=0.1), Structure(1, 0), OutputError(), throw=False).cautions
-    (line,) = (line for line in lines if "shifted by a delay" in line)
+    (line,) = (line for line in lines if "a delay is missing" in line)
     assert "--delay" in line
     assert "delay='free'" in line

@@ -102,7 +102,7 @@ def check(records: Sequence[Record], structure: Structure, method: str, can: Cap
                 f"found output {name!r} constant throughout; expected a response to the input; "
                 "choose another channel, or excite the system"
             )
-    _check_scale(records, structure)
+    check_scale(records, structure)
     _check_dependence(records, structure)
     _check_outputs(records, structure)
     n_parameters = len(structure.names(first.input_names, first.output_names))
@@ -157,7 +157,7 @@ def steps_and_length(records: Sequence[Record]) -> tuple[float, float]:
     return min(steps), max(r.duration for r in records)
 
 
-def _check_scale(records: Sequence[Record], structure: Structure) -> None:
+def check_scale(records: Sequence[Record], structure: Structure) -> None:
     """Refuse orders and units whose coefficients have no room in a float."""
     first = records[0]
     shortest, longest = steps_and_length(records)

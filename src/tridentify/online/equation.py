@@ -335,7 +335,10 @@ def unknowns_of(blueprint: Blueprint, x: Array, n_outputs: int) -> tuple[Array, 
         for j in range(n):
             begin = at + n + j * (j - 1) // 2
             upper[:j, j] = x[begin : begin + j]
-        return x[theta : theta + n].copy(), upper * np.sqrt(x[at : at + n]), noise
+        # an entry that overflowed is undetermined
+        with np.errstate(invalid="ignore", over="ignore"):
+            root = upper * np.sqrt(x[at : at + n])
+        return x[theta : theta + n].copy(), root, noise
     at = int(ints[slots.AT_FACTOR])
     d = x[at : at + n]
     unit = np.eye(n)

@@ -25,7 +25,7 @@ from tridentify.causes.intersample import IN_WORDS, behaviours
 from tridentify.choice import checked_method, listed, with_behaviour, with_judgement
 from tridentify.errors import DataError, TridentifyError
 from tridentify.estimate import Estimate, Status
-from tridentify.methods.base import Method, Progress
+from tridentify.methods.base import Method, Progress, check_scale
 from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.threads import one_blas_thread
@@ -135,6 +135,8 @@ def select_structure(
         structures = default_candidates(given, template)
     else:
         structures = checked_candidates(candidates)
+    if structures and all(record.n_samples for record in given):
+        check_scale(given, min(structures, key=lambda one: np.max(one.poles)))
     say = progress or (lambda _: None)
     with one_blas_thread():
         given, unseen, told = _settled(given, unseen, structures, chosen, say)
