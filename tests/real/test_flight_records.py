@@ -70,8 +70,10 @@ def test_attas_noise_is_coloured_and_moves_the_coefficients_within_its_errors(fo
     assert estimate.noise_model[0].size > 1
     assert estimate.fit[0] == pytest.approx(plain.fit[0], abs=0.3)
     assert np.all(np.abs(estimate.theta - plain.theta) < estimate.std)
-    # white weights take the slow residual for independent errors
-    assert np.all(estimate.std > 2.0 * plain.std)
+    # with white weights the scatter of the scores allows for the slow residual as well
+    assert plain.errors == "scores"
+    ratio = estimate.std / plain.std
+    assert np.all((ratio > 0.5) & (ratio < 2.0))
 
 
 def test_attas_manoeuvres_agree_within_their_standard_errors(folder):

@@ -186,7 +186,7 @@ def test_what_is_known_has_no_error_and_helps_the_rest():
 def test_an_integrator_is_planned_for():
     model = TransferFunction([4.0], [1.0, 2.0, 0.0])
     plan = Excitation(switched(300), 0.03)
-    structure = Structure(2, 0, fixed={"a0": 0.0}, **REST)
+    structure = Structure(2, 0, fixed={"a0": 0.0}, drift=False, **REST)
     found = precision(model, plan, structure, noise_std=0.1)
     expected = by_differences([2, 0, 4], structure, model, [plan.record()], 0.1)
     information = np.linalg.inv(expected)[np.ix_([0, 2], [0, 2])]

@@ -174,7 +174,7 @@ def test_an_integrator_that_was_identified_keeps_its_draws():
     model = TransferFunction([2.0], [1.0, 3.0, 0.0])
     u = np.repeat(rng.choice([-1.0, 1.0], 40), 5)
     y = simulate(model, Record(u, u, dt=0.1))[:, 0] + 0.02 * rng.standard_normal(200)
-    structure = Structure(2, 0, fixed={"a0": 0.0}, **REST)
+    structure = Structure(2, 0, fixed={"a0": 0.0}, drift=False, **REST)
     found = identify(Record(u, y, dt=0.1), structure, OutputError())
     best = optimal_spectrum(found, n_models=6)
     assert best.n_models == 6
