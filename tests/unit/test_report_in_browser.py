@@ -81,7 +81,8 @@ ASK = """
   found.farthest = width();
   dialog.dispatchEvent(new KeyboardEvent("keydown", { key: "+", bubbles: true }));
   dialog.close();
-  await wait();
+  // the close event comes when the browser has time for it
+  for (let k = 0; k < 40 && !figure.contains(svg); k++) await wait();
   found.back = figure.contains(svg) && svg.getAttribute("viewBox") === whole;
   found.kept = JSON.parse(document.getElementById("estimate").textContent);
   document.body.innerHTML = "";
