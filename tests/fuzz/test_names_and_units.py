@@ -164,7 +164,9 @@ def test_printable_names_go_through_every_export(seeds, tmp_path):
         record = Record(u, y, dt=0.1, input_names=[name], units={name: unit})
         found = identify(record, Structure(1, 0, initial_state="rest"), OutputError())
         try:
-            assert name in found.summary() or len(name) > 60, seed
+            # lines are broken where they are full
+            said = "".join(found.summary().split())
+            assert "".join(name.split()) in said or len(name) > 60, seed
             again = Estimate.load(found.save(tmp_path / "model.json"))
             assert (again.input_names, dict(again.units)) == ((name,), {name: unit}), seed
             assert html.escape("<script>") not in found._repr_html_() or "<script>" in name + unit

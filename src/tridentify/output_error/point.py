@@ -58,6 +58,8 @@ from tridentify.regression import LONG, Regression, regress, response_of
 Array = NDArray[np.float64]
 
 FLOOR = 1e-30
+LEAST = 1e-300
+"""A residual of nothing counts as this: its logarithm is a number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +170,7 @@ class Point:
     @cached_property
     def objective(self) -> float:
         """Minus two log likelihood, up to a constant: ``sum_i N_i log variance_i``."""
-        return float(self.counts @ np.log(self.variance))
+        return float(self.counts @ np.log(np.maximum(self.variance, LEAST)))
 
     @property
     def weights(self) -> Array:

@@ -61,6 +61,10 @@ def correlate(
     basis = span(np.hstack([rest, moves]) if view.own else rest)
     r = output.white(tuple(np.nan_to_num(one) for one in output.residual), noise)
     r = r - basis @ (basis.T @ r)
+    # a correlation has no unit: neither side has to be squared in its own
+    large = float(np.abs(r).max(initial=0.0)) or 1.0
+    r, moves = r / large, moves / large
+    largest = max(float(np.ptp(record.u[:, channel])) for record in view.records) or 1.0
     everything = span(np.hstack([rest, moves]))
     left = r - everything @ (everything.T @ r)
     freedom = max(output.count - everything.shape[1], 1)
@@ -70,7 +74,9 @@ def correlate(
     for first in range(0, lags.size, AT_ONCE):
         at = slice(first, first + AT_ONCE)
         each = [_centred(view, channel, lag) for lag in lags[at].tolist()]
-        z = output.white([np.stack(one, axis=1) for one in zip(*each, strict=True)], noise)
+        z = output.white(
+            [np.stack(one, axis=1) / largest for one in zip(*each, strict=True)], noise
+        )
         own = z - basis @ (basis.T @ z)
         product[at], size[at] = r @ own, np.sqrt(np.einsum("ij,ij->j", z, z))
         spread[at] = variance * np.einsum("ij,ij->j", own, own)
