@@ -175,7 +175,7 @@ class Point:
     @property
     def weights(self) -> Array:
         """(n_outputs,) one over the residual standard deviations."""
-        return np.asarray(1.0 / np.sqrt(self.variance))
+        return np.asarray(1.0 / np.sqrt(np.maximum(self.variance, LEAST)))
 
     @property
     def inner(self) -> Cascade:
