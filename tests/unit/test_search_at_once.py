@@ -7,7 +7,7 @@ import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.numerics.converter import FEW_VALUES, quantum
-from tridentify.output_error.colour import PASSED
+from tridentify.methods.noise import PASSED
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import evaluate
 from tridentify.strategy.search import CERTAIN, Search

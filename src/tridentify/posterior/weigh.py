@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from tridentify.errors import OptionError, UnsupportedOrderError
+from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.numerics.realization import Complex, denominator
 from tridentify.output_error.decide import Finished
@@ -53,6 +53,21 @@ def check_finish(finish: str) -> None:
     if finish not in CHOICES:
         raise OptionError(
             f"found finish={finish!r}; expected 'auto', 'likelihood' or 'posterior'; choose one"
+        )
+
+
+def refuse_posterior(finish: str) -> None:
+    """Refuse the posterior mean where coefficients are known.
+
+    Raises
+    ------
+    UnsupportedError
+    """
+    if finish == "posterior":
+        raise UnsupportedError(
+            "found finish='posterior' together with knowledge of the coefficients; expected "
+            "finish='auto' or 'likelihood', as the posterior mean keeps no constraints; choose "
+            "one of them"
         )
 
 

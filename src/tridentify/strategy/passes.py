@@ -156,3 +156,19 @@ def series_model(point: Point) -> SeriesFit:
         states=point.score_states,
         free_used=outputs.T[:, owner],
     )
+
+
+def certify(point: Point, recorder: Recorder) -> None:
+    """Step 3 at the end, as a last pass: the weights must be (1, 0, ..., 0)."""
+    series = series_model(point)
+    step = Step(
+        "series",
+        series.beta.ravel(),
+        float(series.cost.sum() / point.counts.sum()),
+        series.condition,
+        "W_0 = 1 and the orthonormal functions on the poles of a",
+        "orthonormal",
+        pairs(np.concatenate([branch.inner.poles for branch in point.branches])),
+    )
+    note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
+    recorder.add(point, (step,), series.distance, note)
