@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.numerics.converter import FEW_VALUES, quantum
 from tridentify.methods.noise import PASSED
+from tridentify.numerics.converter import FEW_VALUES, quantum
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import evaluate
 from tridentify.strategy.search import CERTAIN, Search

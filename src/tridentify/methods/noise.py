@@ -68,7 +68,7 @@ PASSED = "noise white: the residual passes the portmanteau test"
 
 
 def with_noise_model(
-    noise: NoiseChoice, question: Question, starts: Starts, found: Maximum, n_starts: int
+    noise: NoiseChoice, question: Question, starts: Starts, found: Maximum
 ) -> Maximum:
     """Model the noise if that is asked for, or if the residual is not white.
 
@@ -81,8 +81,6 @@ def with_noise_model(
         Its search.
     found : Maximum
         The end with white weights.
-    n_starts : int
-        Most starts of a kind that are followed on whitened samples.
 
     Returns
     -------
@@ -119,7 +117,7 @@ def with_noise_model(
                 found, "noise taken as white: the residual is not, but most of it follows the input"
             )
     question.say("coloured noise")
-    best = _alternate(question, found, tinted, n_starts)
+    best = _alternate(question, found, tinted, starts.count)
     if noise == "auto" and _is_lost(best.end, first):
         told = "noise taken as white: on whitened samples there was no usable minimum"
         return replace(_told(found, told), tried=best.tried)

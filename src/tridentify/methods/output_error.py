@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,12 +156,11 @@ class OutputError:
         check(records, structure, self.name, self.capabilities)
         self._check_start(records[0], structure)
         if self.loss != "squared":
-            plain = replace(self, loss="squared")
-
-            def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
-                return replace(plain, start=near.model).estimate(seen, wanted)
-
-            return robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
+            plain, near = (
+                replace(self, loss="squared"),
+                partial(OutputError, max_passes=self.max_passes),
+            )
+            return robust_estimate(records, structure, self.loss, plain, near, say)
         if structure.constrained:
             return within_constraints(self, records, structure, say, self.max_passes, "white")
         if structure.delay == "free":

@@ -29,6 +29,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 from tridentify.errors import OptionError
 from tridentify.estimate import Estimate, Trace
@@ -43,14 +44,19 @@ from tridentify.methods.paper import PaperThreeModel
 from tridentify.methods.robust import check_loss, robust_estimate
 from tridentify.numerics.robust import Loss
 from tridentify.output_error.colour import NoiseChoice, check_noise
-from tridentify.output_error.finish import Recorder
 from tridentify.output_error.question import Question, silently
 from tridentify.output_error.raster import on_raster
-from tridentify.output_error.result import fingerprint
-from tridentify.posterior.weigh import FinishChoice, check_finish, refuse_posterior, weigh
+from tridentify.output_error.result import as_recorded
+from tridentify.posterior.weigh import (
+    FinishChoice,
+    check_finish,
+    refuse_posterior,
+    told_of_posterior,
+    weigh,
+)
 from tridentify.record import Record
 from tridentify.strategy.delays import Located
-from tridentify.strategy.passes import certify
+from tridentify.strategy.passes import certified
 from tridentify.strategy.search import search
 from tridentify.structure import Structure
 
@@ -201,16 +207,24 @@ class ThreeModel:
         check(records, structure, self.name, self.capabilities)
         if self.loss != "squared":
             return self._robust(records, structure, say)
-        full = records if self.noise == "white" else [on_raster(record) for record in records]
+        with_all_rows = records if self.noise == "white" else [on_raster(one) for one in records]
+        return as_recorded(self._squared(with_all_rows, structure, say), with_all_rows, records)
+
+    def _squared(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
+        """With squared loss; what is known, and delays that are not, are loops around it."""
         if structure.constrained:
             refuse_posterior(self.finish)
-            found = within_constraints(self, full, structure, say, self.max_passes, self.noise)
-        elif structure.delay == "free":
-            found = over_delays(self, full, structure, say)
-        else:
-            found = self.answer(self.maximise(full, structure, say), full, structure, say)
-        same = all(a is b for a, b in zip(full, records, strict=True))
-        return found if same else _as_recorded(found, full, records)
+            return within_constraints(self, records, structure, say, self.max_passes, self.noise)
+        if structure.delay == "free":
+            return over_delays(self, records, structure, say)
+        return self.answer(self.maximise(records, structure, say), records, structure, say)
+
+    def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
+        """With another loss: the same on pseudo-samples, round by round."""
+        plain = replace(self, loss="squared", noise="white", finish="likelihood")
+        near = partial(OutputError, max_passes=self.max_passes)
+        found = robust_estimate(records, structure, self.loss, plain, near, say)
+        return told_of_posterior(found) if self.finish == "posterior" else found
 
     def maximise(
         self,
@@ -238,52 +252,19 @@ class ThreeModel:
         # Steps 1 and 2, the parallel and the series-parallel model, from several operators
         starts = search(question, self.starts)
         if located is not None:
-            question = question.freed(located.limits)
-            starts = starts.beside(located.place.poles) if located.place.poles.size else starts
+            question, starts = question.freed(located.limits), starts.beside(located.place.poles)
         # Step 4: repeated on adapted operators, to the stationary point of the output error
         best = maximum(question, starts)
-        if located is not None:
-            question = question.delayed(best.end.point.problem.delays)
-        best = with_noise_model(self.noise, question, starts, best, self.starts)
-        # Step 3, the series model: its weights are (1, 0, ..., 0) there
-        recorder = Recorder(list(best.trail))
-        recorder.extend(best.end.recorder)
-        certify(best.end.point, recorder)
-        trace = Trace(tuple(recorder.passes), best.tried, best.decisions, best.end.why)
+        # the noise modelled where it is not white, and all steps again on whitened samples
+        best = with_noise_model(self.noise, question.ended(best.end.point), starts, best)
+        # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
+        trail = certified(best.end.point, [*best.trail, *best.end.recorder.passes])
+        trace = Trace(trail, best.tried, best.decisions, best.end.why)
         return Reached(best.end, trace, starts.scan)
 
     def answer(
         self, reached: Reached, records: Sequence[Record], structure: Structure, say: Progress
     ) -> Estimate:
         """The estimate at the maximum or, where that is not to be trusted, beyond it."""
-        return weigh(
-            self.finish, reached.end, records, structure, reached.trace, self.name, say,
-            reached.scan,
-        )  # fmt: skip
-
-    def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
-        """The same with another loss."""
-        plain = replace(self, loss="squared", noise="white", finish="likelihood")
-
-        def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
-            return OutputError(near.model, self.max_passes).estimate(seen, wanted)
-
-        found = robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
-        trace = found.trace
-        if self.finish == "posterior":
-            told = "the maximum of the robust likelihood: the posterior mean is for squared loss"
-            trace = replace(trace, decisions=(*trace.decisions, told))
-        return replace(found, method=self.name, trace=trace)
-
-
-def _as_recorded(estimate: Estimate, full: Sequence[Record], records: Sequence[Record]) -> Estimate:
-    """The estimate from records with their missing rows put back, as one of the records."""
-    lost = sum(one.n_samples - own.n_samples for one, own in zip(full, records, strict=True))
-    told = f"{lost} rows missing from a uniform raster: taken for samples without an output"
-    return replace(
-        estimate,
-        n_samples=sum(record.n_samples for record in records),
-        dt=records[0].dt,
-        record_fingerprint=fingerprint(records),
-        trace=replace(estimate.trace, decisions=(*estimate.trace.decisions, told)),
-    )
+        end, trace, scan = reached.end, reached.trace, reached.scan
+        return weigh(self.finish, end, records, structure, trace, self.name, say, scan)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from tridentify.output_error.finish import MOST_STEPS
 from tridentify.output_error.nuisance import Nuisances, build, build_base, candidates
+from tridentify.output_error.point import Point
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.record import Record
 from tridentify.structure import Structure
@@ -88,6 +89,10 @@ class Question:
     def freed(self, limits: Array | None) -> Question:
         """With delays that are estimated along, up to limits [s]."""
         return replace(self, base=self.base.freed(limits))
+
+    def ended(self, point: Point) -> Question:
+        """With the delays of an end, where they are estimated along."""
+        return self if self.base.limits is None else self.delayed(point.problem.delays)
 
     def whitened(self, noise: Sequence[Array]) -> Question:
         """On samples whitened by autoregressions, one an output."""

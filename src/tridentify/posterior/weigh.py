@@ -71,6 +71,12 @@ def refuse_posterior(finish: str) -> None:
         )
 
 
+def told_of_posterior(robust: Estimate) -> Estimate:
+    """A robust estimate with a word on why it is no posterior mean."""
+    told = "the maximum of the robust likelihood: the posterior mean is for squared loss"
+    return _told(robust, told)
+
+
 def weigh(
     finish: FinishChoice,
     best: Finished,

@@ -155,6 +155,8 @@ class Starts:
         The passes that led to each seed.
     tried : tuple of Start
         All starts with the cost they led to.
+    count : int
+        Most starts of a kind that were followed.
     known : Known, optional
         Triangles of the whole record, where they were made.
     scan : Scan, optional
@@ -164,6 +166,7 @@ class Starts:
     seeds: tuple[Complex, ...]
     trails: tuple[tuple[Pass, ...], ...]
     tried: tuple[Start, ...]
+    count: int
     known: Known | None = None
     scan: Scan | None = None
 
@@ -178,8 +181,12 @@ class Starts:
         return known is not None and known.white and np.array_equal(known.poles, point.poles)
 
     def beside(self, poles: Complex) -> Starts:
-        """With poles from elsewhere as another seed."""
-        return replace(self, seeds=(*self.seeds, poles), trails=(*self.trails, ()))
+        """With poles from elsewhere, if there are any, as another seed."""
+        return (
+            self
+            if not poles.size
+            else replace(self, seeds=(*self.seeds, poles), trails=(*self.trails, ()))
+        )
 
 
 def search(question: Question, n_starts: int) -> Starts:
@@ -193,9 +200,8 @@ def search(question: Question, n_starts: int) -> Starts:
     """
     worker = Search(n_starts)
     worker.run(question.base, question.variants)
-    return Starts(
-        tuple(worker.seeds), tuple(worker.trails), tuple(worker.starts), worker.known, worker.scan
-    )
+    seeds, trails, tried = tuple(worker.seeds), tuple(worker.trails), tuple(worker.starts)
+    return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan)
 
 
 def search_again(question: Question, nuisances: Nuisances, poles: Complex) -> tuple[Complex, Start]:
