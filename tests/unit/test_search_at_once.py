@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
+from tridentify.methods.noise import PASSED
 from tridentify.numerics.converter import FEW_VALUES, quantum
-from tridentify.output_error.colour import PASSED
 from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import evaluate
-from tridentify.strategy.search import CERTAIN, Search
+from tridentify.strategy.search import CERTAIN, Search, Starts
 from tridentify.strategy.starts import best_laguerre, laguerre_starts
 from tridentify.strategy.thin import LARGE, free_variant, window
 
@@ -37,7 +37,7 @@ def test_one_start_is_enough_where_all_is_certain_and_white():
     search, *_ = searched(noisy(PAIR, 0), TOLD)
     assert len(search.starts) == 1
     assert search.end.point.looseness < CERTAIN
-    assert search.saw_white(search.end.point)
+    assert Starts((), (), (), 1, search.known).saw_white(search.end.point)
 
 
 def test_a_superfluous_pole_makes_the_search_look_on():

@@ -19,36 +19,36 @@ what the search is worth is the difference between the two.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
-from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
 from tridentify.errors import (
     DataError,
     IdentifiabilityError,
     OptionError,
-    UnsupportedOrderError,
 )
 from tridentify.estimate import Estimate, Start, Step, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
+from tridentify.methods.constrained import within_constraints
+from tridentify.methods.delays import over_delays
+from tridentify.methods.maximum import Reached
 from tridentify.methods.robust import check_loss, robust_estimate
 from tridentify.methods.svf_least_squares import least_squares
 from tridentify.numerics.realization import Complex, sort_poles
 from tridentify.numerics.robust import Loss
-from tridentify.output_error.decide import Finished, decide
+from tridentify.output_error.decide import decide
 from tridentify.output_error.finish import Recorder, coefficients, mean_square
-from tridentify.output_error.nuisance import build_base, candidates
 from tridentify.output_error.point import evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
+from tridentify.output_error.question import Question, silently
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
-from tridentify.strategy.delay_search import Place
-from tridentify.strategy.delays import best_of_places
+from tridentify.strategy.delays import Located
 from tridentify.strategy.starts import discrete_poles, laguerre_starts
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -152,98 +152,55 @@ class OutputError:
         IdentifiabilityError
             If the data cannot determine the coefficients.
         """
-        say = progress or (lambda _: None)
+        say = progress or silently
         check(records, structure, self.name, self.capabilities)
         self._check_start(records[0], structure)
         if self.loss != "squared":
-            plain = replace(self, loss="squared")
-
-            def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
-                return replace(plain, start=near.model).estimate(seen, wanted)
-
-            return robust_estimate(records, structure, self.loss, plain.estimate, refit, say)
+            plain, near = (
+                replace(self, loss="squared"),
+                partial(OutputError, max_passes=self.max_passes),
+            )
+            return robust_estimate(records, structure, self.loss, plain, near, say)
         if structure.constrained:
-            return self._constrained(records, structure, say)
-        if structure.delay != "free":
-            return self._located(records, structure, structure, None, None, say)
-        say("where the delays lie")
-        return best_of_places(
-            records,
-            structure,
-            lambda known, place, limits: self._located(
-                records, structure, known, place, limits, say
-            ),
-            None if self.start is None else self.start.delay.max(axis=0),
-        )
+            return within_constraints(self, records, structure, say, self.max_passes, "white")
+        if structure.delay == "free":
+            given = None if self.start is None else self.start.delay.max(axis=0)
+            return over_delays(self, records, structure, say, given)
+        return self.answer(self.maximise(records, structure, say), records, structure, say)
 
-    def _located(
+    def maximise(
         self,
         records: Sequence[Record],
         structure: Structure,
-        known: Structure,
-        place: Place | None,
-        limits: Array | None,
         say: Progress,
-    ) -> Estimate:
-        """With delays that are known, or known well enough to be refined with the poles."""
-        best, trace = self._free(records, known, say, self.start, place, limits)
-        return self._estimate(best, records, structure, trace)
+        located: Located | None = None,
+    ) -> Reached:
+        """The minimum that the single start leads to.
 
-    def _estimate(
-        self, best: Finished, records: Sequence[Record], structure: Structure, trace: Trace
-    ) -> Estimate:
-        return estimate_from(
-            best.point,
-            records,
-            structure,
-            best.nuisances,
-            best.status,
-            trace,
-            self.name,
-            best.criterion,
-        )
-
-    def _constrained(
-        self, records: Sequence[Record], structure: Structure, say: Progress
-    ) -> Estimate:
-        """The single start without the constraints, then the maximum within them."""
-        known = resolve(records, structure)
-        looked_at = seen(records, structure, known)
-        seeds = Seeds((), (), Trace(()))
-        if looked_at is not None:
-            start = None if known.integrators else self.start
-            best, trace = self._free(*looked_at, say, start, None, None)
-            if known.only_bounds:
-                with suppress(UnsupportedOrderError):
-                    kept = unmoved(structure, self._estimate(best, *looked_at, trace))
-                    if kept is not None:
-                        return kept
-            seeds = Seeds((coefficients(best.point), trace.starts[0].theta), (), trace)
-        return constrain(records, structure, known, seeds, self.name, say, self.max_passes, "white")
-
-    def _free(
-        self,
-        records: Sequence[Record],
-        known: Structure,
-        say: Progress,
-        start: TransferFunction | None,
-        place: Place | None,
-        limits: Array | None,
-    ) -> tuple[Finished, Trace]:
-        """The minimum reached without constraints, and the way there."""
-        choices = candidates(records, known)
-        base, variants = build_base(records, known, choices)
+        Parameters
+        ----------
+        records : sequence of Record
+        structure : Structure
+            With delays that are known, and nothing else.
+        say : callable
+            Is told what is going on.
+        located : Located, optional
+            Delays to take up, and how far they may go.
+        """
+        question = Question.of(records, structure, most=self.max_passes, say=say)
+        base, variants = question.base, question.variants
         say("a single start")
-        if place is None or place.poles.size == 0:
-            poles, note = _start_poles(base, variants, records, known, start)
+        # a model without its integrators is another one than the start given
+        start = self.start if self._has_orders(records[0], structure) else None
+        if located is None or located.place.poles.size == 0:
+            poles, note = _start_poles(base, variants, records, structure, start)
         else:
-            poles, note = place.poles, "a Laguerre model at the delays found, reduced and refined"
-        if place is not None:
-            base = base.delayed(place.delays).freed(limits)
-        best, decisions, _ = decide(
-            records, known, choices, base, variants, [poles], self.max_passes, say
-        )
-        first = evaluate_variant(base, variants[choices.index(best.nuisances)], poles)
+            poles = located.place.poles
+            note = "a Laguerre model at the delays found, reduced and refined"
+        if located is not None:
+            question = question.delayed(located.place.delays).freed(located.limits)
+        found = decide(question, [poles])
+        first = evaluate_variant(question.base, question.variant_of(found.best.nuisances), poles)
         recorder = Recorder()
         step = Step(
             "series-parallel" if start is None else "output error",
@@ -253,9 +210,30 @@ class OutputError:
             note,
         )
         recorder.add(first, (step,), np.nan, note)
-        recorder.extend(best.recorder)
+        recorder.extend(found.best.recorder)
         begun = Start(note, coefficients(first), mean_square(first))
-        return best, Trace(tuple(recorder.passes), (begun,), decisions, best.why)
+        trace = Trace(tuple(recorder.passes), (begun,), found.decisions, found.best.why)
+        return Reached(found.best, trace)
+
+    def answer(
+        self, reached: Reached, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> Estimate:
+        """The estimate there."""
+        end = reached.end
+        return estimate_from(
+            end.point, records, structure, end.nuisances, end.status, reached.trace, self.name,
+            end.criterion,
+        )  # fmt: skip
+
+    def _has_orders(self, record: Record, structure: Structure) -> bool:
+        """Whether the start has the denominators that are asked for."""
+        if self.start is None:
+            return False
+        wanted = structure.poles_matrix(record.n_outputs, record.n_inputs)
+        pairs = zip(self.start.den, wanted, strict=True)
+        return all(
+            d.size - 1 == n for dens, orders in pairs for d, n in zip(dens, orders, strict=True)
+        )
 
     def _check_start(self, record: Record, structure: Structure) -> None:
         """Refuse a start for other orders or channels."""

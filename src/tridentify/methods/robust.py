@@ -28,16 +28,17 @@ from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError
 from tridentify.estimate import Estimate, Trace
+from tridentify.methods.base import Method
 from tridentify.numerics.robust import LOSSES, Judged, Loss, judge
 from tridentify.output_error.result import fingerprint
 from tridentify.record import Record
 from tridentify.strategy.outliers import gross_outliers
 from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
-Fit = Callable[[Sequence[Record], Structure], Estimate]
-Refit = Callable[[Sequence[Record], Structure, Estimate], Estimate]
+Near = Callable[[TransferFunction], Method]
 
 MOST_ROUNDS = 40
 OPEN_ROUNDS = 3
@@ -92,8 +93,8 @@ def robust_estimate(
     records: Sequence[Record],
     structure: Structure,
     loss: Loss,
-    fit: Fit,
-    refit: Refit,
+    plain: Method,
+    near: Near,
     say: Callable[[str], None],
 ) -> Estimate:
     """Minimise a robust loss by least squares.
@@ -103,10 +104,10 @@ def robust_estimate(
     records : sequence of Record
     structure : Structure
     loss : {"huber", "student"}
-    fit : callable
+    plain : Method
         The whole method with squared loss, its search included.
-    refit : callable
-        The same from an estimate that is near.
+    near : callable
+        The method of the rounds, which begins at a model.
     say : callable
         Is told what is going on.
 
@@ -117,7 +118,8 @@ def robust_estimate(
     """
     say("gross outliers, from the parallel model")
     aside = gross_outliers(records, structure)
-    best = _settle(records, structure, loss, fit(_without(records, aside), structure), refit, say)
+    first = plain.estimate(_without(records, aside), structure, say)
+    best = _settle(records, structure, loss, first, near, say)
     far = tuple(one > FAR for one in best.distance)
     doubtful = sum(
         int(((before & (distance < NEAR)) | (~before & now)).sum())
@@ -126,12 +128,12 @@ def robust_estimate(
     if doubtful > max(FEW, DOUBTFUL * sum(record.y.size for record in records)):
         say("another search, with other outliers set aside")
         try:
-            first = fit(_without(records, far), structure)
-            other = _settle(records, structure, loss, first, refit, say)
+            first = plain.estimate(_without(records, far), structure, say)
+            other = _settle(records, structure, loss, first, near, say)
         except TridentifyError:
             other = best
         best = min(best, other, key=lambda one: one.estimate.aicc)
-    return _completed(records, loss, best)
+    return replace(_completed(records, loss, best), method=plain.name)
 
 
 def _settle(
@@ -139,7 +141,7 @@ def _settle(
     structure: Structure,
     loss: Loss,
     estimate: Estimate,
-    refit: Refit,
+    near: Near,
     say: Callable[[str], None],
 ) -> Settled:
     """Rounds of pseudo-samples until the coefficients stand still."""
@@ -152,7 +154,7 @@ def _settle(
     for count in range(1, MOST_ROUNDS + 1):
         now = structure if count <= OPEN_ROUNDS else estimate.structure
         judged = _judge(records, estimate, use, damping)
-        following = refit(_pseudo_records(records, estimate, judged), now, estimate)
+        following = near(estimate.model).estimate(_pseudo_records(records, estimate, judged), now)
         moved = _moved(estimate, following)
         for one in following.trace.passes[1:]:
             note = f"robust round {count}" + (f"; {one.note}" if one.note else "")
@@ -172,7 +174,8 @@ def _settle(
     if damping < 1.0:
         # the standard errors are those of undamped pseudo-samples
         judged = _judge(records, estimate, loss, 1.0)
-        estimate = refit(_pseudo_records(records, estimate, judged), estimate.structure, estimate)
+        again = _pseudo_records(records, estimate, judged)
+        estimate = near(estimate.model).estimate(again, estimate.structure)
     trace = Trace(tuple(passes), starts, decisions, estimate.trace.stopped)
     judged = _judge(records, estimate, loss, 1.0)
     spread = np.array([one.spread for one in judged])

@@ -28,42 +28,37 @@ likelihood (and of the priors) within the constraints (`constraints`).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
-import numpy as np
-from numpy.typing import NDArray
-
-from tridentify.constraints.solve import Seeds, constrain, resolve, seen, unmoved
-from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
-from tridentify.estimate import Estimate, Status, Step, Trace
+from tridentify.errors import OptionError
+from tridentify.estimate import Estimate, Trace
 from tridentify.methods.base import Progress, check, check_count
 from tridentify.methods.capability import Capability
+from tridentify.methods.constrained import within_constraints
+from tridentify.methods.delays import over_delays
+from tridentify.methods.maximum import Reached, maximum
+from tridentify.methods.noise import with_noise_model
 from tridentify.methods.output_error import OutputError
 from tridentify.methods.paper import PaperThreeModel
 from tridentify.methods.robust import check_loss, robust_estimate
-from tridentify.numerics.realization import Complex
 from tridentify.numerics.robust import Loss
-from tridentify.output_error.colour import NoiseChoice, check_noise, settle
-from tridentify.output_error.decide import Finished, decide
-from tridentify.output_error.finish import Recorder, coefficients
-from tridentify.output_error.nuisance import build_base, candidates
-from tridentify.output_error.point import Point
-from tridentify.output_error.problem import Problem
+from tridentify.output_error.colour import NoiseChoice, check_noise
+from tridentify.output_error.question import Question, silently
 from tridentify.output_error.raster import on_raster
-from tridentify.output_error.result import fingerprint
-from tridentify.posterior.weigh import FinishChoice, check_finish, weigh
+from tridentify.output_error.result import as_recorded
+from tridentify.posterior.weigh import (
+    FinishChoice,
+    check_finish,
+    refuse_posterior,
+    told_of_posterior,
+    weigh,
+)
 from tridentify.record import Record
-from tridentify.strategy.delay_search import Place
-from tridentify.strategy.delays import best_of_places
-from tridentify.strategy.passes import series_model
-from tridentify.strategy.search import Search
+from tridentify.strategy.delays import Located
+from tridentify.strategy.passes import certified
+from tridentify.strategy.search import search
 from tridentify.structure import Structure
-from tridentify.trace import pairs
-
-Array = NDArray[np.float64]
-
-SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
 
 
 @dataclass(frozen=True)
@@ -208,172 +203,68 @@ class ThreeModel:
         IdentifiabilityError
             If the data cannot determine the coefficients.
         """
-        say = progress or (lambda _: None)
+        say = progress or silently
         check(records, structure, self.name, self.capabilities)
         if self.loss != "squared":
             return self._robust(records, structure, say)
-        full = records if self.noise == "white" else [on_raster(record) for record in records]
-        found = self._squared(full, structure, say)
-        return (
-            found
-            if all(a is b for a, b in zip(full, records, strict=True))
-            else _as_recorded(found, full, records)
-        )
+        with_all_rows = records if self.noise == "white" else [on_raster(one) for one in records]
+        return as_recorded(self._squared(with_all_rows, structure, say), with_all_rows, records)
 
     def _squared(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
-        """The method with squared loss."""
+        """With squared loss; what is known, and delays that are not, are loops around it."""
         if structure.constrained:
-            return self._constrained(records, structure, say)
-        if structure.delay != "free":
-            return self._located(records, structure, structure, None, None, say)
-        say("where the delays lie")
-        return best_of_places(
-            records,
-            structure,
-            lambda known, place, limits: self._located(
-                records, structure, known, place, limits, say
-            ),
-        )
+            refuse_posterior(self.finish)
+            return within_constraints(self, records, structure, say, self.max_passes, self.noise)
+        if structure.delay == "free":
+            return over_delays(self, records, structure, say)
+        return self.answer(self.maximise(records, structure, say), records, structure, say)
 
-    def _located(
+    def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
+        """With another loss: the same on pseudo-samples, round by round."""
+        plain = replace(self, loss="squared", noise="white", finish="likelihood")
+        near = partial(OutputError, max_passes=self.max_passes)
+        found = robust_estimate(records, structure, self.loss, plain, near, say)
+        return told_of_posterior(found) if self.finish == "posterior" else found
+
+    def maximise(
         self,
         records: Sequence[Record],
         structure: Structure,
-        known: Structure,
-        place: Place | None,
-        limits: Array | None,
         say: Progress,
-    ) -> Estimate:
-        """With delays that are known, or known well enough to be refined with the poles."""
-        best, search, trace = self._maximum(records, known, place, limits, say)
-        return weigh(self.finish, best, records, structure, trace, self.name, say, search.scan)
+        located: Located | None = None,
+    ) -> Reached:
+        """Steps 1 to 4 to the likelihood's maximum, and the check of the end.
 
-    def _constrained(
-        self, records: Sequence[Record], structure: Structure, say: Progress
-    ) -> Estimate:
-        """The search without the constraints, then the maximum within them."""
-        if self.finish == "posterior":
-            raise UnsupportedError(
-                "found finish='posterior' together with knowledge of the coefficients; expected "
-                "finish='auto' or 'likelihood', as the posterior mean keeps no constraints; choose "
-                "one of them"
-            )
-        known = resolve(records, structure)
-        looked_at = seen(records, structure, known)
-        seeds = Seeds((), (), Trace(()))
-        if looked_at is not None:
-            best, search, trace = self._maximum(*looked_at, None, None, say)
-            if known.only_bounds:
-                with suppress(UnsupportedOrderError):
-                    free = weigh(self.finish, best, *looked_at, trace, self.name, say, search.scan)
-                    kept = unmoved(structure, free)
-                    if kept is not None:
-                        return kept
-            tried = [s.theta for s in sorted(search.starts, key=lambda start: start.cost)]
-            seeds = Seeds((coefficients(best.point), *tried), best.point.problem.noise, trace)
-        return constrain(
-            records, structure, known, seeds, self.name, say, self.max_passes, self.noise
-        )
-
-    def _maximum(
-        self,
-        records: Sequence[Record],
-        known: Structure,
-        place: Place | None,
-        limits: Array | None,
-        say: Progress,
-    ) -> tuple[Finished, Search, Trace]:
-        """The likelihood's maximum without constraints, and the way there."""
-        choices = candidates(records, known)
-        base, variants = build_base(records, known, choices)
-        if place is not None:
-            base = base.delayed(place.delays)
+        Parameters
+        ----------
+        records : sequence of Record
+        structure : Structure
+            With delays that are known, and nothing else.
+        say : callable
+            Is told what is going on.
+        located : Located, optional
+            Delays to take up, and how far they may go.
+        """
+        question = Question.of(records, structure, most=self.max_passes, say=say)
+        if located is not None:
+            question = question.delayed(located.place.delays)
         say("the three models, from several starts")
-        search = Search(self.starts)
-        search.run(base, variants)
-        if place is not None:
-            base = base.freed(limits)
-            if place.poles.size:
-                search.seeds.append(place.poles)
-                search.trails.append(())
-        filtered = {search.known.poles.tobytes(): search.known.whole} if search.known else {}
-        best, decisions, seed = decide(
-            records, known, choices, base, variants, search.seeds, self.max_passes, say, filtered
-        )
-        if best.status not in SOUND:
-            say("another search, as the end lies at a limit")
-            variant = variants[choices.index(best.nuisances)]
-            poles = search.again(base.freed(None), variant, best.point.poles)
-            other, reasons, _ = decide(
-                records, known, choices, base, variants, [poles], self.max_passes, say
-            )
-            if other.criterion < best.criterion:
-                best, decisions = other, reasons
+        # Steps 1 and 2, the parallel and the series-parallel model, from several operators
+        starts = search(question, self.starts)
+        if located is not None:
+            question, starts = question.freed(located.limits), starts.beside(located.place.poles)
+        # Step 4: repeated on adapted operators, to the stationary point of the output error
+        best = maximum(question, starts)
+        # the noise modelled where it is not white, and all steps again on whitened samples
+        best = with_noise_model(self.noise, question.ended(best.end.point), starts, best)
+        # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
+        trail = certified(best.end.point, [*best.trail, *best.end.recorder.passes])
+        trace = Trace(trail, best.tried, best.decisions, best.end.why)
+        return Reached(best.end, trace, starts.scan)
 
-        def again(problem: Problem, seeds: Sequence[Complex]) -> tuple[Finished, tuple[str, ...]]:
-            most = self.max_passes
-            return decide(records, known, choices, problem, variants, seeds, most, say)[:2]
-
-        def seek(problem: Problem) -> Sequence[Complex]:
-            anew = Search(self.starts)
-            anew.run(problem.freed(None), variants)
-            search.starts += [replace(s, name=f"whitened: {s.name}") for s in anew.starts]
-            return anew.seeds
-
-        if limits is not None:
-            base = base.delayed(best.point.problem.delays)
-        coloured = settle(
-            self.noise, best, decisions, base, again, seek, say, self.max_passes,
-            white=search.saw_white(best.point),
-        )  # fmt: skip
-        best, decisions = coloured.best, coloured.decisions
-        recorder = Recorder(list(search.trails[seed]))
-        recorder.extend(best.recorder)
-        self._certify(best.point, recorder)
-        trace = Trace(tuple(recorder.passes), tuple(search.starts), decisions, best.why)
-        return best, search, trace
-
-    def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
-        """The same with another loss."""
-        plain = replace(self, loss="squared", noise="white", finish="likelihood")
-
-        def fit(seen: Sequence[Record], wanted: Structure) -> Estimate:
-            return plain.estimate(seen, wanted, say)
-
-        def refit(seen: Sequence[Record], wanted: Structure, near: Estimate) -> Estimate:
-            return OutputError(near.model, self.max_passes).estimate(seen, wanted)
-
-        found = robust_estimate(records, structure, self.loss, fit, refit, say)
-        trace = found.trace
-        if self.finish == "posterior":
-            told = "the maximum of the robust likelihood: the posterior mean is for squared loss"
-            trace = replace(trace, decisions=(*trace.decisions, told))
-        return replace(found, method=self.name, trace=trace)
-
-    def _certify(self, point: Point, recorder: Recorder) -> None:
-        """Step 3 at the end: the weights must be (1, 0, ..., 0)."""
-        series = series_model(point)
-        step = Step(
-            "series",
-            series.beta.ravel(),
-            float(series.cost.sum() / point.counts.sum()),
-            series.condition,
-            "W_0 = 1 and the orthonormal functions on the poles of a",
-            "orthonormal",
-            pairs(np.concatenate([branch.inner.poles for branch in point.branches])),
-        )
-        note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
-        recorder.add(point, (step,), series.distance, note)
-
-
-def _as_recorded(estimate: Estimate, full: Sequence[Record], records: Sequence[Record]) -> Estimate:
-    """The estimate from records with their missing rows put back, as one of the records."""
-    lost = sum(one.n_samples - own.n_samples for one, own in zip(full, records, strict=True))
-    told = f"{lost} rows missing from a uniform raster: taken for samples without an output"
-    return replace(
-        estimate,
-        n_samples=sum(record.n_samples for record in records),
-        dt=records[0].dt,
-        record_fingerprint=fingerprint(records),
-        trace=replace(estimate.trace, decisions=(*estimate.trace.decisions, told)),
-    )
+    def answer(
+        self, reached: Reached, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> Estimate:
+        """The estimate at the maximum or, where that is not to be trusted, beyond it."""
+        end, trace, scan = reached.end, reached.trace, reached.scan
+        return weigh(self.finish, end, records, structure, trace, self.name, say, scan)

@@ -16,8 +16,7 @@ from tridentify.numerics.slices import Slices
 from tridentify.online.blueprint import Setting
 from tridentify.online.kernels.slots import LARGEST
 from tridentify.output_error.decide import deciding
-from tridentify.output_error.finish import MOST_STEPS
-from tridentify.output_error.nuisance import build_base, candidates
+from tridentify.output_error.question import Question
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
 from tridentify.strategy.outliers import outlier_slices
@@ -137,29 +136,20 @@ def _maximum(record: Record, structure: Structure, thorough: bool) -> Slices[Est
     """The maximum of the likelihood for white noise (`methods.three_model`)."""
     records = [record]
     check(records, structure, "the search", ThreeModel().capabilities)
-    choices = candidates(records, structure)
-    base, variants = build_base(records, structure, choices)
+    question = Question.of(records, structure)
     search = Search(STARTS) if thorough else Search(FEW_STARTS, further=("discrete",))
-    yield from search.running(base, variants)
-    best, _, _ = yield from deciding(
-        records, structure, choices, base, variants, search.seeds, MOST_STEPS, _silent
-    )
+    yield from search.running(question.base, question.variants)
+    best = (yield from deciding(question, search.seeds)).best
     if best.status is not Status.CONVERGED:
-        variant = variants[choices.index(best.nuisances)]
-        poles = yield from search.trying_again(base, variant, best.point.poles)
-        other, _, _ = yield from deciding(
-            records, structure, choices, base, variants, [poles], MOST_STEPS, _silent
-        )
+        variant = question.variant_of(best.nuisances)
+        poles = yield from search.trying_again(question.base, variant, best.point.poles)
+        other = (yield from deciding(question, [poles])).best
         best = other if other.criterion < best.criterion else best
     yield
     return estimate_from(
         best.point, records, structure, best.nuisances, best.status, Trace((), ()), "the search",
         best.criterion, judged=False,
     )  # fmt: skip
-
-
-def _silent(words: str) -> None:
-    """Nobody is told."""
 
 
 def judged_poles(found: Estimate, setting: Setting) -> Found | None:

@@ -10,7 +10,7 @@ a lower one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from types import MappingProxyType
@@ -21,12 +21,11 @@ from tridentify.estimate import Status
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices, drain
 from tridentify.output_error.finish import Recorder, at_rounding, criterion, finishing
-from tridentify.output_error.nuisance import Nuisances, build
+from tridentify.output_error.nuisance import Nuisances
 from tridentify.output_error.point import Point, bank_of, evaluate
 from tridentify.output_error.problem import Problem, Variant
-from tridentify.record import Record
+from tridentify.output_error.question import Question
 from tridentify.regression import Regression, regress
-from tridentify.structure import Structure
 
 TRUSTED = np.log(4.0)
 SURPRISE = 1.0
@@ -58,6 +57,24 @@ class Finished:
 
 
 @dataclass(frozen=True, eq=False)
+class Decided:
+    """The choice of lowest AICc.
+
+    Attributes
+    ----------
+    best : Finished
+    decisions : tuple of str
+        What was decided and why; empty where there was nothing to decide.
+    seed : int
+        Position of the seed that was followed.
+    """
+
+    best: Finished
+    decisions: tuple[str, ...]
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
 class Predicted:
     """One choice at given poles, and the AICc it promises."""
 
@@ -66,57 +83,30 @@ class Predicted:
 
 
 def decide(
-    records: Sequence[Record],
-    structure: Structure,
-    choices: Sequence[Nuisances],
-    base: Problem,
-    variants: Sequence[Variant],
+    question: Question,
     seeds: Sequence[Complex],
-    most: int,
-    say: Callable[[str], None],
     known: Mapping[bytes, tuple[Regression, ...]] = MappingProxyType({}),
-) -> tuple[Finished, tuple[str, ...], int]:
+) -> Decided:
     """Finish what is worth finishing and choose.
 
     Parameters
     ----------
-    records : sequence of Record
-    structure : Structure
-    choices : sequence of Nuisances
-    base, variants : Problem, sequence of Variant
-        From `output_error.nuisance.build_base`.
+    question : Question
     seeds : sequence of (n,) complex arrays
         Poles to begin with.
-    most : int
-        Most steps on the output error for each choice.
-    say : callable
-        Is told what is going on.
     known : mapping
-        Triangles of ``base`` that exist already, by the bytes of the seed.
-
-    Returns
-    -------
-    best : Finished
-    decisions : tuple of str
-        What was decided and why; empty where there was nothing to decide.
-    seed : int
-        Position of the seed that was followed.
+        Triangles of the question's base that exist already, by the bytes of the seed.
     """
-    return drain(deciding(records, structure, choices, base, variants, seeds, most, say, known))
+    return drain(deciding(question, seeds, known))
 
 
 def deciding(
-    records: Sequence[Record],
-    structure: Structure,
-    choices: Sequence[Nuisances],
-    base: Problem,
-    variants: Sequence[Variant],
+    question: Question,
     seeds: Sequence[Complex],
-    most: int,
-    say: Callable[[str], None],
     known: Mapping[bytes, tuple[Regression, ...]] = MappingProxyType({}),
-) -> Slices[tuple[Finished, tuple[str, ...], int]]:
+) -> Slices[Decided]:
     """`decide` in slices."""
+    base, variants, choices = question.base, question.variants, question.choices
     promised, seed = yield from _predict(base, variants, seeds, known)
     done: dict[int, Finished] = {}
     while len(done) < len(choices):
@@ -126,24 +116,22 @@ def deciding(
         best = min(done.values(), key=lambda one: one.criterion, default=None)
         if best is not None and best.criterion <= promised[k].criterion:
             break
-        say(f"output error ({choices[k].label})")
+        question.say(f"output error ({choices[k].label})")
         yield
-        problem = build(records, structure, choices[k]).whitened(base.noise)
-        if base.limits is not None:
-            problem = problem.delayed(base.delays).freed(base.limits)
+        problem = question.chosen(choices[k])
         at = partial(evaluate, problem)
         same = _same_input(problem, base, variants[k])
         # the variant holds the inputs of the base: what is simulated later needs its own
         start = replace(promised[k].point, problem=problem) if same else at(promised[k].point.poles)
         recorder = Recorder()
-        point, status, why = yield from finishing(at, start, recorder, most)
+        point, status, why = yield from finishing(at, start, recorder, question.most)
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
         surprised = abs(done[k].criterion - promised[k].criterion) > SURPRISE
         if len(done) < len(choices) and (surprised or at_rounding(point)):
             promised, _ = yield from _predict(base, variants, [point.poles], known)
     best = min(done.values(), key=lambda one: one.criterion)
     table = [done[k].criterion if k in done else promised[k].criterion for k in range(len(choices))]
-    return best, _decisions(choices, best, table), seed
+    return Decided(best, _decisions(choices, best, table), seed)
 
 
 def _predict(

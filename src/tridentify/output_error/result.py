@@ -555,3 +555,21 @@ def _held_nuisance(
         t0=float(record.t[0]),
         free_after=free_after(problem, e),
     )
+
+
+def as_recorded(
+    estimate: Estimate, with_all_rows: Sequence[Record], records: Sequence[Record]
+) -> Estimate:
+    """The estimate from records with their missing rows put back, as one of the records."""
+    pairs = list(zip(with_all_rows, records, strict=True))
+    if all(full is own for full, own in pairs):
+        return estimate
+    lost = sum(full.n_samples - own.n_samples for full, own in pairs)
+    told = f"{lost} rows missing from a uniform raster: taken for samples without an output"
+    return replace(
+        estimate,
+        n_samples=sum(record.n_samples for record in records),
+        dt=records[0].dt,
+        record_fingerprint=fingerprint(records),
+        trace=replace(estimate.trace, decisions=(*estimate.trace.decisions, told)),
+    )

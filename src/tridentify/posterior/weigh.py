@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from tridentify.errors import OptionError, UnsupportedOrderError
+from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
 from tridentify.estimate import Estimate, Status, Step, Trace
 from tridentify.numerics.realization import Complex, denominator
 from tridentify.output_error.decide import Finished
@@ -54,6 +54,27 @@ def check_finish(finish: str) -> None:
         raise OptionError(
             f"found finish={finish!r}; expected 'auto', 'likelihood' or 'posterior'; choose one"
         )
+
+
+def refuse_posterior(finish: str) -> None:
+    """Refuse the posterior mean where coefficients are known.
+
+    Raises
+    ------
+    UnsupportedError
+    """
+    if finish == "posterior":
+        raise UnsupportedError(
+            "found finish='posterior' together with knowledge of the coefficients; expected "
+            "finish='auto' or 'likelihood', as the posterior mean keeps no constraints; choose "
+            "one of them"
+        )
+
+
+def told_of_posterior(robust: Estimate) -> Estimate:
+    """A robust estimate with a word on why it is no posterior mean."""
+    told = "the maximum of the robust likelihood: the posterior mean is for squared loss"
+    return _told(robust, told)
 
 
 def weigh(

@@ -41,14 +41,15 @@ from tridentify.numerics.autoregression import (
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.numerics.whiteness import input_share, is_white
-from tridentify.output_error.decide import Finished, decide
+from tridentify.output_error.decide import decide
 from tridentify.output_error.finish import at_rounding, criterion, finish
-from tridentify.output_error.nuisance import Nuisances, build_base, candidates
+from tridentify.output_error.nuisance import Nuisances, candidates
 from tridentify.output_error.point import Point, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
+from tridentify.output_error.question import Question
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
-from tridentify.strategy.search import Found, Search
+from tridentify.strategy.search import Found, Search, search_again
 from tridentify.strategy.starts import discrete_poles
 from tridentify.structure import InitialState, Structure
 
@@ -130,17 +131,15 @@ def _finished(task: Task) -> tuple[Estimate, Complex]:
     """The likelihood's maximum from the seeds."""
     records, structure = list(task.records), task.structure
     check(records, structure, task.method.name, ThreeModel().capabilities)
-    choices = candidates(records, structure)
-    base, variants = build_base(records, structure, choices)
-    base = base.whitened(task.noise)
-    best = _best(base, variants, task)
     most = task.method.max_passes if isinstance(task.method, ThreeModel) else 60
-    done, decisions, _ = decide(
-        records, structure, choices, base, variants, [best.poles], most, lambda _: None
-    )
-    lacks = done.criterion > task.reach + ALLOWANCE
-    if done.status not in SOUND and task.search and lacks:
-        done, decisions = _again(task, base, variants, choices, done, decisions, most)
+    question = Question.of(records, structure, most=most).whitened(task.noise)
+    found = decide(question, [_best(question.base, question.variants, task).poles])
+    lacks = found.best.criterion > task.reach + ALLOWANCE
+    if found.best.status not in SOUND and task.search and lacks:
+        poles, _ = search_again(question, found.best.nuisances, found.best.point.poles)
+        other = decide(question, [poles])
+        found = other if other.best.criterion < found.best.criterion else found
+    done, decisions = found.best, found.decisions
     trace = Trace(tuple(done.recorder.passes), (), decisions, done.why)
     estimate = estimate_from(
         done.point,
@@ -170,25 +169,6 @@ def _best(base: Problem, variants: Sequence[Variant], task: Task) -> Point:
     if at_rounding(best) or criterion(best) < task.reach + ALLOWANCE:
         return best
     return Search(1).move(Found(base, best, variant, np.inf, False))
-
-
-def _again(
-    task: Task,
-    base: Problem,
-    variants: Sequence[Variant],
-    choices: Any,
-    done: Finished,
-    decisions: tuple[str, ...],
-    most: int,
-) -> tuple[Finished, tuple[str, ...]]:
-    """Runaway poles put back, as in the search of one structure."""
-    variant = variants[choices.index(done.nuisances)]
-    poles = Search(1).again(base, variant, done.point.poles)
-    other, reasons, _ = decide(
-        list(task.records), task.structure, choices, base, variants, [poles], most, lambda _: None
-    )
-    better = other.criterion < done.criterion
-    return (other, reasons) if better else (done, decisions)
 
 
 def contained(small: Entry, large: Entry, shape: tuple[int, int]) -> bool:

@@ -1,10 +1,7 @@
-"""Delays that are estimated along: from the places of the search to one estimate.
+"""Delays that are estimated along: what they leave out, how far they may go, what else is as good.
 
-The places (`strategy.delay_search`), one for every kind of start, are finished on the same samples,
-those that the longest of them allows, and the best by AICc counts, where what it leaves out beyond
-a tenth of the record counts against it. It is finished once more on all samples that it allows
-itself, but for two, in which it may move. The covariance is that of all minima near it and of the
-cells between the kinks (`output_error.mixture`).
+The covariance is that of all minima near the end and of the cells between the kinks
+(`output_error.mixture`).
 
 An input that repeats itself explains an output as well with a delay of a period more, or of half
 of one with the gain reversed: the shortest is given, and the others are told.
@@ -12,27 +9,20 @@ of one with the gain reversed: the shortest is given, and the others are told.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.errors import IdentifiabilityError, UnsupportedError
+from tridentify.errors import UnsupportedError
 from tridentify.estimate import Estimate
 from tridentify.numerics.realization import Complex, sort_poles
 from tridentify.output_error.mixture import mixture
 from tridentify.output_error.nuisance import Nuisances, build, first_explained
 from tridentify.output_error.point import evaluate
 from tridentify.record import Record
-from tridentify.strategy.delay_search import (
-    MOST_ROUNDS,
-    ROOM,
-    STRETCHES,
-    Place,
-    delay_places,
-    price,
-)
+from tridentify.strategy.delay_search import ROOM, STRETCHES, Place
 from tridentify.structure import Structure
 from tridentify.trace import OTHER_DELAYS, REPEATED_INPUT
 
@@ -53,69 +43,32 @@ LONGEST_SHARE = 0.9
 REPEATED, MOVED_ON = 0.99, 0.5
 
 
-def best_of_places(
-    records: Sequence[Record],
-    structure: Structure,
-    located: Callable[[Structure, Place, Array], Estimate],
-    given: Array | None = None,
-) -> Estimate:
-    """The best of the estimates from every place, on all samples that it allows.
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Where delays are taken up, and how far they may go.
 
-    Parameters
+    Attributes
     ----------
-    records : sequence of Record
-    structure : Structure
-        With free delays.
-    located : callable
-        The estimate for a structure of known delays, from a place, with limits of the delays.
-    given : (n_inputs,) array, optional
-        Delays to begin with [s], in place of a search.
+    place : Place
+    limits : (n_inputs,) array
+        [s].
     """
-    _refuse_direct(records[0], structure)
-    none = np.zeros(0, dtype=np.complex128)
-    places = delay_places(records, structure) if given is None else [Place(given, none)]
-    known, limits = with_delays(records, structure, [place.delays for place in places])
-    found, refusals = [], []
-    for place in places:
-        try:
-            found.append((located(known, place, limits), place))
-        except IdentifiabilityError as refusal:
-            refusals.append(refusal)
-    if not found:
-        raise refusals[0]
-    samples = float(sum(record.y.size for record in records))
 
-    def cost(one: tuple[Estimate, Place]) -> float:
-        own = with_delays(records, structure, [_delays(one[0])])[0]
-        return one[0].aicc + price(_left_out(records, own), samples)
-
-    best, place = min(found, key=cost)
-    for _ in range(MOST_ROUNDS):
-        delays = _delays(best)
-        own, _ = with_delays(records, structure, [delays])
-        spare = _left_out(records, known) - _left_out(records, own)
-        if (
-            np.all(delays < AT_LIMIT * limits)
-            and spare <= SPARE * len(records) * records[0].n_outputs
-        ):
-            break
-        known, limits = with_delays(records, structure, [delays])
-        best = located(known, Place(delays, _poles(best)), limits)
-    rivals = [*place.rivals, (place.delays, place.poles)] if place.poles.size else []
-    return _spread(_with_repeats(best, records), records, known, limits, rivals)
+    place: Place
+    limits: Array
 
 
-def _delays(estimate: Estimate) -> Array:
+def delays_of(estimate: Estimate) -> Array:
     """(n_inputs,) delays that were estimated along [s]."""
     return estimate.theta[-estimate.model.n_inputs :]
 
 
-def _left_out(records: Sequence[Record], known: Structure) -> float:
+def left_out(records: Sequence[Record], known: Structure) -> float:
     """Output samples before the first that the inputs explain."""
     return float(sum(first_explained(one, known) * one.n_outputs for one in records))
 
 
-def _with_repeats(estimate: Estimate, records: Sequence[Record]) -> Estimate:
+def with_repeats(estimate: Estimate, records: Sequence[Record]) -> Estimate:
     """The estimate with a word on inputs whose delay is one of several that are as good."""
     told = []
     for j, name in enumerate(estimate.input_names):
@@ -186,7 +139,7 @@ def repeats(record: Record, channel: int) -> tuple[float, int] | None:
     return k * record.dt, int(np.sign(correlation[k]))
 
 
-def _spread(
+def spread(
     estimate: Estimate,
     records: Sequence[Record],
     known: Structure,
@@ -197,9 +150,9 @@ def _spread(
     chosen = estimate.structure
     nuisances = Nuisances(chosen.initial_state, bool(chosen.offset), bool(chosen.drift))
     built = build(records, replace(known, initial_state=chosen.initial_state), nuisances)
-    delays = _delays(estimate)
+    delays = delays_of(estimate)
     problem = built.whitened(estimate.noise_model).delayed(delays).freed(limits)
-    best = evaluate(problem, _poles(estimate))
+    best = evaluate(problem, poles_of(estimate))
     step = max(e.dt for e in problem.experiments)
     others = [one for one in rivals if np.any(np.abs(one[0] - delays) > MOVED * step)]
     found = mixture(best, others)
@@ -212,7 +165,7 @@ def _spread(
     return replace(estimate, cov=found.cov, trace=trace)
 
 
-def _poles(estimate: Estimate) -> Complex:
+def poles_of(estimate: Estimate) -> Complex:
     """Of every denominator."""
     model = estimate.model
     if estimate.structure.shared:
@@ -243,7 +196,7 @@ def _in_words(shares: Array, means: Array, delays: Array, step: float) -> str:
     return f"{OTHER_DELAYS}: {'; '.join(named)}"
 
 
-def _refuse_direct(record: Record, structure: Structure) -> None:
+def refuse_direct(record: Record, structure: Structure) -> None:
     """Refuse channels that follow their input at once: the delay of a jump has no derivative.
 
     Raises

@@ -12,9 +12,11 @@ record not equal to, those of the output-error minimum; `output_error.finish` en
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from tridentify.estimate import Step
+from tridentify.estimate import Pass, Step
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
 from tridentify.models.series_parallel import Filtering, fit_denominators
@@ -156,3 +158,22 @@ def series_model(point: Point) -> SeriesFit:
         states=point.score_states,
         free_used=outputs.T[:, owner],
     )
+
+
+def certified(point: Point, passes: Sequence[Pass]) -> tuple[Pass, ...]:
+    """The passes to a point, and Step 3 there as the last: the weights must be (1, 0, ..., 0)."""
+    series = series_model(point)
+    step = Step(
+        "series",
+        series.beta.ravel(),
+        float(series.cost.sum() / point.counts.sum()),
+        series.condition,
+        "W_0 = 1 and the orthonormal functions on the poles of a",
+        "orthonormal",
+        pairs(np.concatenate([branch.inner.poles for branch in point.branches])),
+    )
+    recorder = Recorder()
+    recorder.extend(Recorder(list(passes)))
+    note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
+    recorder.add(point, (step,), series.distance, note)
+    return tuple(recorder.passes)

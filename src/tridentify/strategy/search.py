@@ -42,8 +42,10 @@ from tridentify.output_error.finish import (
     finishing,
     mean_square,
 )
+from tridentify.output_error.nuisance import Nuisances
 from tridentify.output_error.point import Point, bank_of, evaluate, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
+from tridentify.output_error.question import Question
 from tridentify.regression import Regression, regress
 from tridentify.strategy.moves import Move, moving_poles
 from tridentify.strategy.passes import MOST_ADAPTED, adapting
@@ -103,10 +105,6 @@ class Found:
     reachable: float
     settled: bool
 
-    def at(self, poles: Complex) -> Point:
-        """The cost elsewhere."""
-        return evaluate_variant(self.base, self.variant, poles)
-
 
 @dataclass(frozen=True, eq=False)
 class Known:
@@ -143,6 +141,90 @@ class Scan:
     variant: Variant
     poles: Complex
     moves: list[Move]
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """What a search found: where to finish from, and what was seen on the way.
+
+    Attributes
+    ----------
+    seeds : tuple of (n,) complex arrays
+        Poles to finish from.
+    trails : tuple of tuples of Pass
+        The passes that led to each seed.
+    tried : tuple of Start
+        All starts with the cost they led to.
+    count : int
+        Most starts of a kind that were followed.
+    known : Known, optional
+        Triangles of the whole record, where they were made.
+    scan : Scan, optional
+        The last places looked at.
+    """
+
+    seeds: tuple[Complex, ...]
+    trails: tuple[tuple[Pass, ...], ...]
+    tried: tuple[Start, ...]
+    count: int
+    known: Known | None = None
+    scan: Scan | None = None
+
+    @property
+    def triangles(self) -> dict[bytes, tuple[Regression, ...]]:
+        """Triangles of the whole record that exist already, by the bytes of the seed."""
+        return {} if self.known is None else {self.known.poles.tobytes(): self.known.whole}
+
+    def saw_white(self, point: Point) -> bool:
+        """Whether the search saw that the residual of this very point passes for white noise."""
+        known = self.known
+        return known is not None and known.white and np.array_equal(known.poles, point.poles)
+
+    def beside(self, poles: Complex) -> Starts:
+        """With poles from elsewhere, if there are any, as another seed."""
+        return (
+            self
+            if not poles.size
+            else replace(self, seeds=(*self.seeds, poles), trails=(*self.trails, ()))
+        )
+
+
+def search(question: Question, n_starts: int) -> Starts:
+    """Steps 1 and 2 from several operators, repeated until a richer model has nothing to add.
+
+    Parameters
+    ----------
+    question : Question
+    n_starts : int
+        Most starts of a kind that are followed.
+    """
+    worker = Search(n_starts)
+    worker.run(question.base, question.variants)
+    seeds, trails, tried = tuple(worker.seeds), tuple(worker.trails), tuple(worker.starts)
+    return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan)
+
+
+def search_again(question: Question, nuisances: Nuisances, poles: Complex) -> tuple[Complex, Start]:
+    """Another way in, after the end turned out to lie at a limit: runaway poles put back.
+
+    Parameters
+    ----------
+    question : Question
+    nuisances : Nuisances
+        Of the end.
+    poles : (n,) complex array
+        Where it lies.
+
+    Returns
+    -------
+    (n,) complex array
+        The best poles reached from the relocated ones.
+    Start
+        How they were come by.
+    """
+    worker = Search(1)
+    found = drain(worker.trying_again(question.base, question.variant_of(nuisances), poles))
+    return found, worker.starts[-1]
 
 
 @dataclass(eq=False)
@@ -263,31 +345,8 @@ class Search:
         self.known = Known(end.poles, end.whole, end.alone)
         return True
 
-    def saw_white(self, point: Point) -> bool:
-        """Whether the search saw that the residual of this very point passes for white noise."""
-        known = self.known
-        return known is not None and known.white and np.array_equal(known.poles, point.poles)
-
-    def again(self, base: Problem, variant: Variant, poles: Complex) -> Complex:
-        """Another way in, after the end turned out to lie at a limit: runaway poles put back.
-
-        Parameters
-        ----------
-        base : Problem
-        variant : Variant
-            Nuisance terms of the end.
-        poles : (n,) complex array
-            Where it lies.
-
-        Returns
-        -------
-        (n,) complex array
-            The best poles reached from the relocated ones.
-        """
-        return drain(self.trying_again(base, variant, poles))
-
     def trying_again(self, base: Problem, variant: Variant, poles: Complex) -> Slices[Complex]:
-        """`again` in slices."""
+        """`search_again` in slices."""
         if is_large(base):
             piece = window(base, LONGER * SMALL)
             if is_usable(piece):
