@@ -221,12 +221,12 @@ def test_several_outputs_may_have_their_own_number_of_zeros(run, write_table, cl
     assert both == pytest.approx(expected | {"b1[alpha,elevator]": 0.0}, rel=1e-8, abs=1e-8)
 
 
-def test_without_poles_the_orders_are_chosen_and_told(run, noisy):
+@pytest.mark.parametrize("more", [[], pytest.param(["--poles", "auto"], marks=pytest.mark.slow)])
+def test_without_poles_the_orders_are_chosen_and_told(run, noisy, more):
     options = ["--input", "elevator", "--output", "q", "--offset", "no", "--initial-state", "rest"]
-    for more in ([], ["--poles", "auto"]):
-        outcome = run("identify", noisy, *options, *more)
-        assert outcome.code == 0
-        assert "poles, zeros = 2, 1 chosen of 10 candidates" in " ".join(outcome.out.split())
+    outcome = run("identify", noisy, *options, *more)
+    assert outcome.code == 0
+    assert "poles, zeros = 2, 1 chosen of 10 candidates" in " ".join(outcome.out.split())
 
 
 @pytest.mark.parametrize(

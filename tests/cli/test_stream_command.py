@@ -224,6 +224,7 @@ def test_samples_that_do_not_count_are_missing(run, file):
     assert "missing-output" in last["flags"]
 
 
+@pytest.mark.slow
 def test_with_a_delay_gaps_are_missing_samples(run, file, tmp_path):
     header, *rows = lines_of(file)
     moved = [row.split(",") for row in rows]
@@ -315,6 +316,7 @@ def fed(data: bytes, size: int) -> tuple[dict[str, Any], list[str]]:
     return session.line(final=True), told
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.data_too_large])
 @given(
     st.lists(st.tuples(st.integers(1, 120), garbage()), max_size=25),
@@ -353,7 +355,10 @@ def checkpointed(file: Path, kept: Path, *more: object) -> list[object]:
     return ["stream", file, *QUESTION, "--every", 1, "--checkpoint", kept, *more]
 
 
-@pytest.mark.parametrize("cut", [100, 4_000, 31_003, 45_678, 60_001])
+@pytest.mark.parametrize(
+    "cut",
+    [31_003, *(pytest.param(n, marks=pytest.mark.slow) for n in (100, 4_000, 45_678, 60_001))],
+)
 def test_a_file_that_grew_is_taken_up_where_it_ended(run, file, tmp_path, cut):
     content = file.read_bytes()
     lines = content.split(b"\n")
@@ -481,7 +486,16 @@ def test_a_damaged_checkpoint_is_refused_in_one_line(run, file, tmp_path, conten
     assert "found" in outcome.error_lines[0]
 
 
-@pytest.mark.parametrize("key", ["state", "reader", "timeline", "counts", "mark", "question"])
+@pytest.mark.parametrize(
+    "key",
+    [
+        "state",
+        *(
+            pytest.param(k, marks=pytest.mark.slow)
+            for k in ("reader", "timeline", "counts", "mark", "question")
+        ),
+    ],
+)
 def test_a_checkpoint_with_a_part_missing_is_refused_in_one_line(run, file, tmp_path, key):
     kept = tmp_path / "kept.json"
     run(*checkpointed(file, kept))
@@ -560,6 +574,7 @@ def test_a_reader_that_goes_ends_it_quietly(file):
 
 
 # ------------------------------------------------------------------------------------ the sources
+@pytest.mark.slow
 def test_a_file_that_grows_in_halves_of_lines_is_read_in_whole_ones(run, file, tmp_path):
     content = file.read_bytes()
     expected = objects(run("stream", file, *QUESTION, "--every", 10).out)

@@ -193,7 +193,12 @@ SAMPLES: dict[str, tuple[Callable[[Path], Path], dict[str, object], str]] = {
 }
 
 
-@pytest.fixture(scope="session", params=SAMPLES)
+# Feather is Arrow as Parquet is; MDF4 takes seconds to open, and its record is read elsewhere
+DEAR = ("run.feather", "run.mf4")
+NAMES = [pytest.param(name, marks=pytest.mark.slow) if name in DEAR else name for name in SAMPLES]
+
+
+@pytest.fixture(scope="session", params=NAMES)
 def sample(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory):
     """One small record of 8 samples in every format: its path, and how to ask for it."""
     make, asked, needs = SAMPLES[request.param]

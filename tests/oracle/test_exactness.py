@@ -227,8 +227,12 @@ def test_step_from_rest_of_second_order(n_samples, m):
 
 @pytest.mark.parametrize(
     "poles",
-    [[0.0, -2.0], [0.3, -2.0], [0.0, *pair(-1.0, 3.0)], pair(0.1, 3.0)],
-    ids=["integrator", "unstable", "integrator and pair", "unstable pair"],
+    [
+        pytest.param([0.0, -2.0], id="integrator"),
+        pytest.param([0.3, -2.0], id="unstable"),
+        pytest.param([0.0, *pair(-1.0, 3.0)], id="integrator and pair", marks=pytest.mark.slow),
+        pytest.param(pair(0.1, 3.0), id="unstable pair", marks=pytest.mark.slow),
+    ],
 )
 def test_unstable_and_integrating_systems_are_right_or_refused(poles):
     """Outside the promise, but never a wrong answer called converged."""

@@ -43,6 +43,7 @@ def simulated(folder, name):
     return record.resample(0.02), derivatives | {"Z_q": a[1, 2]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TOLERANCE)
 def test_derivatives_are_those_of_the_linearisation(folder, name):
     record, truth = simulated(folder, name)
@@ -54,6 +55,7 @@ def test_derivatives_are_those_of_the_linearisation(folder, name):
     assert np.all(estimate.fit > 98.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TOLERANCE)
 def test_the_map_gives_the_published_coefficients(folder, name):
     path = folder(name)
@@ -65,6 +67,7 @@ def test_the_map_gives_the_published_coefficients(folder, name):
     assert np.allclose(theta, [expected[key] for key in keys], rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 def test_a_wrong_lift_due_to_pitch_rate_shows(folder):
     """0.96 taken for one: the restriction is contradicted much more, Z_delta is off by a third."""
@@ -82,6 +85,7 @@ def test_a_wrong_lift_due_to_pitch_rate_shows(folder):
     assert free.value("Z_q") == pytest.approx(truth["Z_q"], abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "small", "large"),
     [("jsbsim-a4-doublet", 99.5, (88.0, 93.0)), ("jsbsim-c172p-doublet", 99.4, (95.5, 97.5))],
@@ -128,6 +132,7 @@ def attas(folder):
     return read
 
 
+@pytest.mark.slow
 def test_attas_manoeuvres_together(attas):
     estimate = estimate_physical(short_period(), attas(), PLAIN, channels=MEASURED)
     expected = {"Z_alpha": -0.525, "M_alpha": -5.11, "M_q": -1.95, "M_delta": -7.28}
@@ -137,6 +142,7 @@ def test_attas_manoeuvres_together(attas):
     assert len(estimate.estimate.nuisance) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.slow
 def test_attas_contradicts_two_states_mostly_by_a_late_angle_of_attack(attas):
     given, moved = (
@@ -149,6 +155,7 @@ def test_attas_contradicts_two_states_mostly_by_a_late_angle_of_attack(attas):
     assert "contradict" in given.test_note()
 
 
+@pytest.mark.slow
 def test_attas_manoeuvres_agree_and_predict_each_other(attas, judged):
     records = attas()
     one, other = (estimate_physical(short_period(), r, PLAIN, channels=MEASURED) for r in records)

@@ -19,6 +19,7 @@ ATTAS = {
     "data.csv": ((2.455, 6.355, -7.08, -6.58), 94.8),
     "data_2.csv": ((2.560, 6.405, -7.41, -6.90), 94.2),
 }
+ATTAS_ONE = ["data.csv", pytest.param("data_2.csv", marks=pytest.mark.slow)]
 JSBSIM = ["jsbsim-a4-doublet", "jsbsim-c172p-doublet", "jsbsim-t37-3211"]
 DEGREE = np.pi / 180.0
 # the notes' figures are those of plain output error
@@ -53,7 +54,7 @@ def test_attas_angle_of_attack_has_the_same_poles(folder, name):
     assert estimate.fit[0] > 85.0
 
 
-@pytest.mark.parametrize("name", ATTAS)
+@pytest.mark.parametrize("name", ATTAS_ONE)
 def test_attas_both_outputs_with_one_denominator(folder, name):
     record = attas(folder, name, ["y_q", "y_alpha"])
     estimate = identify(record, Structure(2, 1))
@@ -63,7 +64,7 @@ def test_attas_both_outputs_with_one_denominator(folder, name):
     assert estimate.model.is_stable
 
 
-@pytest.mark.parametrize("name", ATTAS)
+@pytest.mark.parametrize("name", ATTAS_ONE)
 def test_attas_noise_is_coloured_and_moves_the_coefficients_within_its_errors(folder, name):
     record = attas(folder, name, ["y_q"])
     plain, estimate = (identify(record, Structure(2, 1), method) for method in (PLAIN, None))

@@ -209,8 +209,10 @@ SLOW_DEN = np.array([1.0, 1.0, 9.0])
     "share", [0.02, 0.2, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.4, 0.55)), 0.7]
 )
 @pytest.mark.parametrize("sides", [1, 2])
-@pytest.mark.parametrize(("level", "steps"), [(0.0, 0.0), (0.05, 0.0), (0.05, 0.5)])
-@pytest.mark.parametrize("noise", ["white", "auto"])
+@pytest.mark.parametrize(
+    ("level", "steps"), [(0.0, 0.0), (0.05, 0.0), pytest.param(0.05, 0.5, marks=pytest.mark.slow)]
+)
+@pytest.mark.parametrize("noise", ["white", pytest.param("auto", marks=pytest.mark.slow)])
 def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
     rng = np.random.default_rng(13)
     u = np.repeat(rng.choice([-1.0, 1.0], 40), 25)
@@ -231,7 +233,7 @@ def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
 
 @pytest.mark.parametrize("ratio", [0.003, 0.1, 0.5, 1.5])
 @pytest.mark.parametrize("steps", [0.0, 0.02, 0.1])
-@pytest.mark.parametrize("level", [0.0, 0.003])
+@pytest.mark.parametrize("level", [0.0, pytest.param(0.003, marks=pytest.mark.slow)])
 def test_flat_tops_of_a_fast_system_raise_no_alarm(ratio, steps, level):
     """Plateaus at both ends that are entered at a jump, and a model of too low an order."""
     rng = np.random.default_rng(14)

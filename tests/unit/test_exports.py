@@ -39,7 +39,7 @@ IMPORTS = [
 
 
 @pytest.mark.parametrize("statement", IMPORTS)
-@pytest.mark.parametrize("name", ["identify", "simulate"])
+@pytest.mark.parametrize("name", ["identify", pytest.param("simulate", marks=pytest.mark.slow)])
 def test_the_function_wins_over_the_module_of_its_name(name: str, statement: str) -> None:
     program = f"""
 {statement.format(name=name)}

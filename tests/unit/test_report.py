@@ -216,6 +216,7 @@ def test_a_record_too_short_to_test_says_so(single, tmp_path):
     assert "Not tested: found" in text
 
 
+@pytest.mark.slow
 def test_several_experiments_each_get_their_figures(single, tmp_path):
     estimate = dataclasses.replace(single.estimate, nuisance=single.estimate.nuisance * 2)
     records = [single.record, single.record]
@@ -237,6 +238,7 @@ def test_estimate_without_trace_or_covariance_has_a_report(single, tmp_path):
     assert not re.search(r"\bnan\b", text)
 
 
+@pytest.mark.slow
 def test_long_record_makes_a_small_page(single, tmp_path):
     t = np.arange(60_000) * 0.02
     u = np.sign(np.sin(t))
