@@ -57,7 +57,7 @@ REFINED_AIM = {250: 1.5}
 LADDER_AIMS = {(4, 100_000): 1.0 / 3.0, (4, 1_000_000): 1.0 / 5.0}
 SAME = 1e-6
 STEPS = {
-    "candidates": ("methods.three_model.candidates", "methods.three_model.build_base"),
+    "candidates": ("output_error.question.candidates", "output_error.question.build_base"),
     "stand-ins": ("strategy.search.window", "strategy.search.averaged"),
     "starts": (
         "strategy.search.laguerre_starts", "strategy.search.enriched_starts",
@@ -68,9 +68,9 @@ STEPS = {
     "adapted passes": ("strategy.search.Search._adapted",),
     "moves": ("strategy.search.Search.move",),
     "choice of seeds": ("strategy.search.Search._choose",),
-    "decide, finish": ("methods.three_model.decide",),
-    "noise test": ("methods.three_model.settle",),
-    "check of end": ("methods.three_model.ThreeModel._certify",),
+    "decide, finish": ("methods.maximum.decide",),
+    "noise test": ("methods.three_model.with_noise_model",),
+    "check of end": ("methods.three_model.certified",),
     "rivals' scan": ("posterior.weigh.has_rivals",),
     "posterior": ("posterior.weigh.posterior",),
     "result": ("methods.three_model.weigh",),
