@@ -29,6 +29,9 @@ MANY_RECORDS = 5.0
 """Time constant over the longest record from which it cannot have been seen: the response has moved
 by less than a fifth of the way, a straight line and a constant do as well."""
 
+LASTING = 3.0
+"""Decay over the record [nepers] below which a swing is not over at its end: 5 percent are left."""
+
 WITHIN = 2.0
 """Standard errors of the distance between a pole and a zero within which they cancel."""
 
@@ -50,8 +53,8 @@ def doubts(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     if slow:
         found.append(slow)
     found += undetermined(estimate, longest)
-    if not found and cancels(estimate):
-        found.append("a pole and a zero cancel within their errors")
+    if not found:
+        found += cancelling(estimate, longest)
     return tuple(found)
 
 
@@ -93,18 +96,43 @@ def undetermined(estimate: Estimate, longest: float) -> list[str]:
     return found
 
 
-def cancels(estimate: Estimate) -> bool:
-    """Whether a pole lies on a zero of every channel, within the errors of both."""
-    on = []
+def cancelling(estimate: Estimate, longest: float) -> list[str]:
+    """What says that a pole lies on a zero of every channel, in words; empty where none does."""
+    within, close = [], []
     for i in range(len(estimate.output_names)):
         for j in range(len(estimate.input_names)):
             num, den, cov = estimate.channel(i, j)
             if np.trim_zeros(num, "f").size < 2:
-                return False
-            on.append(_covered(num, den, cov))
-    if estimate.structure.shared:
+                return []
+            within.append(_covered(num, den, cov))
+            close.append(_close(num, den, longest))
+    shared = estimate.structure.shared
+    if _in_all(within, shared):
+        return ["a pole and a zero cancel within their errors"]
+    if not estimate.structure.constrained and _in_all(close, shared):
+        return ["a pole and a zero lie closer together than a record of this length tells apart"]
+    return []
+
+
+def _in_all(on: Sequence[NDArray[np.bool_]], shared: bool) -> bool:
+    """Whether one pole is meant in all channels; in any, where each has poles of its own."""
+    if shared:
         return bool(np.any(np.all(np.array(on), axis=0)))
     return any(bool(np.any(one)) for one in on)
+
+
+def _close(num: Array, den: Array, longest: float) -> NDArray[np.bool_]:
+    """(n_poles,) whether a slowly decaying pole lies near a zero.
+
+    The response to both together differs from none by ``exp`` of their distance times the length:
+    what they do is a slow swing, begun once and not yet over.
+    """
+    poles, zeros = np.roots(den), np.roots(np.trim_zeros(num, "f"))
+    found = np.zeros(poles.size, dtype=bool)
+    if not zeros.size:
+        return found
+    apart = np.min(np.abs(zeros[None, :] - poles[:, None]), axis=1)
+    return np.asarray((apart * longest < 1.0) & (np.abs(poles.real) * longest < LASTING))
 
 
 def _covered(num: Array, den: Array, cov: Array) -> NDArray[np.bool_]:
