@@ -67,9 +67,7 @@ def recorded(kind, seed):
 
 @pytest.mark.slow
 @pytest.mark.timeout(600)
-@pytest.mark.parametrize(
-    "kind", ["gusts", "drift", "cubic spring", "surroundings", "saturation"]
-)
+@pytest.mark.parametrize("kind", ["gusts", "drift", "cubic spring", "surroundings", "saturation"])
 def test_the_plants_poles_are_recommended_and_no_more(kind):
     found = select_structure(recorded(kind, 1), CANDIDATES)
     assert found.recommended.structure.poles == 2
