@@ -14,7 +14,8 @@ candidate with more unknowns lowers ``-2 log L`` by more than
 for ``d`` more unknowns, ``k`` in all: the price of BIC (Schwarz 1978) with the factor of an F test
 where ``N`` is small. Of the adequate candidates the one with the fewest unknowns is the
 *likeliest*; those whose poles the record hardly determines stand back. It is to be believed if it
-*explains* the record: it is sound and its residual does not follow the input.
+*explains* the record: it is sound and its residual does not follow the input. That a pole and a
+zero cancel within their errors is no objection where the likelihood refutes it (`refuted`).
 
 *What does a measured record support?* There every candidate is wrong, and enough samples refute all
 but the largest. Wanted is the smallest *sound* candidate (`soundness`: not at a limit, its
@@ -110,6 +111,38 @@ def choose(rows: Sequence[Contender]) -> int | None:
     if not kept:
         return None
     return min(kept, key=lambda k: (rows[k].criteria.n_unknowns, rows[k].criteria.deviance))
+
+
+def refuted(rows: Sequence[Contender], orders: Sequence[tuple[int, int] | None]) -> list[bool]:
+    """Whether the likelihood refutes that a pole and a zero cancel, row by row.
+
+    Errors of a pole near a zero are those of a straight line through a curved likelihood, and often
+    too large. If the two did cancel, the candidate with one pole and one zero less would explain as
+    much.
+
+    Parameters
+    ----------
+    rows : sequence of Contender
+    orders : sequence of (poles, zeros) or None
+        None where there is more than one of either.
+
+    Examples
+    --------
+    >>> rows = [Contender(Criteria(k, 500, d), 1, True) for k, d in ((3, 90.0), (5, 10.0))]
+    >>> refuted(rows, [(1, 0), (2, 1)])
+    [False, True]
+    """
+    found = []
+    for own, order in zip(rows, orders, strict=True):
+        less = None if order is None else (order[0] - 1, order[1] - 1)
+        lesser = [
+            row
+            for row, other in zip(rows, orders, strict=True)
+            if other is not None and other == less and row.usable and own.usable
+        ]
+        falls = [row.criteria.deviance - own.criteria.deviance > needed(row, own) for row in lesser]
+        found.append(bool(falls) and all(falls))
+    return found
 
 
 @dataclass(frozen=True, eq=False)

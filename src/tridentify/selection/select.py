@@ -59,9 +59,9 @@ from tridentify.selection.held_out import Held, HeldOut, cross_fit
 from tridentify.selection.orders import checked_candidates, default_candidates, order_label
 from tridentify.selection.paired import Unseen
 from tridentify.selection.result import Selection, SelectionRow
-from tridentify.selection.rule import Contender, Trial, choose, recommend
+from tridentify.selection.rule import Contender, Trial, choose, recommend, refuted
 from tridentify.selection.shared import Shared, shared_models
-from tridentify.selection.soundness import doubts
+from tridentify.selection.soundness import CANCELS, doubts
 from tridentify.selection.words import in_words
 from tridentify.structure import Structure
 
@@ -260,14 +260,15 @@ class _Work:
                 zip(whole, table.criteria, held, strict=True)
             )
         ]
+        objections = _objections(table.contenders(), rows)
         contenders = [
-            replace(one, known=one.known and not row.doubts)
-            for one, row in zip(table.contenders(), rows, strict=True)
+            replace(one, known=one.known and not against)
+            for one, against in zip(table.contenders(), objections, strict=True)
         ]
         likeliest = choose(contenders)
         explains = (
             likeliest is not None
-            and not rows[likeliest].doubts
+            and not objections[likeliest]
             and not _follows_input(table.entries[likeliest], table.noise[likeliest], self.records)
         )
         noise = () if likeliest is None else table.noise[likeliest]
@@ -280,6 +281,8 @@ class _Work:
         )
         place = verdict.place
         if place is not None:
+            if verdict.by == "likelihood":
+                rows[place] = replace(rows[place], doubts=objections[place])
             rows[place] = self._judged(rows[place])
         hankel = self._hankel(table, place)
         missed = place is not None and self._missed(whole[place])
@@ -487,6 +490,20 @@ class _Work:
             return hankel_values(self.records, operators, nuisances, table.noise[place])
         except (TridentifyError, np.linalg.LinAlgError, ValueError):
             return None
+
+
+def _objections(
+    contenders: Sequence[Contender], rows: Sequence[SelectionRow]
+) -> list[tuple[str, ...]]:
+    """What speaks against each row where the likelihood has its say."""
+    orders: list[tuple[int, int] | None] = []
+    for row in rows:
+        n, m = row.structure.poles, row.structure.zeros
+        orders.append((n, m) if isinstance(n, int) and isinstance(m, int) else None)
+    return [
+        tuple(one for one in row.doubts if not (against and one == CANCELS))
+        for row, against in zip(rows, refuted(contenders, orders), strict=True)
+    ]
 
 
 def _is_sharp(row: SelectionRow) -> bool:

@@ -21,6 +21,9 @@ from tridentify.selection.numbers import share
 
 Array = NDArray[np.float64]
 
+CANCELS = "a pole and a zero cancel within their errors"
+"""Said by a covariance; the likelihood may refute it (`rule.refuted`)."""
+
 HALF = 0.5
 """Standard error over natural size from which a coefficient counts as not determined: an interval
 of 95 % then holds zero and twice the value."""
@@ -108,7 +111,7 @@ def cancelling(estimate: Estimate, longest: float) -> list[str]:
             close.append(_close(num, den, longest))
     shared = estimate.structure.shared
     if _in_all(within, shared):
-        return ["a pole and a zero cancel within their errors"]
+        return [CANCELS]
     if not estimate.structure.constrained and _in_all(close, shared):
         return ["a pole and a zero lie closer together than a record of this length tells apart"]
     return []
