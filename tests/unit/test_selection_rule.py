@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify.selection.criteria import Criteria
-from tridentify.selection.rule import Contender, adequate, choose, needed, refuted
+from tridentify.selection.rule import Contender, adequate, choose, levels_off, needed, refuted
 
 
 def contender(n_unknowns, deviance, n_poles, *, n=500, usable=True, known=True):
@@ -77,3 +77,11 @@ def test_without_the_smaller_candidate_nothing_is_refuted():
     assert refuted(rows, [None, (2, 1)]) == [False, False]
     rows = [contender(3, 100.0, 1, usable=False), contender(5, 10.0, 2)]
     assert refuted(rows, [(1, 0), (2, 1)]) == [False, False]
+
+
+def test_the_likelihood_levels_off_where_larger_candidates_are_there():
+    rows = [contender(3, 100.0, 1), contender(5, 10.0, 2), contender(7, 5.0, 3)]
+    assert levels_off(rows, 1)
+    assert not levels_off(rows, 2)
+    # one that could not be used says nothing
+    assert not levels_off([*rows[:2], contender(7, 5.0, 3, usable=False)], 1)

@@ -15,7 +15,8 @@ for ``d`` more unknowns, ``k`` in all: the price of BIC (Schwarz 1978) with the 
 where ``N`` is small. Of the adequate candidates the one with the fewest unknowns is the
 *likeliest*; those whose poles the record hardly determines stand back. It is to be believed if it
 *explains* the record: it is sound and its residual does not follow the input. That a pole and a
-zero cancel within their errors is no objection where the likelihood refutes it (`refuted`).
+zero cancel within their errors is no objection where the likelihood refutes it (`refuted`), and
+that coefficients are badly known is none where larger candidates explain no more (`levels_off`).
 
 *What does a measured record support?* There every candidate is wrong, and enough samples refute all
 but the largest. Wanted is the smallest *sound* candidate (`soundness`: not at a limit, its
@@ -143,6 +144,24 @@ def refuted(rows: Sequence[Contender], orders: Sequence[tuple[int, int] | None])
         falls = [row.criteria.deviance - own.criteria.deviance > needed(row, own) for row in lesser]
         found.append(bool(falls) and all(falls))
     return found
+
+
+def levels_off(rows: Sequence[Contender], likeliest: int | None) -> bool:
+    """Whether there are candidates with more poles than the likeliest, which explain no more.
+
+    Then the order is found, however badly the record determines the coefficients. In a world
+    without a true order the likelihood goes on to the largest candidate.
+
+    Examples
+    --------
+    >>> rows = [Contender(Criteria(k, 500, d), n, True)
+    ...         for k, d, n in ((3, 90.0, 1), (5, 10.0, 2), (7, 2.0, 3))]
+    >>> levels_off(rows, 1), levels_off(rows, 2), levels_off(rows, None)
+    (True, False, False)
+    """
+    if likeliest is None:
+        return False
+    return any(row.usable and row.n_poles > rows[likeliest].n_poles for row in rows)
 
 
 @dataclass(frozen=True, eq=False)

@@ -59,9 +59,9 @@ from tridentify.selection.held_out import Held, HeldOut, cross_fit
 from tridentify.selection.orders import checked_candidates, default_candidates, order_label
 from tridentify.selection.paired import Unseen
 from tridentify.selection.result import Selection, SelectionRow
-from tridentify.selection.rule import Contender, Trial, choose, recommend, refuted
+from tridentify.selection.rule import Contender, Trial, choose, levels_off, recommend, refuted
 from tridentify.selection.shared import Shared, shared_models
-from tridentify.selection.soundness import CANCELS, doubts
+from tridentify.selection.soundness import CANCELS, apart_from_vagueness, doubts
 from tridentify.selection.words import in_words
 from tridentify.structure import Structure
 
@@ -266,9 +266,11 @@ class _Work:
             for one, against in zip(table.contenders(), objections, strict=True)
         ]
         likeliest = choose(contenders)
+        found = levels_off(contenders, likeliest)
+        against = () if likeliest is None else objections[likeliest]
         explains = (
             likeliest is not None
-            and not objections[likeliest]
+            and not (apart_from_vagueness(against) if found else against)
             and not _follows_input(table.entries[likeliest], table.noise[likeliest], self.records)
         )
         noise = () if likeliest is None else table.noise[likeliest]
@@ -277,7 +279,7 @@ class _Work:
             [_trial(row, fit, noise, judges) for row, fit in zip(rows, held, strict=True)],
             likeliest,
             explains=explains,
-            sharp=likeliest is not None and _is_sharp(rows[likeliest]),
+            sharp=likeliest is not None and (found or _is_sharp(rows[likeliest])),
         )
         place = verdict.place
         if place is not None:

@@ -24,6 +24,8 @@ Array = NDArray[np.float64]
 CANCELS = "a pole and a zero cancel within their errors"
 """Said by a covariance; the likelihood may refute it (`rule.refuted`)."""
 
+VAGUE, KNOWN_TO = "poles not determined", " known to "
+
 HALF = 0.5
 """Standard error over natural size from which a coefficient counts as not determined: an interval
 of 95 % then holds zero and twice the value."""
@@ -61,6 +63,17 @@ def doubts(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     return tuple(found)
 
 
+def apart_from_vagueness(found: Sequence[str]) -> tuple[str, ...]:
+    """Those of the `doubts` that do not only say how well coefficients are known.
+
+    Examples
+    --------
+    >>> apart_from_vagueness(["poles not determined", "b1 known to 80 %", "at stability limit"])
+    ('at stability limit',)
+    """
+    return tuple(one for one in found if one != VAGUE and KNOWN_TO not in one)
+
+
 def slowest(estimate: Estimate, longest: float) -> str:
     """A time constant that the record cannot have shown, in words; not of poles that are held."""
     if estimate.structure.constrained:
@@ -83,7 +96,7 @@ def undetermined(estimate: Estimate, longest: float) -> list[str]:
         n = den.size - 1
         poles = sort_poles(np.roots(den).astype(np.complex128))
         if vagueness(poles, np.asarray(estimate.cov)[:n, :n], longest) > HALF:
-            found.append("poles not determined")
+            found.append(VAGUE)
     leading = []
     for i in range(len(estimate.output_names)):
         for j in range(len(estimate.input_names)):
@@ -95,7 +108,7 @@ def undetermined(estimate: Estimate, longest: float) -> list[str]:
     free = [one for one in known.values() if one.std > 0]
     if free and all(one.relative_std > HALF for one in free):
         best = min(free, key=lambda one: one.relative_std)
-        found.append(f"{best.name} known to {share(best.relative_std)}")
+        found.append(f"{best.name}{KNOWN_TO}{share(best.relative_std)}")
     return found
 
 
