@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify.selection.criteria import Criteria
-from tridentify.selection.rule import Contender, adequate, choose, needed
+from tridentify.selection.rule import Contender, adequate, choose, levels_off, needed, refuted
 
 
 def contender(n_unknowns, deviance, n_poles, *, n=500, usable=True, known=True):
@@ -62,3 +62,26 @@ def test_the_order_of_the_rows_does_not_matter():
     for _ in range(10):
         mixed = [rows[k] for k in rng.permutation(len(rows))]
         assert mixed[choose(mixed)] is best
+
+
+def test_what_cancels_could_be_left_out():
+    orders = [(1, 0), (2, 1), (3, 2)]
+    # two coefficients more must bring 2 log N = 12.4
+    rows = [contender(3, 100.0, 1), contender(5, 10.0, 2), contender(7, 5.0, 3)]
+    assert refuted(rows, orders) == [False, True, False]
+
+
+def test_without_the_smaller_candidate_nothing_is_refuted():
+    rows = [contender(4, 100.0, 2), contender(5, 10.0, 2)]
+    assert refuted(rows, [(2, 0), (2, 1)]) == [False, False]
+    assert refuted(rows, [None, (2, 1)]) == [False, False]
+    rows = [contender(3, 100.0, 1, usable=False), contender(5, 10.0, 2)]
+    assert refuted(rows, [(1, 0), (2, 1)]) == [False, False]
+
+
+def test_the_likelihood_levels_off_where_larger_candidates_are_there():
+    rows = [contender(3, 100.0, 1), contender(5, 10.0, 2), contender(7, 5.0, 3)]
+    assert levels_off(rows, 1)
+    assert not levels_off(rows, 2)
+    # one that could not be used says nothing
+    assert not levels_off([*rows[:2], contender(7, 5.0, 3, usable=False)], 1)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 
+import numpy as np
 import pytest
 
 from tridentify import Structure
 from tridentify.selection import SelectionRow
 from tridentify.selection.criteria import Criteria
-from tridentify.selection.rule import Contender
-from tridentify.selection.words import reason_of
+from tridentify.selection.rule import Contender, Verdict
+from tridentify.selection.words import in_words, reason_of
 
 
 @pytest.fixture
@@ -58,3 +59,23 @@ def test_without_any_estimate_the_first_failure_speaks():
     row = SelectionRow(Structure(1, 0), None, "found nothing; expected more; do it")
     said = reason_of([row], [Contender(Criteria(0, 1, 0.0), 0, False)], None, False)
     assert said.endswith("found nothing; expected more; do it")
+
+
+def verdict_of(rows, fits, by, place=0, best=1):
+    told = [
+        dataclasses.replace(row, cross_fit=np.array([fit]))
+        for row, fit in zip(rows, fits, strict=True)
+    ]
+    return in_words(told, contenders(), Verdict(place, best, by, True), False)
+
+
+def test_fair_terms_are_told_where_they_decide(rows):
+    said = verdict_of(rows, (92.5, 98.2, 90.0), "size")
+    assert "below the best, 2 poles and 1 zero (98.20 %) where offset and initial state are" in said
+    assert "left aside" not in verdict_of(rows, (97.5, 98.2, 90.0), "size")
+
+
+def test_a_smaller_one_of_use_is_told_as_such(rows):
+    said = verdict_of(rows, (83.7, 90.5, 80.0), "useful")
+    assert said.startswith("1 pole and no zero predict samples that were left out to 83.70 %,")
+    assert "none predicts clearly better than a candidate that has no more coefficients" in said

@@ -4,7 +4,9 @@ With ``N`` the free directions (along the equalities and the active bounds), ``J
 over the noise's standard deviation, nuisance terms among them, and ``P`` the information of the
 priors, the covariance is ``N (N' (J' J + P) N)^{-1} N'``: the constrained Cramer-Rao bound where
 there are no priors (Gorman & Hero 1990; Stoica & Ng 1998). It is zero for what is fixed. An
-active bound counts as fixed; what that means is said among the cautions.
+active bound counts as fixed; what that means is said among the cautions. Where the scores scatter
+more than the noise model says, they give the covariance (`output_error.scores`), as without
+constraints; with priors they do not, since the priors' part of it has no scores.
 
 References: J. D. Gorman & A. O. Hero, IEEE Trans. Information Theory 36(6) (1990) 1285-1301. P.
 Stoica & B. C. Ng, IEEE Signal Processing Letters 5(7) (1998) 177-179.
@@ -22,12 +24,20 @@ from numpy.typing import NDArray
 from tridentify.constraints.descend import Reached, free_directions
 from tridentify.constraints.known import Known
 from tridentify.constraints.place import Fit, Place
+from tridentify.constraints.scores import constrained_scatter
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimate import Estimate, Nuisance, Pass, Status, Step, Trace
 from tridentify.numerics.realization import numerators
 from tridentify.output_error.finish import INDISTINGUISHABLE, ROUNDING
 from tridentify.output_error.nuisance import Nuisances, reference_of
-from tridentify.output_error.result import SINGULAR, fingerprint, free_after, model_of
+from tridentify.output_error.result import (
+    SINGULAR,
+    fingerprint,
+    free_after,
+    model_of,
+    with_decision,
+)
+from tridentify.output_error.scores import Scatter
 from tridentify.record import Record
 from tridentify.structure import InitialState, Structure
 
@@ -49,11 +59,31 @@ class Spread:
         Standard errors of the nuisance terms by (experiment, output).
     condition : float
         Of the scaled derivatives along the free directions.
+    along : (p, k) array
+        ``along along' = cov``: directions in which the covariance is the identity.
+    beside : dict
+        The nuisance terms along these, (n_terms, k) by (experiment, output).
     """
 
     cov: Array
     terms: dict[tuple[int, int], Array]
     condition: float
+    along: Array
+    beside: dict[tuple[int, int], Array]
+
+    @classmethod
+    def of(cls, along: Array, beside: dict[tuple[int, int], Array], condition: float) -> Spread:
+        """From the directions."""
+        cov = along @ along.T
+        errors = {key: np.sqrt(np.einsum("ij,ij->i", one, one)) for key, one in beside.items()}
+        return cls(0.5 * (cov + cov.T), errors, condition, along, beside)
+
+    def scattered(self, scatter: Scatter) -> Spread:
+        """The same with another covariance along the directions."""
+        size, axes = np.linalg.eigh(scatter.covariance)
+        turn = axes * np.sqrt(size)
+        beside = {key: one @ turn for key, one in self.beside.items()}
+        return Spread.of(self.along @ turn, beside, self.condition)
 
 
 def reference(record: Record, nuisances: Nuisances, known: Known) -> Array:
@@ -129,10 +159,13 @@ def estimate_of(
             "zeros, fix more of them, or excite the system more richly"
         )
     _refuse_invisible(reached, here.rss / left)
+    scatter = _scatter(reached, spread, here.rss / left)
     std = np.sqrt(np.diag(spread.cov))[: problem.n_poles]
     status = reached.status
     if status is Status.CONVERGED and np.any(std > np.abs(theta[: problem.n_poles])):
         status = Status.WEAKLY_IDENTIFIABLE
+    if scatter is not None:
+        spread, trace = spread.scattered(scatter), with_decision(trace, scatter.in_words())
     power = problem.power * here.counts
     n = float(here.counts.sum())
     return Estimate(
@@ -162,7 +195,15 @@ def estimate_of(
         dt=first.dt,
         record_fingerprint=fingerprint(records),
         noise_model=problem.noise,
+        errors="likelihood" if scatter is None else "scores",
     )
+
+
+def _scatter(reached: Reached, spread: Spread, noise: Array) -> Scatter | None:
+    """What the scores say of the covariance; None with priors, whose part of it is no scatter."""
+    if np.any(np.isfinite(reached.known.spread)):
+        return None
+    return constrained_scatter(reached.fit, spread.along, spread.beside, noise)
 
 
 def spread_of(reached: Reached, noise: Array) -> Spread:
@@ -179,10 +220,8 @@ def spread_of(reached: Reached, noise: Array) -> Spread:
     _, s, vt = np.linalg.svd(matrix / norms, full_matrices=False)
     condition = float(s[0] / s[-1]) if s.size and s[-1] > 0 else np.inf
     root = (vt.T / np.where(s > 0, s, np.inf)) / norms[:, None]
-    own = free @ root[: free.shape[1]]
-    cov = own @ own.T
-    errors = {key: np.sqrt(np.einsum("ij,ij->i", root[at], root[at])) for key, at in where.items()}
-    return Spread(0.5 * (cov + cov.T), errors, condition)
+    beside = {key: root[at] for key, at in where.items()}
+    return Spread.of(free @ root[: free.shape[1]], beside, condition)
 
 
 def _joint(here: Fit, free: Array, noise: Array) -> tuple[dict[tuple[int, int], slice], Array]:

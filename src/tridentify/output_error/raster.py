@@ -9,6 +9,8 @@ lay there (the last value, or the line between the neighbours), it changes the r
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -46,6 +48,35 @@ def places_on_raster(t: Array) -> Places | None:
         return None
     found = np.concatenate([[0], np.cumsum(whole)]).astype(np.intp)
     return found if t.size >= FULL * (found[-1] + 1) else None
+
+
+def even_step(record: Record) -> float | None:
+    """Step of a record whose samples are evenly spaced, or all but; None where they are not.
+
+    Parameters
+    ----------
+    record : Record
+        Rows that are missing from its raster make it uneven (`on_raster` puts them back).
+
+    Examples
+    --------
+    >>> jittered = Record([0, 1, 1], [1, 2, 3], t=[0.0, 1.01, 2.0], intersample="foh")
+    >>> even_step(jittered), even_step(Record([0, 1, 1], [1, 2, 3], t=[0.0, 1.0, 3.0]))
+    (1.0, None)
+    """
+    if record.dt is not None:
+        return record.dt
+    places = places_on_raster(np.asarray(record.t))
+    if places is None or places[-1] + 1 != record.n_samples:
+        return None
+    return float(np.median(np.diff(record.t)))
+
+
+def are_even(records: Sequence[Record]) -> bool:
+    """Whether one model of the noise serves all records: evenly spaced, with one step."""
+    steps = [even_step(record) for record in records]
+    known = [step for step in steps if step is not None]
+    return len(known) == len(steps) and max(known) - min(known) <= NEARLY * min(known)
 
 
 def spread_out(series: Array, places: Places) -> Array:

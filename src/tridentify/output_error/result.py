@@ -88,7 +88,7 @@ def estimate_from(
     inverse = root @ root.T if scatter is None else root @ scatter.covariance @ root.T
     cov = transform @ inverse @ transform.T
     cov = 0.5 * (cov + cov.T)
-    trace = trace if scatter is None else _with_decision(trace, scatter.in_words())
+    trace = trace if scatter is None else with_decision(trace, scatter.in_words())
     return Estimate(
         model=model_of(point.problem, theta, first),
         structure=_resolved(structure, nuisances),
@@ -125,7 +125,8 @@ def scatter_at(point: Point) -> Scatter | None:
     return scatter_of_scores(point, _root(point, noise)[0], noise)
 
 
-def _with_decision(trace: Trace, told: str) -> Trace:
+def with_decision(trace: Trace, told: str) -> Trace:
+    """The trace with one more decision."""
     return replace(trace, decisions=(*trace.decisions, told))
 
 
@@ -143,7 +144,7 @@ def _told(trace: Trace, problem: Problem) -> Trace:
         f"{'it' if one else 'them'}, "
         "delayed, came before the record (initial_state='rest' or 'equilibrium' states them)"
     )
-    return _with_decision(trace, told)
+    return with_decision(trace, told)
 
 
 def _left_out(problem: Problem) -> tuple[Finding, ...]:

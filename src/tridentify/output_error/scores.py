@@ -115,11 +115,33 @@ def scatter_of_scores(point: Point, root: Array, noise: Array) -> Scatter | None
 
 
 def _scores(point: Point, root: Array, noise: Array) -> list[tuple[Array, Array]]:
-    """``g`` as rows, and ``e``, of every experiment; outputs one after the other at an instant."""
-    outputs, found = point.problem.n_outputs, []
-    models = point.problem.noise or (np.zeros(0),) * outputs
-    moved = [point.sensitivities(root, i) for i in range(outputs)]
-    for e, residual in enumerate(point.residuals()):
+    """``g`` and ``e`` of every experiment."""
+    moved = [point.sensitivities(root, i) for i in range(point.problem.n_outputs)]
+    return whitened_scores(point.residuals(), moved, point.problem.noise, noise)
+
+
+def whitened_scores(
+    residuals: Sequence[Array],
+    moved: Sequence[Sequence[Array]],
+    models: Sequence[Array],
+    noise: Array,
+) -> list[tuple[Array, Array]]:
+    """Derivatives and innovations over the noise's standard deviation, as `judged_scatter` asks.
+
+    Parameters
+    ----------
+    residuals : sequence of (n_samples, n_outputs) arrays
+        One for each experiment; ``nan`` marks a missing sample.
+    moved : sequence of sequences of (n_samples, k) arrays
+        For each output and experiment, the derivatives of the output.
+    models : sequence of (p,) arrays
+        Autoregression of each output; empty where all are white.
+    noise : (n_outputs,) array
+        Variance of the innovations.
+    """
+    outputs, found = noise.size, []
+    models = models or (np.zeros(0),) * outputs
+    for e, residual in enumerate(residuals):
         gs, es = [], []
         for i, a in enumerate(models):
             seen = np.isfinite(residual[:, i])

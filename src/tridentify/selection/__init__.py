@@ -5,7 +5,8 @@
 - `contest`: every candidate finished on the likelihood's maximum, in rounds, all on one noise
   model.
 - `criteria`: AIC, AICc, BIC and YIC. `held_out`: the cross-validated fit.
-- `rule`: which row is recommended, and why.
+- `soundness`: what speaks against a candidate. `paired`: two of them on the same held-out samples.
+- `rule`: which row is recommended. `words`: why.
 - `hankel`: Hankel singular values of the parallel model, with a floor of what noise alone gives.
 """
 

@@ -47,6 +47,7 @@ from tridentify.output_error.nuisance import Nuisances, candidates
 from tridentify.output_error.point import Point, evaluate_variant
 from tridentify.output_error.problem import Problem, Variant
 from tridentify.output_error.question import Question
+from tridentify.output_error.raster import are_even
 from tridentify.output_error.result import estimate_from
 from tridentify.record import Record
 from tridentify.strategy.search import Found, Search, search_again
@@ -192,12 +193,11 @@ def noise_orders(entry: Entry, records: Sequence[Record]) -> tuple[int, ...]:
     """Order of an autoregression for each output's residual, by BIC; 0 where it passes for white.
 
     Also 0 for a residual that mostly follows the input, which is a response that is missed, for
-    one that is no more than rounding, and where time is not uniform.
+    one that is no more than rounding, and where time is no raster.
     """
     assert entry.estimate is not None
-    steps = {record.dt for record in records}
     n_outputs = len(entry.estimate.output_names)
-    if len(steps) > 1 or None in steps:
+    if not are_even(records):
         return (0,) * n_outputs
     found = []
     for i in range(n_outputs):

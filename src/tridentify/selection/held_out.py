@@ -41,7 +41,9 @@ from tridentify.output_error.finish import coefficients, finish
 from tridentify.output_error.point import evaluate
 from tridentify.output_error.result import model_of
 from tridentify.record import Record
+from tridentify.selection.paired import without
 from tridentify.simulate import simulate
+from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
@@ -49,20 +51,16 @@ FOLDS = 5
 BLOCKS = 4
 FEWEST = 40
 MOST_STEPS = 20
-RANK = 1e-9
-"""Singular value over the largest below which a nuisance term is no term of its own."""
-LEAST_ROOM = 0.5
-"""Least share of a sample that offset and initial state may leave: the very first samples fix a
-fast initial state alone and would otherwise count many times over."""
 
 
 @dataclass(frozen=True, eq=False)
 class Held:
-    """One estimate, its records, and perhaps records that it has not seen."""
+    """One estimate, its records, perhaps records that it has not seen, and what was asked for."""
 
     estimate: Estimate | None
     records: tuple[Record, ...]
     validation: tuple[Record, ...]
+    asked: Structure | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,11 +76,15 @@ class HeldOut:
         One for each record that was judged; empty where there is none.
     reason : str
         Why there is none.
+    terms : tuple of tuples of (n_samples, k) arrays
+        For each of these records and every output, what offset, drift and initial state may add
+        where the structure as asked for leaves them open.
     """
 
     fit: Array
     errors: tuple[Array, ...] = ()
     reason: str = ""
+    terms: tuple[tuple[Array, ...], ...] = ()
 
 
 def cross_fit(task: Held) -> HeldOut:
@@ -100,9 +102,10 @@ def cross_fit(task: Held) -> HeldOut:
                 errors = [_on_all(task.estimate, task.estimate.model, one, False) for one in seen]
             else:
                 errors = _left_out(task)
+            terms = tuple(_open_terms(task, one) for one in seen)
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         return HeldOut(nothing, reason="not determined without every part of the record")
-    return HeldOut(_percent(errors, seen), tuple(errors))
+    return HeldOut(_percent(errors, seen), tuple(errors), terms=terms)
 
 
 def _percent(errors: Sequence[Array], records: Sequence[Record]) -> Array:
@@ -178,35 +181,53 @@ def _on_all(estimate: Estimate, model: TransferFunction, record: Record, own: bo
     free, offset = not own or known.initial_state == "free", not own or bool(known.offset)
     begin = record.u[0] if not own or known.initial_state == "equilibrium" else 0.0
     error = np.array(record.y - simulate(model, record._on_its_times(record.u - begin)))
-    still = record._on_its_times(np.zeros_like(record.u))
-    for i in range(error.shape[1]):
-        columns = [np.ones(record.n_samples)] if offset else []
-        for j in range(record.n_inputs) if free else ():
-            n = model.den[i][j].size - 1
-            if j and known.shared:
-                continue
-            for k in range(n):
-                unit = _unit(estimate, model, i, j, k)
-                columns.append(simulate(model, still, free_response=unit)[:, i])
-        if known.drift:
-            columns.append(record.t - record.t[0])
-        if columns:
-            error[:, i] = _without(np.column_stack(columns), error[:, i])
+    for i, columns in enumerate(
+        _columns(estimate, model, record, Open(offset, bool(known.drift), free))
+    ):
+        error[:, i] = without(columns, error[:, i])
     return error
 
 
-def _without(columns: Array, error: Array) -> Array:
-    """What the columns leave of an error; each sample as if they were fitted without it."""
-    seen = np.isfinite(error)
-    norms = np.linalg.norm(columns[seen], axis=0)
-    basis, sizes, _ = np.linalg.svd(
-        columns[seen] / np.where(norms > 0, norms, 1.0), full_matrices=False
+@dataclass(frozen=True)
+class Open:
+    """Which nuisance terms there are."""
+
+    offset: bool
+    drift: bool
+    free: bool
+
+
+def _open_terms(task: Held, record: Record) -> tuple[Array, ...]:
+    """What offset, drift and initial state may add to a record, where they are left open."""
+    assert task.estimate is not None
+    asked = task.asked or task.estimate.structure
+    beyond = bool(task.validation)
+    terms = Open(
+        beyond or asked.offset is not False,
+        asked.drift is not False,
+        beyond or asked.initial_state in ("auto", "free"),
     )
-    basis = basis[:, sizes > RANK * sizes[0]]
-    left = np.full(error.shape, np.nan)
-    own = error[seen] - basis @ (basis.T @ error[seen])
-    left[seen] = own / np.maximum(1.0 - np.sum(basis**2, axis=1), LEAST_ROOM)
-    return left
+    return tuple(_columns(task.estimate, task.estimate.model, record, terms))
+
+
+def _columns(
+    estimate: Estimate, model: TransferFunction, record: Record, terms: Open
+) -> list[Array]:
+    """For every output, (n_samples, k) what its nuisance terms may add."""
+    still = record._on_its_times(np.zeros_like(record.u))
+    found = []
+    for i in range(record.n_outputs):
+        columns = [np.ones(record.n_samples)] if terms.offset else []
+        for j in range(record.n_inputs) if terms.free else ():
+            if j and estimate.structure.shared:
+                continue
+            for k in range(model.den[i][j].size - 1):
+                unit = _unit(estimate, model, i, j, k)
+                columns.append(simulate(model, still, free_response=unit)[:, i])
+        if terms.drift:
+            columns.append(np.asarray(record.t - record.t[0]))
+        found.append(np.column_stack(columns) if columns else np.zeros((record.n_samples, 0)))
+    return found
 
 
 def _unit(estimate: Estimate, model: TransferFunction, output: int, input_: int, k: int) -> Array:

@@ -27,8 +27,8 @@ from tridentify.errors import DataError, TridentifyError
 from tridentify.estimate import Estimate, Status
 from tridentify.methods.base import Method, Progress, check_scale
 from tridentify.methods.three_model import ThreeModel
-from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.output_error.raster import are_even
 from tridentify.posterior.mean import vagueness
 from tridentify.record import Record
 from tridentify.selection.contest import (
@@ -55,12 +55,13 @@ from tridentify.selection.criteria import (
     young,
 )
 from tridentify.selection.hankel import Hankel, hankel_values
-from tridentify.selection.held_out import Held, HeldOut, blocks, cross_fit
+from tridentify.selection.held_out import Held, HeldOut, cross_fit
 from tridentify.selection.orders import checked_candidates, default_candidates, order_label
+from tridentify.selection.paired import Unseen
 from tridentify.selection.result import Selection, SelectionRow
-from tridentify.selection.rule import Contender, Trial, choose, recommend
+from tridentify.selection.rule import Contender, Trial, choose, levels_off, recommend, refuted
 from tridentify.selection.shared import Shared, shared_models
-from tridentify.selection.soundness import doubts
+from tridentify.selection.soundness import CANCELS, apart_from_vagueness, doubts
 from tridentify.selection.words import in_words
 from tridentify.structure import Structure
 
@@ -247,7 +248,10 @@ class _Work:
         whole = self._identified(tasks, table)
         held = self.counted(
             cross_fit,
-            [Held(e.estimate, self.records, unseen) for e in whole],
+            [
+                Held(e.estimate, self.records, unseen, asked)
+                for e, asked in zip(whole, structures, strict=True)
+            ],
             "fits on samples that were left out",
         )
         rows = [
@@ -256,14 +260,17 @@ class _Work:
                 zip(whole, table.criteria, held, strict=True)
             )
         ]
+        objections = _objections(table.contenders(), rows)
         contenders = [
-            replace(one, known=one.known and not row.doubts)
-            for one, row in zip(table.contenders(), rows, strict=True)
+            replace(one, known=one.known and not against)
+            for one, against in zip(table.contenders(), objections, strict=True)
         ]
         likeliest = choose(contenders)
+        found = levels_off(contenders, likeliest)
+        against = () if likeliest is None else objections[likeliest]
         explains = (
             likeliest is not None
-            and not rows[likeliest].doubts
+            and not (apart_from_vagueness(against) if found else against)
             and not _follows_input(table.entries[likeliest], table.noise[likeliest], self.records)
         )
         noise = () if likeliest is None else table.noise[likeliest]
@@ -272,10 +279,12 @@ class _Work:
             [_trial(row, fit, noise, judges) for row, fit in zip(rows, held, strict=True)],
             likeliest,
             explains=explains,
-            sharp=likeliest is not None and _is_sharp(rows[likeliest]),
+            sharp=likeliest is not None and (found or _is_sharp(rows[likeliest])),
         )
         place = verdict.place
         if place is not None:
+            if verdict.by == "likelihood":
+                rows[place] = replace(rows[place], doubts=objections[place])
             rows[place] = self._judged(rows[place])
         hankel = self._hankel(table, place)
         missed = place is not None and self._missed(whole[place])
@@ -485,6 +494,20 @@ class _Work:
             return None
 
 
+def _objections(
+    contenders: Sequence[Contender], rows: Sequence[SelectionRow]
+) -> list[tuple[str, ...]]:
+    """What speaks against each row where the likelihood has its say."""
+    orders: list[tuple[int, int] | None] = []
+    for row in rows:
+        n, m = row.structure.poles, row.structure.zeros
+        orders.append((n, m) if isinstance(n, int) and isinstance(m, int) else None)
+    return [
+        tuple(one for one in row.doubts if not (against and one == CANCELS))
+        for row, against in zip(rows, refuted(contenders, orders), strict=True)
+    ]
+
+
 def _is_sharp(row: SelectionRow) -> bool:
     """Whether the likelihood is as good as Gaussian about an estimate."""
     return row.estimate is not None and row.estimate.status is Status.CONVERGED
@@ -494,42 +517,27 @@ def _trial(
     row: SelectionRow, held: HeldOut, noise: Sequence[Array], records: Sequence[Record]
 ) -> Trial:
     """A candidate on samples that it has not seen."""
-    nothing = np.zeros(0)
     if row.estimate is None:
-        return Trial(0, nothing, nothing, False, False)
-    plain = _block_sums(held.errors, records)
-    innovations = [
-        np.column_stack(
-            [
-                whiten(np.ascontiguousarray(one[:, i]), a)[0] if a.size else one[:, i]
-                for i, a in enumerate(noise or (nothing,) * one.shape[1])
-            ]
-        )
-        for one in held.errors
-    ]
-    whitened = _block_sums(innovations, records)
-    finite = bool(np.all(np.isfinite(plain)))
+        return Trial(0, Unseen(), Unseen(), False, False)
+    unseen = _unseen(held, records)
     return Trial(
         row.n_coefficients,
-        plain if finite else nothing,
-        whitened if finite else nothing,
+        unseen,
+        replace(unseen, noise=tuple(noise)),
         not row.doubts and not held.reason,
         row.ok,
     )
 
 
-def _block_sums(errors: Sequence[Array], records: Sequence[Record]) -> Array:
-    """(n_blocks,) sums of squares, each output over its spread, the mean of the outputs."""
-    if not errors:
-        return np.zeros(0)
+def _unseen(held: HeldOut, records: Sequence[Record]) -> Unseen:
+    """The errors, each output over its spread and over their number; none where they grow."""
+    if not held.errors:
+        return Unseen()
     centred = [np.asarray(r.y) - np.nanmean(np.asarray(r.y), axis=0) for r in records]
     spread = np.sum([np.nansum(one**2, axis=0) for one in centred], axis=0)
-    size = np.where(spread > 0, spread, 1.0) * spread.size
-    found = []
-    for one in errors:
-        own, number = np.nansum(one**2 / size, axis=1), blocks(one.shape[0])
-        found.append(np.bincount(number, weights=own))
-    return np.concatenate(found)
+    size = np.sqrt(np.where(spread > 0, spread, 1.0) * spread.size)
+    found = Unseen(tuple(one / size for one in held.errors), held.terms)
+    return found if math.isfinite(found.loss) else Unseen()
 
 
 def _table(entries: Sequence[Entry], records: Sequence[Record], orders: tuple[int, ...]) -> Table:
@@ -586,7 +594,7 @@ def _follows_input(entry: Entry, noise: tuple[Array, ...], records: Sequence[Rec
 
     from tridentify.numerics.whiteness import input_share
 
-    if any(record.dt is None for record in records):
+    if not are_even(records):
         return False
     for i, a in enumerate(noise):
         for one, record in zip(entry.residuals, records, strict=True):

@@ -21,6 +21,11 @@ from tridentify.selection.numbers import share
 
 Array = NDArray[np.float64]
 
+CANCELS = "a pole and a zero cancel within their errors"
+"""Said by a covariance; the likelihood may refute it (`rule.refuted`)."""
+
+VAGUE, KNOWN_TO = "poles not determined", " known to "
+
 HALF = 0.5
 """Standard error over natural size from which a coefficient counts as not determined: an interval
 of 95 % then holds zero and twice the value."""
@@ -28,6 +33,9 @@ of 95 % then holds zero and twice the value."""
 MANY_RECORDS = 5.0
 """Time constant over the longest record from which it cannot have been seen: the response has moved
 by less than a fifth of the way, a straight line and a constant do as well."""
+
+LASTING = 3.0
+"""Decay over the record [nepers] below which a swing is not over at its end: 5 percent are left."""
 
 WITHIN = 2.0
 """Standard errors of the distance between a pole and a zero within which they cancel."""
@@ -50,9 +58,20 @@ def doubts(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     if slow:
         found.append(slow)
     found += undetermined(estimate, longest)
-    if not found and cancels(estimate):
-        found.append("a pole and a zero cancel within their errors")
+    if not found:
+        found += cancelling(estimate, longest)
     return tuple(found)
+
+
+def apart_from_vagueness(found: Sequence[str]) -> tuple[str, ...]:
+    """Those of the `doubts` that do not only say how well coefficients are known.
+
+    Examples
+    --------
+    >>> apart_from_vagueness(["poles not determined", "b1 known to 80 %", "at stability limit"])
+    ('at stability limit',)
+    """
+    return tuple(one for one in found if one != VAGUE and KNOWN_TO not in one)
 
 
 def slowest(estimate: Estimate, longest: float) -> str:
@@ -77,7 +96,7 @@ def undetermined(estimate: Estimate, longest: float) -> list[str]:
         n = den.size - 1
         poles = sort_poles(np.roots(den).astype(np.complex128))
         if vagueness(poles, np.asarray(estimate.cov)[:n, :n], longest) > HALF:
-            found.append("poles not determined")
+            found.append(VAGUE)
     leading = []
     for i in range(len(estimate.output_names)):
         for j in range(len(estimate.input_names)):
@@ -89,22 +108,47 @@ def undetermined(estimate: Estimate, longest: float) -> list[str]:
     free = [one for one in known.values() if one.std > 0]
     if free and all(one.relative_std > HALF for one in free):
         best = min(free, key=lambda one: one.relative_std)
-        found.append(f"{best.name} known to {share(best.relative_std)}")
+        found.append(f"{best.name}{KNOWN_TO}{share(best.relative_std)}")
     return found
 
 
-def cancels(estimate: Estimate) -> bool:
-    """Whether a pole lies on a zero of every channel, within the errors of both."""
-    on = []
+def cancelling(estimate: Estimate, longest: float) -> list[str]:
+    """What says that a pole lies on a zero of every channel, in words; empty where none does."""
+    within, close = [], []
     for i in range(len(estimate.output_names)):
         for j in range(len(estimate.input_names)):
             num, den, cov = estimate.channel(i, j)
             if np.trim_zeros(num, "f").size < 2:
-                return False
-            on.append(_covered(num, den, cov))
-    if estimate.structure.shared:
+                return []
+            within.append(_covered(num, den, cov))
+            close.append(_close(num, den, longest))
+    shared = estimate.structure.shared
+    if _in_all(within, shared):
+        return [CANCELS]
+    if not estimate.structure.constrained and _in_all(close, shared):
+        return ["a pole and a zero lie closer together than a record of this length tells apart"]
+    return []
+
+
+def _in_all(on: Sequence[NDArray[np.bool_]], shared: bool) -> bool:
+    """Whether one pole is meant in all channels; in any, where each has poles of its own."""
+    if shared:
         return bool(np.any(np.all(np.array(on), axis=0)))
     return any(bool(np.any(one)) for one in on)
+
+
+def _close(num: Array, den: Array, longest: float) -> NDArray[np.bool_]:
+    """(n_poles,) whether a slowly decaying pole lies near a zero.
+
+    The response to both together differs from none by ``exp`` of their distance times the length:
+    what they do is a slow swing, begun once and not yet over.
+    """
+    poles, zeros = np.roots(den), np.roots(np.trim_zeros(num, "f"))
+    found = np.zeros(poles.size, dtype=bool)
+    if not zeros.size:
+        return found
+    apart = np.min(np.abs(zeros[None, :] - poles[:, None]), axis=1)
+    return np.asarray((apart * longest < 1.0) & (np.abs(poles.real) * longest < LASTING))
 
 
 def _covered(num: Array, den: Array, cov: Array) -> NDArray[np.bool_]:

@@ -42,14 +42,8 @@ def in_words(
             text += " of those that are usable"
         told = [text + "."]
     else:
-        best = f"{named(rows[verdict.best].structure)} ({percent(rows[verdict.best].cross_fit)} %)"
-        within = (
-            f"less than {POINT:g} % of the output's size below the best, {best}, which is no "
-            "reason for more coefficients where no candidate explains the record"
-            if verdict.by == "size"
-            else f"as well as the best, {best}, within the scatter of the difference"
-        )
-        joint = "," if verdict.by == "size" else ""
+        joint = "" if verdict.by == "held-out" else ","
+        within = _within(rows, verdict)
         told = [f"{name} predict samples that were left out to {fit} %{joint} {within}."]
     told.append(_passed_over(rows, place))
     if not verdict.sound:
@@ -57,6 +51,27 @@ def in_words(
     if missed:
         told.append(MISSED)
     return " ".join(filter(None, told))
+
+
+def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
+    """How the recommended candidate compares with the one of the best held-out fit."""
+    assert verdict.place is not None
+    assert verdict.best is not None
+    own, other = rows[verdict.place], rows[verdict.best]
+    best = f"{named(other.structure)} ({percent(other.cross_fit)} %)"
+    if verdict.by == "held-out":
+        return f"as well as the best, {best}, within the scatter of the difference"
+    if verdict.by == "useful":
+        return (
+            f"which is of use: of the larger ones up to {best} none predicts clearly better than a "
+            "candidate that has no more coefficients and is not determined"
+        )
+    gap = float(other.cross_fit.min() - own.cross_fit.min())
+    fair = " where offset and initial state are left aside" if gap > POINT else ""
+    return (
+        f"less than {POINT:g} % of the output's size below the best, {best}{fair}, which is no "
+        "reason for more coefficients where no candidate explains the record"
+    )
 
 
 MISSED = (

@@ -1,0 +1,107 @@
+"""Two candidates on the same held-out samples, and what is recommended of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tridentify.selection.paired import LIMIT, Unseen, contrasts, without
+from tridentify.selection.rule import Trial, recommend
+
+N = 400
+TIME = np.arange(N) / N
+
+
+def unseen(error, *terms):
+    columns = np.column_stack(terms) if terms else np.zeros((N, 0))
+    return Unseen((np.asarray(error)[:, None],), ((columns,),))
+
+
+def noise(seed, size=0.01):
+    return size / np.sqrt(N) * np.random.default_rng(seed).standard_normal(N)
+
+
+def trial(size, error, *terms, sound=True):
+    one = unseen(error, *terms)
+    return Trial(size, one, one, sound, True)
+
+
+def manoeuvre():
+    """A response that is over after a tenth of the record."""
+    return np.where(TIME < 0.1, np.sin(60.0 * TIME), 0.0) / np.sqrt(N)
+
+
+def test_what_is_wrong_during_a_short_manoeuvre_is_wrong():
+    # over blocks of equal length all of the difference lies in one, and looks like scatter
+    raw, fair = contrasts(unseen(noise(0) + 0.1 * manoeuvre()), unseen(noise(0)))
+    assert raw.t > LIMIT
+    assert not raw.as_good
+    assert not fair.as_good
+
+
+def test_what_follows_chance_is_no_better():
+    rng = np.random.default_rng(1)
+    slow = np.cumsum(rng.standard_normal((2, N)), axis=1) / N
+    assert contrasts(unseen(slow[0]), unseen(slow[1]))[0].as_good
+    assert contrasts(unseen(slow[1]), unseen(slow[0]))[0].as_good
+
+
+def test_what_an_initial_state_explains_is_nobodys_merit():
+    swing = 0.1 / np.sqrt(N) * np.cos(5.0 * TIME) * np.exp(-TIME)
+    other = np.exp(-TIME) * np.sin(5.0 * TIME), np.exp(-TIME) * np.cos(5.0 * TIME)
+    raw, fair = contrasts(unseen(noise(2) + swing), unseen(noise(3), *other))
+    assert not raw.as_good
+    assert fair.as_good
+    assert fair.own == pytest.approx(fair.other, rel=0.2)
+
+
+def test_a_level_of_t_holds_for_noise_that_remembers():
+    rng = np.random.default_rng(4)
+    false, keep, many = 0, np.exp(-1 / 20), 400
+    for _ in range(many):
+        e = rng.standard_normal((2, N))
+        for k in range(1, N):
+            e[:, k] += keep * e[:, k - 1]
+        false += not contrasts(unseen(e[0]), unseen(e[1]))[0].as_good
+    assert false / many < 0.03  # 1 % claimed; the errors of two candidates are never so unlike
+
+
+def test_missing_samples_do_not_count():
+    error = noise(5)
+    error[10:20] = np.nan
+    left = without(np.ones((N, 1)), error)
+    assert np.array_equal(np.isnan(left), np.isnan(error))
+    assert abs(np.nanmean(left)) < 1e-12
+    assert contrasts(unseen(error), unseen(noise(5)))[0].as_good
+
+
+def test_without_terms_nothing_is_taken_away():
+    raw, fair = contrasts(unseen(noise(6)), unseen(noise(7)))
+    assert raw == fair
+
+
+def test_more_coefficients_are_not_wanted_where_fewer_predict_as_well():
+    wave = manoeuvre()
+    trials = [
+        trial(2, noise(0) + 0.15 * wave),
+        trial(4, noise(0) + 0.02 * noise(1), sound=False),
+        trial(6, noise(0)),
+    ]
+    found = recommend(trials, None, explains=False, sharp=False)
+    assert (found.place, found.best, found.by) == (0, 2, "useful")
+
+
+def test_a_small_one_that_is_of_no_use_is_not_recommended():
+    wave = 10.0 * manoeuvre()
+    trials = [
+        trial(2, noise(0) + wave),
+        trial(4, noise(0) + 0.02 * noise(1), sound=False),
+        trial(6, noise(0)),
+    ]
+    assert recommend(trials, None, explains=False, sharp=False).place == 2
+
+
+def test_what_explains_the_record_and_predicts_better_is_recommended():
+    trials = [trial(2, noise(0) + 0.1 * manoeuvre()), trial(4, noise(0))]
+    assert recommend(trials, 1, explains=True, sharp=True).place == 1
+    assert recommend(trials[::-1], 0, explains=True, sharp=True).place == 0
