@@ -125,12 +125,13 @@ def run(plant: Plant, fine: Array, loop: Array | None = None) -> Array:
     return y
 
 
-def colour(rng: np.random.Generator, n: int) -> Array:
-    """White or autoregressive noise of variance one."""
-    white = rng.standard_normal(n + 100)
-    if rng.random() < 0.5:
-        return white[100:]
-    return np.sqrt(1 - 0.49) * lfilter([1.0], [1.0, -0.7], white)[100:]
+def colour(rng: np.random.Generator, n: int, white: bool | None = None) -> Array:
+    """White or autoregressive noise of variance one; which of them is drawn unless stated."""
+    noise = rng.standard_normal(n + 100)
+    drawn = rng.random() < 0.5
+    if drawn if white is None else white:
+        return noise[100:]
+    return np.sqrt(1 - 0.49) * lfilter([1.0], [1.0, -0.7], noise)[100:]
 
 
 def recorded(
@@ -173,12 +174,12 @@ def right_measured(rng: np.random.Generator, plant: Plant, n: int) -> Case:
 
 
 def right_twice(rng: np.random.Generator, plant: Plant, n: int) -> Case:
-    """Two experiments of one plant, the second with an offset."""
-    records, size = [], 0.0
+    """Two experiments of one plant and one noise, with an offset."""
+    records, size, white = [], 0.0, bool(rng.random() < 0.5)
     for _ in range(2):
         u, y, own = recorded(rng, plant, n // 2)
         size = size or own
-        records.append(Record(u, y + 0.3 + size * colour(rng, n // 2), dt=plant.dt))
+        records.append(Record(u, y + 0.3 + size * colour(rng, n // 2, white), dt=plant.dt))
     return Case("", tuple(records), plant.structure, plant.theta, ())
 
 
@@ -281,11 +282,11 @@ def cubic(rng: np.random.Generator, plant: Plant, n: int) -> Case:
 def two_plants(rng: np.random.Generator, plant: Plant, n: int) -> Case:
     """Two experiments, the stiffness of the second 30 to 100 % higher, identified as one."""
     other = replace(plant, a0=plant.a0 * rng.uniform(1.3, 2.0))
-    records, size = [], 0.0
+    records, size, white = [], 0.0, bool(rng.random() < 0.5)
     for own in (plant, other):
         u, y, noise = recorded(rng, own, n // 2)
         size = size or noise
-        records.append(Record(u, y + size * colour(rng, n // 2), dt=plant.dt))
+        records.append(Record(u, y + size * colour(rng, n // 2, white), dt=plant.dt))
     codes = ("disagreeing-experiments",)
     return Case("", tuple(records), plant.structure, plant.theta, codes)
 

@@ -42,6 +42,13 @@ class Part(NamedTuple):
     energy: float
 
 
+class Limited(NamedTuple):
+    """Recorded outputs and residuals, (n_samples, n_outputs) per experiment."""
+
+    recorded: tuple[Array, ...]
+    residuals: tuple[Array, ...]
+
+
 @dataclass(frozen=True, eq=False)
 class Attempt:
     """Where an explanation ended.
@@ -53,20 +60,32 @@ class Attempt:
         ``-2 log L``, up to a constant that explanations of the same samples share.
     unknowns : int
         Coefficients, nuisance terms, and those of the noise.
+    limited : Limited, optional
+        What was recorded and what is left of it, where that is not the point's own: an output that
+        reached a limit is compared with what the limit leaves of the point's.
     """
 
     point: Point
     deviance: float
     unknowns: int
+    limited: Limited | None = None
+
+    def residuals(self) -> tuple[Array, ...]:
+        """(n_samples, n_outputs) per experiment, not whitened; ``nan`` where one is missing."""
+        return self.point.residuals() if self.limited is None else self.limited.residuals
 
     @property
     def count(self) -> float:
         """Samples of all outputs."""
-        return float(self.point.counts.sum())
+        if self.limited is None:
+            return float(self.point.counts.sum())
+        return float(sum(np.isfinite(one).sum() for one in self.limited.residuals))
 
     @property
     def energy(self) -> float:
         """Geometric mean over the outputs of the residual's sums of squares, whitened."""
+        if self.limited is not None:
+            return self.on([np.isfinite(one) for one in self.limited.residuals]).energy
         n = self.point.counts
         rss = self.point.rss + ROUNDING * n * self.point.problem.size
         return float(np.exp(n @ np.log(rss) / n.sum()))
@@ -84,7 +103,7 @@ class Attempt:
         for i in range(self.point.problem.n_outputs):
             series = [
                 np.where(mask[:, i], one[:, i], np.nan)
-                for mask, one in zip(masks, self.point.residuals(), strict=True)
+                for mask, one in zip(masks, self.residuals(), strict=True)
             ]
             a = noise[i] if noise else np.zeros(0)
             whitened = [whiten(one, a)[0] for one in series]
@@ -108,9 +127,10 @@ class Attempt:
     def fits(self) -> Array:
         """(n_outputs,) NRMSE [percent], each experiment about its own mean."""
         energy = spread = np.zeros(self.point.problem.n_outputs)
-        pairs = zip(self.point.problem.experiments, self.point.residuals(), strict=True)
-        for experiment, residual in pairs:
-            y = np.where(np.isfinite(residual), experiment.y, np.nan)
+        own = tuple(experiment.y for experiment in self.point.problem.experiments)
+        outputs = own if self.limited is None else self.limited.recorded
+        for recorded, residual in zip(outputs, self.residuals(), strict=True):
+            y = np.where(np.isfinite(residual), recorded, np.nan)
             energy = energy + np.nansum(residual**2, axis=0)
             spread = spread + np.nansum((y - np.nanmean(y, axis=0)) ** 2, axis=0)
         ratio = np.sqrt(energy / np.where(spread > 0, spread, np.nan))

@@ -27,6 +27,7 @@ from tridentify.causes.rivals import (
     order_rivals,
     varying_rivals,
 )
+from tridentify.causes.saturation import saturation_rivals, with_limits
 from tridentify.errors import TridentifyError
 from tridentify.finding import CODES
 from tridentify.numerics.interpolation import FEWEST
@@ -189,6 +190,7 @@ def _rivals(present: Present, fitted: Sequence[Array]) -> dict[str, list[Rival]]
     every = [
         *_intersample_rivals(present),
         *delay_rivals(present),
+        *saturation_rivals(present, fitted),
         *nonlinear_rivals(present, fitted),
         *varying_rivals(present),
         *drift_rivals(present),
@@ -241,13 +243,13 @@ def _attempted(rival: Rival) -> tuple[Attempt, ...] | None:
             return None
         if end is None:
             return None
-        found.append(end)
+        found.append(end if rival.limits is None else with_limits(end, rival.limits))
     return tuple(found)
 
 
 def _explanation(rival: Rival, ends: tuple[Attempt, ...], base: Attempt) -> Explanation:
     """Compare on the samples that the rival explains: a longer delay leaves some out."""
-    masks = [np.isfinite(one) for end in ends for one in end.point.residuals()]
+    masks = [np.isfinite(one) for end in ends for one in end.residuals()]
     whole = [np.isfinite(one) for one in base.point.residuals()]
     split = len(masks) != len(whole)
     same = split or all(np.array_equal(a, b) for a, b in zip(masks, whole, strict=True))

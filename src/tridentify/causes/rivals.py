@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tridentify.causes.present import Present
 from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.record import Record
 
 Array = NDArray[np.float64]
 
@@ -31,6 +32,30 @@ RATES = 6
 
 LONG_ENOUGH = 40
 """Samples of a half record below which it is not fitted by itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Between what one output stays.
+
+    Attributes
+    ----------
+    output : int
+    low, high : float
+        Infinite where there is no limit.
+    records : tuple of Record
+        With the samples beyond, that a rival is fitted without.
+    """
+
+    output: int
+    low: float
+    high: float
+    records: tuple[Record, ...]
+
+    @property
+    def count(self) -> int:
+        """Levels."""
+        return int(np.isfinite(self.low)) + int(np.isfinite(self.high))
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +85,7 @@ class Rival:
     what: str
     advice: str
     refits: bool = True
+    limits: Limits | None = None
 
 
 def one(code: str, present: Present, what: str, advice: str, *, refits: bool = True) -> Rival:

@@ -320,6 +320,21 @@ class Point:
 
         Not whitened; ``nan`` where a sample is missing.
         """
+        pairs = zip(self.problem.experiments, self.outputs(most), strict=True)
+        return tuple(experiment.y[:most] - fitted for experiment, fitted in pairs)
+
+    def outputs(self, most: int | None = None) -> tuple[Array, ...]:
+        """Fitted outputs over time, nuisance terms along, where samples are missing too.
+
+        Parameters
+        ----------
+        most : int, optional
+            Samples of each experiment; all where it is left out.
+
+        Returns
+        -------
+        tuple of (n_samples, n_outputs) arrays
+        """
         found = []
         for e, experiment in enumerate(self.problem.experiments):
             layout, bank = self.regressions[e].layout, self.bank
@@ -336,7 +351,7 @@ class Point:
                     rows[i, : layout.order] = self.response.free[e, i, : bank.order]
                 terms = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
                 rows[i, layout.nuisance] = terms
-            found.append(experiment.y[:most] - response_of(experiment, bank, rows, most))
+            found.append(response_of(experiment, bank, rows, most))
         return tuple(found)
 
     def sensitivities(self, combinations: Array, output: int) -> tuple[Array, ...]:

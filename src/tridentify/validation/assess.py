@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from tridentify.causes.explain import Explanation
 from tridentify.causes.first_samples import beginning
 from tridentify.causes.intersample import is_staircase
 from tridentify.errors import OptionError, SampleTypeError, TridentifyError
@@ -32,7 +33,14 @@ from tridentify.validation.evidence import (
     suspicious,
     without_outliers,
 )
-from tridentify.validation.explained import change, explanations, same_records, settled
+from tridentify.validation.explained import (
+    change,
+    explanations,
+    same_records,
+    settled,
+    still_far,
+    told_alone,
+)
 from tridentify.validation.result import (
     Check,
     CrossCorrelation,
@@ -195,14 +203,17 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
     outputs, n_inputs = range(len(view.outputs)), view.records[0].n_inputs
     rate = (1.0 - level) * OUTLIERS / len(outputs)
     evidence = [_examined(view, i, estimate, n_lags, rate) for i in outputs]
-    explained, moved_by = None, ""
+    explained, moved_by, whole = None, "", view
     if any(len(one.normality.outliers) for one in evidence):
         view, evidence, moved_by = _without_bad_samples(view, evidence, estimate, n_lags, rate)
-    if any(_called(one) for one in evidence):
+    hinted = view.own and any(suspicious(view, i, estimate) for i in outputs)
+    if hinted or any(_called(one) for one in evidence):
         explained = explanations(view, estimate, [one.noise for one in evidence])
     named = explained.named if explained is not None else None
     again: list[Evidence | None] = [None for _ in outputs]
     if named is not None and same_records(named):
+        if told_alone(named):
+            evidence = [_beside(named, whole, i, one) for i, one in enumerate(evidence)]
         other = refitted(view, named.attempts[0].point)
         again = [
             _examined(other, i, estimate, n_lags, rate) if _called(evidence[i]) else None
@@ -247,6 +258,12 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         tuple(tests),
         (found, in_words(found, view, transfer, fit.tolist()), _notes(view, evidence)),
     )
+
+
+def _beside(named: Explanation, view: View, i: int, one: Evidence) -> Evidence:
+    """Without the bad samples that the cause explains: those beyond a limit are none."""
+    rows = still_far(named, view, i, one.normality.outliers)
+    return replace(one, normality=replace(one.normality, outliers=rows))
 
 
 def _without_bad_samples(
@@ -301,7 +318,7 @@ def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
 
 def _called(one: Evidence) -> bool:
     """Whether something but noise may be left in a residual."""
-    return min(one.past, one.level, one.later, one.squares) < CALLED
+    return min(one.past, one.level, one.later, one.linear) < CALLED
 
 
 def _examined(view: View, index: int, estimate: Estimate, n_lags: int, rate: float) -> Evidence:

@@ -1,4 +1,4 @@
-"""What a residual is searched for: inputs past and coming, drifts, squares, later changes.
+"""What a residual is searched for: inputs past and coming, drifts, later changes.
 
 All are columns beside the residual, experiment by experiment, not whitened. What the input was
 before the record is unknown and taken for its first value: a column need not be the truth to be
@@ -13,8 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
-from tridentify.estimate import Estimate
-from tridentify.simulate import simulate
 from tridentify.validation.view import Output, View
 
 Array = NDArray[np.float64]
@@ -112,24 +110,6 @@ def waves(view: View) -> tuple[Array, ...]:
         own = np.zeros((record.n_samples, many * count))
         own[:, e * count : (e + 1) * count] = np.cos(np.outer(phase, np.arange(count)))
         found.append(own)
-    return tuple(found)
-
-
-def squares(view: View, output: int, estimate: Estimate) -> tuple[Array, ...]:
-    """The square of the fitted output, and the response to the square of each input.
-
-    The first is Ramsey's test of a wrong functional form (J. Royal Statistical Society B 31, 1969,
-    350-371), the others stand for an actuator that is not linear.
-    """
-    found = []
-    for e, record in enumerate(view.records):
-        y = np.nan_to_num(view.outputs[output].fitted[e])
-        columns = [(y - y.mean()) ** 2]
-        for j in range(record.n_inputs):
-            u = np.zeros_like(record.u)
-            u[:, j] = (record.u[:, j] - record.u[0, j]) ** 2
-            columns.append(simulate(estimate.model, record._on_its_times(u))[:, output])
-        found.append(np.stack(columns, axis=1))
     return tuple(found)
 
 

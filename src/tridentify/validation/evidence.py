@@ -14,7 +14,7 @@ model.
 *Confusion.* A drift may look like a late response to a step, and missing dynamics like a change of
 the coefficients. Where both drift and past inputs are called for, each is tested again beside the
 other. Later tests are made beside whatever was found before: feedback beside past inputs, changed
-coefficients and squares beside both. And where a cause was found (`tridentify.causes`), all but
+coefficients and bends beside both. And where a cause was found (`tridentify.causes`), all but
 the past inputs is tested on what that leaves.
 """
 
@@ -40,7 +40,7 @@ from tridentify.numerics.portmanteau import (
     spread_of_statistics,
 )
 from tridentify.numerics.robust import median_scale
-from tridentify.validation import columns
+from tridentify.validation import bends, columns
 from tridentify.validation.distribution import distribution
 from tridentify.validation.result import Normality
 from tridentify.validation.view import Output, View
@@ -52,7 +52,7 @@ ROUNDS = 2
 WORTH_CHECKING = 0.02
 LONG = 20_000
 CALLED = 0.001
-SUSPICIOUS = 0.005
+SUSPICIOUS = 0.01
 """p-value of a score test from which an estimate is looked at more closely."""
 LEAST_FEEDBACK = 0.02
 """Share of the residual that samples of the input to come must explain to be called feedback."""
@@ -75,7 +75,7 @@ class Evidence:
         p-value of what is left after past inputs and drifts being white.
     noise : (p,) array
         The model of the noise that the other tests use.
-    past, level, feedback, later, squares, scale : float
+    past, level, feedback, later, linear, scale : float
         p-values.
     by_input : tuple of float
         p-values of the past of each input beside that of the others.
@@ -96,7 +96,7 @@ class Evidence:
     level: float
     feedback: float
     later: float
-    squares: float
+    linear: float
     scale: float
     by_input: tuple[float, ...]
     lags: tuple[int, ...]
@@ -151,7 +151,7 @@ def examine(view: View, index: int, estimate: Estimate, n_lags: int, rate: float
         p.level,
         p.feedback,
         p.later,
-        p.squares,
+        p.linear,
         scale,
         p.by_input,
         found.lags,
@@ -163,18 +163,18 @@ def examine(view: View, index: int, estimate: Estimate, n_lags: int, rate: float
 
 
 def suspicious(view: View, index: int, estimate: Estimate) -> bool:
-    """Whether a look at one output's residual calls for all tests.
+    """Whether a look at one output's residual calls for all tests and other explanations.
 
     The score tests alone, under the noise model of the estimate and without what makes their
-    p-values exact: a right model is called for in some of a hundred records, and the tests that
-    follow then decide.
+    p-values exact: one in twenty right records is called for, and what follows then decides.
     """
     output = view.outputs[index]
     pairs = zip(output.coefficients, output.nuisance, strict=True)
     fitted = tuple(np.hstack(pair) for pair in pairs)
     found = _Columns.of(view, index, estimate)
     e, basis = _white(output, output.noise, fitted)
-    for extra in (found.past, found.wave, found.later, found.squares, found.coming):
+    kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
+    for extra in kinds:
         columns_ = span(output.white(extra, output.noise), basis)
         if added(e, basis, columns_, output.count).p_value < SUSPICIOUS:
             return True
@@ -190,7 +190,8 @@ class _Columns:
     coming: tuple[Array, ...]
     wave: tuple[Array, ...]
     later: tuple[Array, ...]
-    squares: tuple[Array, ...]
+    late: tuple[tuple[Array, ...], ...]
+    bends: tuple[tuple[Array, ...], ...]
 
     @classmethod
     def of(cls, view: View, index: int, estimate: Estimate) -> _Columns:
@@ -204,7 +205,8 @@ class _Columns:
             columns.responses(view, inputs, few, coming=True),
             columns.waves(view),
             columns.later(view, output),
-            columns.squares(view, index, estimate),
+            tuple(bends.late(view, index, estimate)),
+            tuple(bends.bends(view, index, estimate)),
         )
 
 
@@ -215,7 +217,7 @@ class _Tested(NamedTuple):
     level: float
     feedback: float
     later: float
-    squares: float
+    linear: float
     by_input: tuple[float, ...]
 
 
@@ -228,6 +230,11 @@ def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: A
     p_past = _past(past, basis, e, n_lags, n)
     level = added(e, basis, span(wave, basis), n).p_value
     p_past = _checked(output, fitted, found.past, noise, p_past)
+    p_late = []
+    for one in found.late:
+        p = added(e, basis, span(output.white(one, noise), basis), n).p_value
+        p_late.append(_checked(output, fitted, one, noise, p))
+    p_past = min(1.0, (1 + len(p_late)) * min(p_past, *p_late))
     level = _checked(output, fitted, found.wave, noise, level)
     if p_past < CALLED and level < CALLED:
         p_past, level = _told_apart(past, wave, (basis, e), n_lags, n, p_past)
@@ -251,7 +258,7 @@ def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: A
         level,
         p_value(found.coming, wide, LEAST_FEEDBACK),
         p_value(found.later, beside),
-        p_value(found.squares, wide),
+        min(1.0, len(found.bends) * min(p_value(one, wide) for one in found.bends)),
         by_input,
     )
 
@@ -313,7 +320,7 @@ def _beside(
 
 
 def without_outliers(view: View, index: int, found: Evidence) -> View:
-    """The same view with the outliers of one output missing, for tests that squares would spoil."""
+    """The same view with the outliers of one output missing, for tests that they would spoil."""
     output = view.outputs[index]
     residual = [np.array(one) for one in output.residual]
     for e, t, _ in found.normality.outliers:

@@ -22,6 +22,7 @@ Array = NDArray[np.float64]
 HEADLINES = {
     "intersample": "between its samples the input is not what it is taken for",
     "delay": "a delay is missing",
+    "saturation": "a sensor or an actuator is at its limit",
     "nonlinear": "the system is not linear over this range",
     "varying": "the system changes during the record",
     "disagreeing-experiments": "the experiments are not of one system",
@@ -29,6 +30,14 @@ HEADLINES = {
     "order-low": "the order is too low",
 }
 """Code of a cause that can be fitted -> what it is called."""
+
+ALONE = 12.0
+"""Fall of AICc from which a cause that was fitted is told although no test rejects: each test is
+one of many, and shares their level. Causes fitted to 180 right records lowered it by at most 11;
+more poles, which choose their frequency, by 19, so that these need a test."""
+
+MOSTLY = 0.5
+"""Share of a bad sample's residual that a cause leaves, below which it explains that sample."""
 
 HARDLY = 1.0
 """Movement of a coefficient [standard errors] below which it may stay as it is."""
@@ -149,6 +158,38 @@ def _effect(found: Explanation, base: Attempt, estimate: Estimate) -> str:
 def _percent(share: float) -> str:
     percent = 100.0 * max(share, 0.0)
     return f"{percent:.1f} %" if 0.05 < percent < 10 or percent > 99 else f"{percent:.0f} %"
+
+
+def told_alone(found: Explanation) -> bool:
+    """Whether a cause explains so much that no test of the residual has to reject."""
+    return found.rival.code != "order-low" and found.gain > ALONE
+
+
+def still_far(found: Explanation, view: View, output: int, rows: Array) -> Array:
+    """Bad samples that stay bad beside a cause.
+
+    Parameters
+    ----------
+    found : Explanation
+    view : View
+        With the samples.
+    output : int
+    rows : (k, 3) array
+        Experiment, time and size of each.
+    """
+    if not same_records(found):
+        return rows
+    (end,), limits = found.attempts, found.rival.limits
+    kept = []
+    for e, t, _ in rows:
+        k = int(np.argmin(np.abs(view.records[int(e)].t - t)))
+        there = float(end.point.outputs()[int(e)][k, output])
+        if limits is not None and limits.output == output:
+            there = float(np.clip(there, limits.low, limits.high))
+        seen = view.outputs[output]
+        left = abs(float(seen.y[int(e)][k]) - there)
+        kept.append(not left < MOSTLY * abs(float(seen.residual[int(e)][k])))
+    return np.asarray(rows[kept])
 
 
 def same_records(found: Explanation) -> bool:

@@ -11,7 +11,7 @@ from tridentify.causes.explain import Explanation, Explanations
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding, Severity, ranked
 from tridentify.validation.evidence import CALLED, Evidence
-from tridentify.validation.explained import finding_of
+from tridentify.validation.explained import finding_of, told_alone
 from tridentify.validation.result import Check, CrossCorrelation, Transfer
 from tridentify.validation.view import View
 
@@ -31,7 +31,7 @@ def family(
             ("level", one.level),
             ("scale", one.scale),
             ("coefficients constant", one.later),
-            ("linear", one.squares),
+            ("linear", one.linear),
             ("Gaussian", one.normality.p_value),
         )
         found += [Check(what, name, p, False) for what, p in rows]
@@ -68,9 +68,22 @@ class Beside(NamedTuple):
         """The cause that explains most."""
         return None if self.explained is None else self.explained.named
 
+    @property
+    def alone(self) -> Explanation | None:
+        """That cause where it explains so much that no test of the residual has to reject."""
+        return self.named if self.named is not None and told_alone(self.named) else None
+
 
 CALLING = ("past inputs", "level", "coefficients constant", "linear")
 """Tests that a cause may explain."""
+
+SAID_BY = {
+    "level": ("drift",),
+    "coefficients constant": ("varying", "disagreeing-experiments"),
+    "linear": ("nonlinear", "saturation"),
+}
+"""Test -> causes that say what it says: the model that is fitted beside a cause is a rough one, and
+may leave some of it."""
 
 
 def findings(
@@ -106,7 +119,7 @@ def findings(
         left = dict(rejected)
         if calling and beside.named is not None:
             concerned.append((name, _where(one, own, calling)))
-            left = _left(rejected, name, beside.again[i])
+            left = _left(rejected, name, beside.again[i], beside.named.rival.code)
         elif ("past inputs", name) in rejected:
             found.append(_unexplained(one, own, beside))
         found += _about_one(view, one, name, left, own, beside.without_bad)
@@ -115,26 +128,31 @@ def findings(
         where = _sentence(concerned[0][1])[:-1]
         base, estimate = beside.explained.present, beside.estimate
         found.append(finding_of(beside.named, base, estimate, names, where))
+    elif beside.alone is not None and beside.explained is not None:
+        where = f"AICc falls by {beside.alone.gain:.3g} where one more cause is fitted"
+        base, estimate = beside.explained.present, beside.estimate
+        found.append(finding_of(beside.alone, base, estimate, (), where))
     if transfer is not None:
         found += _carried(view, transfer, rejected)
     return ranked(found)
 
 
 def _left(
-    rejected: dict[tuple[str, str], float], name: str, again: Evidence | None
+    rejected: dict[tuple[str, str], float], name: str, again: Evidence | None, named: str
 ) -> dict[tuple[str, str], float]:
-    """What is still rejected beside a cause that was fitted along."""
+    """What is still rejected beside a cause that was fitted along, and is not that cause."""
     quiet = set(CALLING) | {"white"}
     if again is not None and again.past >= CALLED:
         still = {
             "level": again.level,
             "coefficients constant": again.later,
-            "linear": again.squares,
+            "linear": again.linear,
             "white": again.coloured,
             "feedback": again.feedback,
             "scale": again.scale,
         }
         quiet = {"past inputs"} | {test for test, p in still.items() if not p < CALLED}
+        quiet |= {test for test, codes in SAID_BY.items() if named in codes}
     return {key: p for key, p in rejected.items() if key[1] != name or key[0] not in quiet}
 
 
@@ -150,7 +168,7 @@ def _where(one: Evidence, pictures: Sequence[CrossCorrelation], calling: Sequenc
     said = {
         "level": f"the level of the residual of {name} moves slowly over the record",
         "coefficients constant": f"the coefficients behind {name} do not hold over the record",
-        "linear": f"the residual of {name} follows squares of the input or of the output",
+        "linear": f"the residual of {name} follows powers or a limit of the input or of the output",
     }
     return said[calling[0]]
 
@@ -290,8 +308,8 @@ def _about_one(
     add(
         "nonlinear",
         "linear",
-        f"the residual of {name} follows the square of the input or of the output: the system is "
-        "not linear over this range",
+        f"the residual of {name} follows powers or a limit of the input or of the output: the "
+        "system is not linear over this range",
         "use smaller amplitudes, or identify each operating point on its own",
     )
     add(
