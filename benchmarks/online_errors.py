@@ -247,7 +247,7 @@ def bias_table(data: dict[str, Any]) -> list[str]:
 
 
 # -------------------------------------------------------------------------------------- changes
-LONG, SETTLING, LISTENING, CHANGE_DRAWS = 50_000, 4000, 4000, 3
+LONG, SETTLING, LISTENING, CHANGE_DRAWS = 20_000, 3000, 3000, 1
 STEPS = (("a0", 1.5), ("a0", 1.2), ("b0", 1.5))
 
 
@@ -268,6 +268,8 @@ def watchers() -> dict[str, Any]:
     return {
         "ThreeModel": online.ThreeModel(),
         "RecursiveLeastSquares": online.RecursiveLeastSquares(),
+        "Kalman": online.Kalman(drift=0.001),
+        "Gradient": online.Gradient(),
     }
 
 
@@ -286,7 +288,7 @@ def _noisy(plants: tuple[Plant, Plant], cell: Any, draw: int, count: int, change
 
 def changes(quick: bool) -> dict[str, Any]:
     """False alarms on stationary samples, and delays after a step of one coefficient."""
-    long, draws = (20_000, 2) if quick else (LONG, CHANGE_DRAWS)
+    long, draws = (6000, 1) if quick else (LONG, CHANGE_DRAWS)
     rows = {}
     for cell in change_cells():
         plant, name = cell[0], cell[-1]
