@@ -247,6 +247,18 @@ def test_samples_and_blocks_are_the_same_stream_through_a_suspicion(key):
 
 
 # ------------------------------------------------------------------------------ coloured noise
+@pytest.mark.parametrize("key", ["least squares", "kalman"])
+def test_the_bias_of_an_equation_error_in_coloured_noise_is_told(key):
+    u, y = samples(14, 4000, noise=0.02)
+    plain = METHODS[key].estimate(fed(METHODS[key], u, y))
+    assert not [one for one in plain.findings if one.matters]
+    u, y = samples(14, 4000, noise=0.01, colour=0.2)
+    found = METHODS[key].estimate(fed(METHODS[key], u, y))
+    assert "noise-model" in [one.code for one in found.findings if one.matters]
+    # it is far beyond the errors for white noise
+    assert abs(found.parameters["a0"].value - 9.0) > 0.3
+
+
 def test_kalman_errors_are_widened_in_coloured_noise_and_told():
     method = online.Kalman(drift=1e-5)
     u, y = samples(13, 4000, noise=0.05)

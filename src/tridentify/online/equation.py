@@ -10,7 +10,7 @@ sorted by degree). One row a sample and output enters a triangle or a Kalman fil
 *What it is for.* It needs no model to start from and takes few operations a sample. The noise of
 ``y`` stands in its regressors: it is biased, the more so the more noise there is (paper, eq.
 6-9), and the standard errors, which allow for an equation error that is not white
-(`online.scatter`), say nothing of that.
+(`online.scatter`), say nothing of that; a caution does where that error follows its own past.
 `online.ThreeModel` is the answer; this is the yardstick, and the choice where noise is small or
 the processor smaller.
 
@@ -57,7 +57,7 @@ from tridentify.online.blueprint import (
     watch_of,
 )
 from tridentify.online.equation_plan import maps_of
-from tridentify.online.findings import noise_finding, with_findings
+from tridentify.online.findings import bias_finding, with_findings
 from tridentify.online.kernels import slots
 from tridentify.online.result import assembled
 from tridentify.online.scatter import widened, with_scatter
@@ -282,7 +282,7 @@ class EquationError(Suspecting):
             setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name,
             None if filtering else float(np.linalg.cond(root[-k:])),
         )  # fmt: skip
-        return with_findings(state, replace(found, findings=noise_finding(white, cov)))
+        return with_findings(state, replace(found, findings=bias_finding(white, cov)))
 
 
 def block_of_equation() -> Callable[..., int]:
