@@ -4,7 +4,8 @@ What `online.witness` says is done here beside the stream: samples are kept sinc
 look at them takes a slice a sample (`online.task`), and the method goes on meanwhile as if there
 had been no alarm, its own clock included. If the plant has changed the method begins anew on the
 samples since, or, with ``on_change="flag"``, the flag is raised and no more. If after three looks
-at ever more samples it has not, the suspicion is dropped and the next alarm must be stronger.
+at ever more samples it has not, the suspicion is dropped and the next alarm must be stronger. While
+there are too few first samples to make a witness of, an alarm is passed over.
 """
 
 from __future__ import annotations
@@ -70,7 +71,9 @@ class Suspecting(Estimator):
         """Suspect a change: keep the samples from here on."""
         x, stage = state
         calm(x, stage)
-        if x[slots.SUSPECT] or stage.searching:
+        # the first samples have to make a witness that can be relied on
+        early = x[slots.SINCE] < DOUBTED * first_try(stage.setting)
+        if x[slots.SUSPECT] or stage.searching or early:
             return state
         here = x[slots.COUNT]
         present, witness = self._answer(state), self._witness(stage)
