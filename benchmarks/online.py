@@ -4,7 +4,7 @@
     python benchmarks/online.py --parts tracking,bias
 
 Parts that are not asked for keep the figures of the last time. What each part does stands in
-`online_time.py` and `online_errors.py`, the plants that change in `changing.py`.
+`online_time.py`, `online_errors.py` and `online_gusts.py`, the plants that change in `changing.py`.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ for _name in LIMITS:
     os.environ.setdefault(_name, "1")
 
 import online_errors as errors  # noqa: E402
+import online_gusts as gusts  # noqa: E402
 import online_time as times  # noqa: E402
 from machine import HERE, keep  # noqa: E402
 
@@ -31,6 +32,8 @@ RUN: dict[str, Callable[[bool], dict[str, Any]]] = {
     "tracking": errors.tracking,
     "bias": errors.bias,
     "changes": errors.changes,
+    "gusts": gusts.gusts,
+    "recorded": gusts.recorded,
 }
 
 
@@ -44,6 +47,8 @@ def text(data: dict[str, Any]) -> str:
         "tracking": errors.tracking_table,
         "bias": errors.bias_table,
         "changes": errors.changes_table,
+        "gusts": gusts.gusts_table,
+        "recorded": gusts.recorded_table,
     }
     return "\n\n".join("\n".join(table(data[k])) for k, table in tables.items() if k in data)
 
@@ -64,13 +69,14 @@ def main() -> None:
         return
     file = HERE / "results" / "online.json"
     data: dict[str, Any] = {}
-    if given.save and file.exists():
-        data = json.loads(file.read_text())["data"]
     for part in given.parts.split(","):
         if part not in RUN:
             raise SystemExit(f"found part {part!r}; expected some of {', '.join(RUN)}")
         print(f"{part}", file=sys.stderr, flush=True)
         data[part] = RUN[part](given.quick)
+    if given.save and file.exists():
+        # several processes may each do a part
+        data = {**json.loads(file.read_text())["data"], **data}
     report = text(data)
     print("\n" + report)
     if given.save:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import zlib
+from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -247,7 +248,7 @@ def bias_table(data: dict[str, Any]) -> list[str]:
 
 
 # -------------------------------------------------------------------------------------- changes
-LONG, SETTLING, LISTENING, CHANGE_DRAWS = 50_000, 4000, 4000, 3
+LONG, SETTLING, LISTENING, CHANGE_DRAWS, WORKERS = 10_000, 3000, 3000, 1, 2
 STEPS = (("a0", 1.5), ("a0", 1.2), ("b0", 1.5))
 
 
@@ -268,6 +269,8 @@ def watchers() -> dict[str, Any]:
     return {
         "ThreeModel": online.ThreeModel(),
         "RecursiveLeastSquares": online.RecursiveLeastSquares(),
+        "Kalman": online.Kalman(drift=0.001),
+        "Gradient": online.Gradient(),
     }
 
 
@@ -286,29 +289,35 @@ def _noisy(plants: tuple[Plant, Plant], cell: Any, draw: int, count: int, change
 
 def changes(quick: bool) -> dict[str, Any]:
     """False alarms on stationary samples, and delays after a step of one coefficient."""
-    long, draws = (20_000, 2) if quick else (LONG, CHANGE_DRAWS)
-    rows = {}
-    for cell in change_cells():
-        plant, name = cell[0], cell[-1]
-        still = _noisy((plant, plant), cell, 0, long, long)
-        row: dict[str, Any] = {}
-        for method_name, method in watchers().items():
-            state = online.run(method, still, structure(plant), every=long * cell[1]).state
-            found: dict[str, Any] = {"false": len(state.changes), "steps": {}}
-            for which, factor in STEPS:
-                other = scaled(plant, which, factor)
-                delays, early = [], 0
-                for draw in range(1, draws + 1):
-                    moved = _noisy((plant, other), cell, draw, SETTLING + LISTENING, SETTLING)
-                    state = online.run(method, moved, structure(plant), every=1e9).state
-                    after = [at - SETTLING for at in state.changes if at >= SETTLING]
-                    early += sum(at < SETTLING for at in state.changes)
-                    delays.append(after[0] if after else None)
-                found["steps"][f"{which} x {factor:g}"] = {"delays": delays, "early": early}
-            row[method_name] = found
-        rows[name] = row
-        print(f"changes: {name}", file=sys.stderr, flush=True)
+    long, draws = (6000, 1) if quick else (LONG, CHANGE_DRAWS)
+    count = len(change_cells())
+    with ProcessPoolExecutor(WORKERS) as pool:
+        rows = dict(pool.map(_changes_of, range(count), [long] * count, [draws] * count))
     return {"long": long, "draws": draws, "rows": rows}
+
+
+def _changes_of(place: int, long: int, draws: int) -> tuple[str, dict[str, Any]]:
+    """Name of a cell, and what all methods tell of it."""
+    cell = change_cells()[place]
+    plant, name = cell[0], cell[-1]
+    still = _noisy((plant, plant), cell, 0, long, long)
+    row: dict[str, Any] = {}
+    for method_name, method in watchers().items():
+        state = online.run(method, still, structure(plant), every=long * cell[1]).state
+        found: dict[str, Any] = {"false": len(state.changes), "steps": {}}
+        for which, factor in STEPS:
+            other = scaled(plant, which, factor)
+            delays, early = [], 0
+            for draw in range(1, draws + 1):
+                moved = _noisy((plant, other), cell, draw, SETTLING + LISTENING, SETTLING)
+                state = online.run(method, moved, structure(plant), every=1e9).state
+                after = [at - SETTLING for at in state.changes if at >= SETTLING]
+                early += sum(at < SETTLING for at in state.changes)
+                delays.append(after[0] if after else None)
+            found["steps"][f"{which} x {factor:g}"] = {"delays": delays, "early": early}
+        row[method_name] = found
+    print(f"changes: {name}", file=sys.stderr, flush=True)
+    return name, row
 
 
 def changes_table(data: dict[str, Any]) -> list[str]:

@@ -294,9 +294,7 @@ def test_a_huge_rate_does_not_blow_up(rate):
     state, innovations, _ = walked(method, u, y)
     late = innovations[500:, 0]
     assert np.all(np.isfinite(late))
-    # weights that run away are noticed and begun anew
-    assert np.mean(np.abs(late) > 10.0 * np.std(y)) < 0.01
-    assert np.abs(late[-500:]).max() < 10.0 * np.std(y)
+    assert np.abs(late).max() < 10.0 * np.std(y)
     assert np.all(np.isfinite(state.values[state.stage.blueprint.ints[kernel.X_FITS] :]))
 
 

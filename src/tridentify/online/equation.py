@@ -10,7 +10,7 @@ sorted by degree). One row a sample and output enters a triangle or a Kalman fil
 *What it is for.* It needs no model to start from and takes few operations a sample. The noise of
 ``y`` stands in its regressors: it is biased, the more so the more noise there is (paper, eq.
 6-9), and the standard errors, which allow for an equation error that is not white
-(`online.scatter`; the Kalman filter's do not), say nothing of that.
+(`online.scatter`), say nothing of that; a caution does where that error follows its own past.
 `online.ThreeModel` is the answer; this is the yardstick, and the choice where noise is small or
 the processor smaller.
 
@@ -33,6 +33,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache, partial
 from typing import ClassVar
 
@@ -56,12 +57,11 @@ from tridentify.online.blueprint import (
     watch_of,
 )
 from tridentify.online.equation_plan import maps_of
-from tridentify.online.findings import with_findings
+from tridentify.online.findings import bias_finding, with_findings
 from tridentify.online.kernels import slots
 from tridentify.online.result import assembled
-from tridentify.online.scatter import forget_scatter, with_scatter
+from tridentify.online.scatter import widened, with_scatter
 from tridentify.online.seam import (
-    Estimator,
     Kernels,
     check_owner,
     check_state,
@@ -69,6 +69,7 @@ from tridentify.online.seam import (
     not_ready,
 )
 from tridentify.online.search import (
+    Found,
     clean_search,
     first_try,
     poles_of_start,
@@ -85,22 +86,18 @@ from tridentify.online.starting import (
     without,
 )
 from tridentify.online.state import Stage, State
+from tridentify.online.suspecting import MOST_KEPT, Suspecting
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 
-MOST_KEPT = 2000
-ALARM_LASTS = 200
-WIDER = 1e4
 
-
-class EquationError(Estimator):
+class EquationError(Suspecting):
     """What recursive least squares and the Kalman filter share."""
 
     filter: tuple[float, ...] | None
     start: TransferFunction | None
-    on_change: str
 
     one_triangle: ClassVar[bool] = True
 
@@ -114,8 +111,9 @@ class EquationError(Estimator):
 
     @abstractmethod
     def plan(
-        self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool, filtering: bool
-    ) -> Blueprint:
+        self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool,
+        filtering: bool, keep: bool,
+    ) -> Blueprint:  # fmt: skip
         """The blueprint with these options."""
 
     def begin(self, setting: Setting) -> State:
@@ -140,7 +138,7 @@ class EquationError(Estimator):
             x = fresh(blueprint)
             x[slots.TICK] = first_try(setting)
             return State(x, Stage(self, setting, blueprint, blueprint.poles))
-        blueprint = self.plan(setting, poles, weights, restarted=False, filtering=False)
+        blueprint = self.plan(setting, poles, weights, restarted=False, filtering=False, keep=True)
         x = fresh(blueprint)
         x[slots.TICK] = self.wait(setting, blueprint)
         return State(x, Stage(self, setting, blueprint, poles, searching=False))
@@ -162,7 +160,7 @@ class EquationError(Estimator):
         weights = np.resize(blueprint.constants[at : at + p], p)
         return self.plan(
             setting, poles, weights, restarted=blueprint.nuisance.free,
-            filtering=bool(ints[slots.FILTERING]),
+            filtering=bool(ints[slots.FILTERING]), keep=bool(ints[slots.CHUNK]),
         )  # fmt: skip
 
     def is_ready(self, state: State) -> bool:
@@ -184,7 +182,7 @@ class EquationError(Estimator):
             c[:, at + q : at + 2 * q] = joined.from_next
         return c
 
-    def tick(self, state: State) -> State:
+    def adapt(self, state: State) -> State:
         """Search for the filter."""
         if not state.stage.searching:
             return state
@@ -200,56 +198,44 @@ class EquationError(Estimator):
             return further
         found, samples = task.result()
         state, full = idle(state), count >= MOST_KEPT
-        stage = state.stage
         if found is None or not (found.certain or full):
             again(x, len(kept), len(kept) - count)
             return shortened(state, kept) if full else state
-        samples = np.vstack([samples, kept[count:]])
-        poles = admissible(setting, found.poles, samples)
+        return self._launched(state, found, np.vstack([samples, kept[count:]]), begun_anew)
+
+    def begun_again(self, state: State, found: Found, samples: Array) -> State:
+        """The estimator that goes on from the samples since a change."""
+        return self._launched(state, found, samples, True)
+
+    def _launched(self, state: State, found: Found, samples: Array, begun_anew: bool) -> State:
+        """Kept samples on the filter that a model gives, or on that of the user."""
+        x, stage = state
+        setting = stage.setting
+        if self.filter is None:
+            poles = admissible(setting, found.poles, samples)
+        else:
+            poles = stage.blueprint.poles
         weights = 1.0 / np.where(found.noise_std > 0, found.noise_std, 1.0)
         weights = weights / weights[0]
-        blueprint = self.plan(setting, poles, weights, restarted=begun_anew, filtering=False)
+        blueprint = self.plan(
+            setting, poles, weights, restarted=begun_anew, filtering=False,
+            keep=len(samples) < MOST_KEPT,
+        )  # fmt: skip
         fed = fresh(blueprint)
         flags = run_kept(self, setting, blueprint, fed, samples)
         cleaned = without(samples, flags, setting.n_inputs)
         if cleaned is not None:
-            fed = fresh(blueprint)
-            run_kept(self, setting, blueprint, fed, cleaned)
+            samples, fed = cleaned, fresh(blueprint)
+            run_kept(self, setting, blueprint, fed, samples)
         take_clocks(x, stage.blueprint, fed, blueprint, len(samples))
         fed[slots.FILLED] = 0.0
         wait = self.wait(setting, blueprint)
         fed[slots.TICK] = max(wait - len(samples), 1.0) + fed[slots.COUNT] if wait else 0.0
-        anew = stage.but(blueprint=blueprint, poles=poles, past=(), searching=False)
+        anew = stage.but(
+            blueprint=blueprint, poles=poles, past=(samples,), searching=False, extra=()
+        )
         calm(fed, anew)
         return State(fed, anew)
-
-    def alarmed(self, state: State) -> State:
-        """Note the change; take the weight off the past if so told."""
-        x, stage = state
-        here = int(x[slots.COUNT])
-        changed = stage.but(changes=(*stage.changes, here - 1))
-        x[slots.ALARM] = here + ALARM_LASTS
-        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
-        calm(x, stage)
-        if self.on_change == "restart":
-            self.loosen(x, stage.blueprint)
-        return State(x, changed)
-
-    def loosen(self, x: Array, blueprint: Blueprint) -> None:
-        """Leave the past the weight of one sample."""
-        ints, n = blueprint.ints, blueprint.n_columns
-        remembered = max(float(x[watch_of(blueprint, 0) + slots.WEIGHT]), 1.0)
-        if ints[slots.FILTERING]:
-            at = int(ints[slots.AT_COVARIANCE])
-            x[at : at + n] *= WIDER
-            return
-        at = int(ints[slots.AT_FACTOR])
-        x[at : at + n] /= remembered
-        forget_scatter(blueprint, x)
-        for i in range(int(ints[slots.OUTPUTS])):
-            w = watch_of(blueprint, i)
-            for slot in (slots.SQUARES, slots.WEIGHT, slots.WEIGHT2, slots.SPREAD):
-                x[w + slot] /= remembered
 
     def estimate(self, state: State) -> Estimate:
         """The coefficients with their standard errors.
@@ -283,18 +269,20 @@ class EquationError(Estimator):
         theta = maps.constant + maps.matrix @ unknowns[-k:]
         cov = root[-k:] @ root[-k:].T
         filtering = bool(blueprint.ints[slots.FILTERING])
-        if not filtering:
-            at = int(blueprint.ints[slots.C_MONIC]) + blueprint.poles.size + 1
-            scales = blueprint.constants[at : at + setting.n_outputs]
-            own = [np.arange(k)] * setting.n_outputs
-            cov = with_scatter(blueprint, x, cov, noise * scales**2, own, np.eye(k))
+        at = int(blueprint.ints[slots.C_MONIC]) + blueprint.poles.size + 1
+        variance = noise * blueprint.constants[at : at + setting.n_outputs] ** 2
+        own, white = [np.arange(k)] * setting.n_outputs, cov
+        if filtering:
+            cov = widened(blueprint, x, cov, variance, own)
+        else:
+            cov = with_scatter(blueprint, x, cov, variance, own, np.eye(k))
         trace = Trace((), (), (f"filter of degree {blueprint.poles.size}",), "recursive")
-        cov = maps.matrix @ cov @ maps.matrix.T
+        white, cov = (maps.matrix @ one @ maps.matrix.T for one in (white, cov))
         found = assembled(
             setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name,
             None if filtering else float(np.linalg.cond(root[-k:])),
         )  # fmt: skip
-        return with_findings(state, found)
+        return with_findings(state, replace(found, findings=bias_finding(white, cov)))
 
 
 def block_of_equation() -> Callable[..., int]:

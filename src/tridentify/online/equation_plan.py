@@ -16,6 +16,7 @@ from tridentify.numerics.realization import (
     numerators,
 )
 from tridentify.online.blueprint import (
+    CHUNK,
     NEGLIGIBLE,
     Blueprint,
     Nuisance,
@@ -90,6 +91,7 @@ def equation_blueprint(
     forgetting: float = 1.0,
     kind: int = EXPONENTIAL,
     filtering: bool = False,
+    keep: bool = False,
 ) -> Blueprint:
     """The plan of an estimator on the equation error.
 
@@ -107,6 +109,8 @@ def equation_blueprint(
         Of forgetting.
     filtering : bool
         Whether the coefficients drift.
+    keep : bool
+        Whether samples are kept.
     """
     m, p, q = setting.n_inputs, setting.n_outputs, poles.size
     wanted = Nuisance.of(setting.structure, restarted)
@@ -124,7 +128,7 @@ def equation_blueprint(
     ints[slots.DIRECTIONS], ints[slots.DIRECTIONS_STRIDE] = coefficients, 0
     ints[slots.BLOCK] = max(20, 4 * coefficients)
     ints[slots.FILTERING], ints[slots.LEARNING] = filtering, LEARNING
-    ints[slots.ALERT] = slots.LEVEL
+    ints[slots.ALERT] = slots.LEVEL_OF_DOUBT
     ints[slots.WALKERS] = coefficients if filtering else 0
     plan = Plan(slots.INBOX + m + p)
     ints[slots.LINE] = max(whole for whole, _ in setting.shifts) + 3
@@ -133,7 +137,8 @@ def equation_blueprint(
     ints[slots.AT_FIRST_INPUT] = plan.take(m)
     ints[slots.AT_LARGEST] = plan.take(2 * (m + p))
     ints[slots.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
-    ints[slots.AT_CHUNK] = plan.take(0)
+    ints[slots.CHUNK] = CHUNK if keep else 0
+    ints[slots.AT_CHUNK] = plan.take(int(ints[slots.CHUNK]) * (m + p + 1))
     judged = coefficients + coefficients * (coefficients + 1) // 2 + slots.SUMS
     ints[slots.WATCH] = slots.SCORES + 2 * coefficients + slots.SCALES * judged
     ints[slots.AT_WATCH] = plan.take(p * int(ints[slots.WATCH]))

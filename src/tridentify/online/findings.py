@@ -16,6 +16,7 @@ from tridentify.online.state import State
 Array = NDArray[np.float64]
 
 WIDER = 1.05  # standard errors that differ by less tell nobody anything
+BIASED = 1.5  # times wider: an equation error that follows its own past
 LOOSE = 0.5  # of a coefficient, its standard error
 
 
@@ -41,9 +42,7 @@ def noise_finding(white: Array, cov: Array) -> tuple[Finding, ...]:
     white, cov : (n, n) arrays
         Covariance for white noise, and as the scatter of the scores shows it.
     """
-    with np.errstate(invalid="ignore", divide="ignore"):
-        ratios = np.sqrt(np.diagonal(cov) / np.diagonal(white))
-    ratio = float(np.nanmax(ratios, initial=1.0))
+    ratio = _widest(white, cov)
     if not ratio > WIDER:
         return ()
     return (
@@ -55,6 +54,35 @@ def noise_finding(white: Array, cov: Array) -> tuple[Finding, ...]:
             "Nothing needs doing; for smaller errors identify the stored record with noise='ar'.",
         ),
     )
+
+
+def bias_finding(white: Array, cov: Array) -> tuple[Finding, ...]:
+    """`noise_finding` for an equation error: where it follows its own past it biases what it gives.
+
+    Parameters
+    ----------
+    white, cov : (n, n) arrays
+        Covariance for white noise, and as the scatter of the scores shows it.
+    """
+    told = noise_finding(white, cov)
+    if not told or not _widest(white, cov) > BIASED:
+        return told
+    return (
+        Finding(
+            "noise-model",
+            "warning",
+            "The equation error is not white: noise biases the coefficients, which the standard "
+            f"errors do not contain, though they are {_widest(white, cov):.1f} times those of "
+            "white noise.",
+            "Use online.ThreeModel(), which noise does not bias.",
+        ),
+    )
+
+
+def _widest(white: Array, cov: Array) -> float:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratios = np.sqrt(np.diagonal(cov) / np.diagonal(white))
+    return float(np.nanmax(ratios, initial=1.0))
 
 
 def _changes(state: State) -> tuple[Finding, ...]:

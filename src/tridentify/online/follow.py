@@ -16,6 +16,7 @@ from tridentify.online.kernels import slots
 from tridentify.online.launch import Launch, Planner, is_certain, launching, noise_std_of
 from tridentify.online.scatter import turn_scatter
 from tridentify.online.search import Found, far_off, searching
+from tridentify.online.starting import rearranged
 from tridentify.online.state import State
 from tridentify.online.steps import (
     Solution,
@@ -23,7 +24,7 @@ from tridentify.online.steps import (
     directions_of,
     solving,
 )
-from tridentify.online.summary import carried, moved
+from tridentify.online.summary import moved
 
 Array = NDArray[np.float64]
 
@@ -127,14 +128,6 @@ def turned(state: State, turn: Turn) -> State:
     elif old.ints[slots.CHUNK] and not turn.blueprint.ints[slots.CHUNK]:
         x, past = rearranged(old, x, turn.blueprint), ()
     return State(x, stage.but(blueprint=turn.blueprint, poles=turn.poles, past=past))
-
-
-def rearranged(old: Blueprint, x: Array, new: Blueprint) -> Array:
-    """The same estimator with, or without, room for samples."""
-    found = carried(old, x, new)
-    begin, to = int(old.ints[slots.AT_WATCH]), int(new.ints[slots.AT_WATCH])
-    found[to:] = x[begin:]
-    return found
 
 
 def _found_better(

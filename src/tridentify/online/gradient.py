@@ -45,11 +45,12 @@ rate should be many samples for each unknown; a rate near one over the sampling 
 but biased, as Step 2 then works on the noise that Step 3 has followed.
 
 *Standard errors* are those of the scatter of ten or more periods (batch means), widened by
-Student's distribution; with fewer they are those of least squares over the samples averaged, for
-white noise. Neither tells of a bias or a lag: what a convergence that is not complete leaves, or
-coefficients that move. The regressors of Step 2 hold what noise the weights of Step 3 carry, and so
-does its equation error: a bias of second order, which shrinks with the rate, and may be as large as
-the standard error where noise is strong.
+Student's distribution; with fewer they are those of least squares over the samples averaged. Where
+the scores say that the noise is coloured, neither is less than their scatter makes that of least
+squares (`online.scatter`). Neither tells of a bias or a lag: what a convergence that is not
+complete leaves, or coefficients that move. The regressors of Step 2 hold what noise the weights of
+Step 3 carry, and so does its equation error: a bias of second order, which shrinks with the rate,
+and may be as large as the standard error where noise is strong.
 
 References
 ----------
@@ -85,9 +86,10 @@ from tridentify.online.blueprint import (
     fresh,
     watch_of,
 )
-from tridentify.online.findings import with_findings
+from tridentify.online.findings import noise_finding, with_findings
 from tridentify.online.gradient_periods import (
     SURE,
+    as_scattered,
     average,
     begin_period,
     coefficients_of,
@@ -121,7 +123,6 @@ from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.result import assembled
 from tridentify.online.seam import (
-    Estimator,
     Kernels,
     check_choice,
     check_owner,
@@ -150,13 +151,12 @@ from tridentify.online.starting import (
 )
 from tridentify.online.state import Stage, State
 from tridentify.online.summary import carried
+from tridentify.online.suspecting import MOST_KEPT, Suspecting
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 
-MOST_KEPT = 2000
-ALARM_LASTS = 200
 WARM_UP = 10
 MOST_PERIODS, FIXED_PERIODS = 16, 8
 SCATTERED = 10
@@ -166,7 +166,7 @@ SETTLING = 2
 
 
 @dataclass(frozen=True)
-class Gradient(Estimator):
+class Gradient(Suspecting):
     """The three models by the gradient rule, one sample at a time.
 
     Parameters
@@ -215,6 +215,7 @@ class Gradient(Estimator):
     orthogonal: bool = True
 
     name: ClassVar[str] = "gradient"
+    own_arrays: ClassVar[int] = 2
 
     @staticmethod
     @cache
@@ -287,7 +288,7 @@ class Gradient(Estimator):
     def _begun(self, basis: Basis, unknowns: Array) -> State:
         """With nothing known of the input."""
         setting = basis.setting
-        blueprint = plan(basis)
+        blueprint = plan(basis, True)
         rate = self.rate or first_rate(basis, 0.0)
         models = outputs_of(basis, unknowns)
         tables = self._tables(basis, models, models, None, np.ones(setting.n_outputs))
@@ -339,12 +340,11 @@ class Gradient(Estimator):
         return constants_for(blueprint, setting, intervals)
 
     # ------------------------------------------------------------------------------- the slow clock
-    def tick(self, state: State) -> State:
+    def adapt(self, state: State) -> State:
         """A slice of the search, or let the model follow Step 2."""
         if state.stage.searching:
             return self._search(state)
-        with one_blas_thread():
-            return self._follow(state)
+        return self._follow(state)
 
     def _search(self, state: State) -> State:
         x, kept = state.values, kept_samples(state)
@@ -363,9 +363,8 @@ class Gradient(Estimator):
         answer, state = task.result(), idle(state)
         if answer is not None:
             found, samples = answer
-            with one_blas_thread():
-                samples = np.vstack([samples, kept[count:]])
-                launched = self.launched(state, found, samples, begun_anew, full)
+            samples = np.vstack([samples, kept[count:]])
+            launched = self.launched(state, found, samples, begun_anew, full)
             if launched is not None:
                 return launched[0]
         again(x, len(kept), len(kept) - count)
@@ -386,6 +385,7 @@ class Gradient(Estimator):
         moments = rows.T @ rows / len(rows)
         noise = found.noise_std
         cov = expected_covariance(basis, models, moments, noise**2, len(rows))[0]
+        cov = matrix @ cov @ matrix.T
         a = slice(0, setting.n_poles)
         near = np.all(np.isfinite(cov)) and np.all(
             np.sqrt(np.diagonal(cov)[a]) < LINEAR * np.abs(theta[a])
@@ -404,7 +404,8 @@ class Gradient(Estimator):
         setting, count = stage.setting, float(len(samples))
         rate = self.rate or first_rate(basis, count)
         assert tables.moments is not None
-        blueprint = replace(tables, rate=rate, ready=places.DOUBTS).written(basis, plan(basis))
+        begun = replace(tables, rate=rate, ready=places.DOUBTS)
+        blueprint = begun.written(basis, plan(basis, len(samples) < MOST_KEPT))
         x = fresh(blueprint)
         refer(old, x, blueprint)
         for i in range(setting.n_outputs):
@@ -420,7 +421,7 @@ class Gradient(Estimator):
         constant, matrix = basis.physical
         first = np.concatenate([[count], constant + matrix @ unknowns])
         found = stage.but(
-            blueprint=blueprint, poles=basis.filter_poles, past=(), searching=False,
+            blueprint=blueprint, poles=basis.filter_poles, past=(samples,), searching=False,
             extra=_extra(first[None, :], rate, 0),
         )  # fmt: skip
         calm(x, found)
@@ -510,7 +511,7 @@ class Gradient(Estimator):
         ready = _readiness(basis, blueprint, batches)
         found = replace(tables, rate=rate, ready=ready).written(basis, blueprint)
         as_expected(blueprint, x)
-        return State(x, stage.but(blueprint=found, extra=_extra(batches, rate, periods)))
+        return State(x, stage.but(blueprint=found, extra=_kept(stage, batches, rate, periods)))
 
     def _moved(
         self, state: State, old: Basis, new: Basis, theta: Array, mean: Array,
@@ -520,7 +521,7 @@ class Gradient(Estimator):
         x, stage = state
         batches, rate, periods = extra
         setting, was = stage.setting, stage.blueprint
-        blueprint = plan(new)
+        blueprint = plan(new, bool(was.ints[slots.CHUNK]))
         found = carried(was, x, blueprint)
         if old.adapted:
             a, b = int(was.ints[slots.AT_WATCH]), int(blueprint.ints[slots.AT_WATCH])
@@ -553,49 +554,15 @@ class Gradient(Estimator):
             stage.but(
                 blueprint=blueprint,
                 poles=new.filter_poles,
-                extra=_extra(batches, rate, periods),
+                extra=_kept(stage, batches, rate, periods),
             ),
         )
 
-    # --------------------------------------------------------------------------------- a change
-    def alarmed(self, state: State) -> State:
-        """Note the change; begin anew if so told."""
-        x, stage = state
-        here = int(x[slots.COUNT])
-        changed = stage.but(changes=(*stage.changes, here - 1))
-        x[slots.ALARM] = here + ALARM_LASTS
-        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
-        calm(x, changed)
-        if self.on_change == "flag":
-            return State(x, changed)
-        if self.fixed or self.start is not None:
-            return self._refreshed(State(x, changed))
-        if not stage.blueprint.poles.size:
-            return State(x, changed)
-        basis = Basis.of(stage.setting, stage.blueprint)
-        blueprint = replace(plan(basis, True), constants=stage.blueprint.constants.copy())
-        blueprint.constants[places.READY] = 0.0
-        blueprint.constants[places.RATE] = self.rate or first_rate(basis, 0.0)
-        anew = fresh(blueprint)
-        head = int(blueprint.ints[slots.AT_CHUNK])
-        a, b = int(stage.blueprint.ints[slots.AT_WATCH]), int(blueprint.ints[slots.AT_WATCH])
-        anew[:head], anew[b:] = x[:head], x[a:]
-        anew[slots.FILLED] = anew[places.SUMMED] = 0.0
-        anew[places.FROM] = np.inf
-        anew[slots.BORN] = x[slots.TIME] + stage.setting.dt
-        anew[slots.TICK] = here + first_try(stage.setting)
-        return State(anew, changed.but(blueprint=blueprint, past=(), searching=True))
-
-    def _refreshed(self, state: State) -> State:
-        """From the present model, at the rate of the beginning."""
-        x, stage = state
-        basis = Basis.of(stage.setting, stage.blueprint)
-        if not stage.blueprint.constants[places.KNOWN]:
-            return state
-        rate = self.rate or first_rate(basis, 0.0)
-        begin_period(x, stage.setting, rate, rested=False)
-        with one_blas_thread():
-            return self._again(State(x, stage), basis, np.zeros((0, 0)), rate, 0)
+    def begun_again(self, state: State, found: Found, samples: Array) -> State:
+        """The estimator that goes on from the samples since a change."""
+        launched = self.launched(state, found, samples, True, True)
+        assert launched is not None
+        return launched[0]
 
     # ------------------------------------------------------------------------------- the estimate
     def estimate(self, state: State) -> Estimate:
@@ -630,23 +597,31 @@ class Gradient(Estimator):
         theta = average(batches)
         try:
             with one_blas_thread():
-                cov, condition = expected_covariance(
-                    basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x),
-                    noise_of(blueprint, x), float(used[:, 0].sum()),
+                noise = noise_of(blueprint, x)
+                inverse, condition = expected_covariance(
+                    basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x), noise,
+                    float(used[:, 0].sum()),
                 )  # fmt: skip
+                coloured = as_scattered(basis, blueprint, x, inverse, noise)
         except np.linalg.LinAlgError as error:
             raise not_ready(count, "do not determine the coefficients") from error
+        matrix = basis.physical[1]
+        white, cov = (matrix @ one @ matrix.T for one in (inverse, coloured))
         if not np.all(np.isfinite(cov)) or not np.all(np.isfinite(theta)):
             raise not_ready(count, "do not determine the coefficients")
+        told = noise_finding(white, cov)
         if len(used) >= SCATTERED:
-            cov = scatter(used)
-        noise = noise_of(blueprint, x)
+            periods = scatter(used)
+            sizes = np.sqrt(np.diagonal(periods))
+            least = np.sqrt(np.diagonal(cov)) / np.where(sizes > 0.0, sizes, np.inf)
+            least = np.maximum(least, 1.0)
+            cov = least[:, None] * periods * least if told else periods
         notes = (f"mean over {len(used)} periods", f"rate {blueprint.constants[places.RATE]:.3g}")
         trace = Trace((), (), notes, "gradient rule")
         found = assembled(
             setting, blueprint, x, theta, cov, noise, Status.SETTLED, trace, self.name, condition
         )
-        return with_findings(state, found)
+        return with_findings(state, replace(found, findings=told))
 
 
 def _searching(
@@ -675,8 +650,13 @@ def _extra(batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
     return (batches.ravel(), np.array([rate, float(periods)]))
 
 
+def _kept(stage: Stage, batches: Array, rate: float, periods: int) -> tuple[Array, ...]:
+    """With what is kept of a suspicion behind them."""
+    return *_extra(batches, rate, periods), *stage.extra[Gradient.own_arrays :]
+
+
 def _read(stage: Stage) -> tuple[Array, float, int]:
-    flat, (rate, periods) = stage.extra
+    flat, (rate, periods) = stage.extra[: Gradient.own_arrays]
     return flat.reshape(-1, len(stage.setting.names) + 1), float(rate), int(periods)
 
 

@@ -13,6 +13,7 @@ from tridentify.online.gradient_plan import Basis, inverse_of, without_constant
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.gradient_slots import MEMORY
+from tridentify.online.scatter import widened
 from tridentify.online.summary import transfer
 from tridentify.transfer_function import TransferFunction
 
@@ -181,7 +182,10 @@ def columns_between(old: Basis, new: Basis) -> Array:
 def expected_covariance(
     basis: Basis, signals: Array, moments: Array, noise: Array, count: float
 ) -> tuple[Array, float]:
-    """Covariance of least squares over so many samples, and the condition of its columns."""
+    """Covariance of least squares over so many samples, and the condition of its columns.
+
+    Of the unknowns of Step 2, for white noise.
+    """
     p, k, offset = basis.setting.n_outputs, basis.unknowns, basis.nuisance.offset
     size = k + p * offset
     noise = np.maximum(noise, 1e-300)
@@ -199,11 +203,40 @@ def expected_covariance(
     scaled = (total * root[:, None] * root)[np.ix_(live, live)]
     values = np.linalg.eigvalsh(scaled) if scaled.size else np.zeros(1)
     if not live[: basis.n_poles].all() or values[0] < DEGENERATE:
-        return np.full((1, 1), np.nan), np.inf
+        return np.full((k, k), np.nan), np.inf
     inverse = np.zeros((k, k))
     inside = np.flatnonzero(live)
     whole = inverse_of(total[np.ix_(live, live)], DEGENERATE)
     own = inside < k
     inverse[np.ix_(inside[own], inside[own])] = whole[np.ix_(own, own)] / count
-    matrix = basis.physical[1]
-    return matrix @ inverse @ matrix.T, float(np.sqrt(values[-1] / values[0]))
+    return inverse, float(np.sqrt(values[-1] / values[0]))
+
+
+def as_scattered(basis: Basis, blueprint: Blueprint, x: Array, cov: Array, noise: Array) -> Array:
+    """The covariance of Step 2's unknowns, widened where the scores say that noise is coloured.
+
+    Parameters
+    ----------
+    basis : Basis
+    blueprint : Blueprint
+    x : array
+    cov : (unknowns, unknowns) array
+        For white noise.
+    noise : (n_outputs,) array
+        Its variance.
+    """
+    n, setting = basis.n_poles, basis.setting
+    listed, own = list(range(n)), []
+    for i, counts in enumerate(basis.counts):
+        places = np.full(setting.n_directions, -1)
+        places[:n] = np.arange(n)
+        places[n : n + sum(counts)] = len(listed) + np.arange(sum(counts))
+        listed += [n + i * basis.own + k for k in range(sum(counts))]
+        own.append(places)
+    white = cov[np.ix_(listed, listed)]
+    seen = widened(blueprint, x, white, noise, own)
+    ratio = np.ones(len(cov))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio[listed] = np.sqrt(np.diagonal(seen) / np.diagonal(white))
+    ratio = np.where(np.isfinite(ratio), ratio, 1.0)
+    return np.asarray(ratio[:, None] * cov * ratio)

@@ -280,7 +280,8 @@ def _check_stage(stage: Beside, values: Array) -> None:
     keeps = bool(ints[slots.CHUNK])
     if stage.searching and not keeps:
         raise ValueError("a search without samples to search")
-    if stage.past and not keeps:
+    suspecting = _on_equation(ints) or _by_gradient(ints)
+    if stage.past and not (keeps or suspecting):
         raise ValueError("samples that are kept by nobody")
     for samples in stage.past:
         _check_samples(samples, setting.n_inputs)
@@ -312,12 +313,15 @@ def _check_extra(stage: Beside, values: Array) -> None:
     if not _by_gradient(ints) and not _on_equation(ints):
         _check_snapshot(stage, values)
         return
-    expected = 2 if _by_gradient(ints) else 0
-    if len(stage.extra) != expected:
-        raise ValueError(f"{len(stage.extra)} further arrays in place of {expected}")
-    if not expected:
+    own = 2 if _by_gradient(ints) else 0
+    expected = [own + 4] if values[slots.SUSPECT] > 0.0 else [own, own + 2]
+    if len(stage.extra) not in expected:
+        raise ValueError(f"{len(stage.extra)} further arrays in place of {expected[0]}")
+    for theta, cov in zip(stage.extra[own::2], stage.extra[own + 1 :: 2], strict=True):
+        _check_witness(theta, cov, len(stage.setting.names))
+    if not own:
         return
-    flat, pair = stage.extra
+    flat, pair = stage.extra[:own]
     if pair.size != 2 or flat.size % (len(stage.setting.names) + 1):
         raise ValueError("periods of another length")
     periods = flat.reshape(-1, len(stage.setting.names) + 1)
@@ -326,6 +330,16 @@ def _check_extra(stage: Beside, values: Array) -> None:
     check_rule(lengths, Rule("a length of a period", 0, lengths.size, 1.0 / HUGE, WHOLE))
     check_rule(pair, Rule("a rate", 0, 1, 1.0 / HUGE))
     check_rule(pair, Rule("a number of periods", 1, 1, 0.0, WHOLE, whole=True))
+
+
+def _check_witness(theta: Array, cov: Array, n: int) -> None:
+    """Coefficients and a covariance, or nothing (`online.suspecting`)."""
+    if theta.size not in (0, n) or cov.size != theta.size**2:
+        raise ValueError(f"{theta.size} coefficients of a witness in place of {n}")
+    check_rule(theta, Rule("a coefficient", 0, theta.size))
+    check_rule(cov, Rule("a covariance", 0, cov.size))
+    variances = np.ascontiguousarray(np.diagonal(cov.reshape(theta.size, theta.size)))
+    check_rule(variances, Rule("a variance", 0, theta.size, 0.0))
 
 
 def _check_snapshot(stage: Beside, values: Array) -> None:
@@ -388,13 +402,13 @@ def _clock_rules(ints: Ints) -> Iterator[Rule]:
     if _by_gradient(ints):
         yield Rule("a count of samples", places.FROM, 1, 0.0, np.inf, whole=True)
         yield Rule("a count of samples", places.MOMENTS, 2, 0.0, WHOLE, whole=True)
-        yield Rule("a number in a place for none", places.FROM - 1, 1, 0.0, 0.0)
     else:
-        at = slots.EXTRA + 1
+        at = slots.OWN_TICK + 1
         yield Rule("a number in a place for none", at, slots.WORK_AT - at, 0.0, 0.0)
+    most = WHOLE if _by_gradient(ints) or _on_equation(ints) else 0.0
+    yield Rule("a tick", slots.OWN_TICK, 1, 0.0, most, whole=True)
+    yield Rule("a tick", slots.DUE, 1, 0.0, most, whole=True)
     yield Rule("a count of work", slots.WORK_AT, 3, 0.0, WHOLE, whole=True)
-    at = slots.SUSPECT + 1
-    yield Rule("a number in a place for none", at, slots.INBOX - at, 0.0, 0.0)
 
 
 def _watch_rules(ints: Ints, w: int, values: Array) -> Iterator[Rule]:

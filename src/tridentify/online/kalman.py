@@ -50,7 +50,8 @@ class Kalman(EquationError):
     start : TransferFunction or Estimate, optional
         Model whose denominator is the filter.
     on_change : {"flag", "restart"}
-        Whether a change of the coefficients is only flagged, or widens their covariance.
+        Whether a change of the coefficients is only flagged, or makes the estimator begin anew on
+        the samples since.
 
     Raises
     ------
@@ -91,11 +92,12 @@ class Kalman(EquationError):
         return hash((drift, self.filter, self.start, self.on_change))
 
     def plan(
-        self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool, filtering: bool
-    ) -> Blueprint:
+        self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool,
+        filtering: bool, keep: bool,
+    ) -> Blueprint:  # fmt: skip
         """The blueprint with these options."""
         return equation_blueprint(
-            setting, poles, restarted=restarted, weights=weights, filtering=filtering
+            setting, poles, restarted=restarted, weights=weights, filtering=filtering, keep=keep
         )
 
     def begin(self, setting: Setting) -> State:
@@ -113,11 +115,11 @@ class Kalman(EquationError):
         """Samples that least squares is given."""
         return float(PER_UNKNOWN * blueprint.n_columns + setting.late)
 
-    def tick(self, state: State) -> State:
+    def adapt(self, state: State) -> State:
         """Search for the filter, then take over from least squares."""
         x, stage = state
         if stage.searching:
-            return super().tick(state)
+            return super().adapt(state)
         old, setting = stage.blueprint, stage.setting
         if old.ints[slots.FILTERING]:
             return state
@@ -127,7 +129,10 @@ class Kalman(EquationError):
             return state
         at = int(old.ints[slots.C_MONIC]) + old.poles.size + 1
         weights = old.constants[at : at + setting.n_outputs]
-        new = self.plan(setting, old.poles, weights, restarted=old.nuisance.free, filtering=True)
+        new = self.plan(
+            setting, old.poles, weights, restarted=old.nuisance.free, filtering=True,
+            keep=bool(old.ints[slots.CHUNK]),
+        )  # fmt: skip
         walk, widths = self._walk(setting, new, unknowns)
         c = new.constants
         at = int(new.ints[slots.C_WALK])

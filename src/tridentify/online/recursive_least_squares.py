@@ -51,8 +51,8 @@ class RecursiveLeastSquares(EquationError):
     start : TransferFunction or Estimate, optional
         Model whose denominator is the filter.
     on_change : {"flag", "restart"}
-        Whether a change of the coefficients is only flagged, or takes the weight off the past. The
-        equation error is not white, so that false alarms are more frequent than with `ThreeModel`.
+        Whether a change of the coefficients is only flagged, or makes the estimator begin anew on
+        the samples since.
 
     Raises
     ------
@@ -87,10 +87,11 @@ class RecursiveLeastSquares(EquationError):
         object.__setattr__(self, "start", checked_start(self.start))
 
     def plan(
-        self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool, filtering: bool
-    ) -> Blueprint:
+        self, setting: Setting, poles: Complex, weights: Array, *, restarted: bool,
+        filtering: bool, keep: bool,
+    ) -> Blueprint:  # fmt: skip
         """The blueprint with these options."""
         return equation_blueprint(
             setting, poles, restarted=restarted, weights=weights, forgetting=self.forgetting,
-            kind=KINDS[self.forget],
+            kind=KINDS[self.forget], keep=keep,
         )  # fmt: skip

@@ -220,6 +220,42 @@ def with_scatter(
         ``cov`` where the scores do not contradict it.
     """
     n = cov.shape[0]
+    scores = _scores_of(blueprint, x, variance, own, n)
+    if scores is None:
+        return cov
+    live, unit, inverse, sums, blocks = scores
+    size = int(live.sum())
+    ratios = np.einsum("ij,lji->l", inverse, sums) / size
+    off = (ratios - 1.0) * np.sqrt(0.5 * size * blocks)
+    last = int(np.flatnonzero(blocks >= FEW)[-1])
+    longest = float(ratios[last]) if off[last] > CLEAR else 1.0
+    many = np.flatnonzero(blocks >= FEWEST)
+    if not np.any((off[many] > CLEAR) | (off[many] < -SURE)):
+        return cov * longest
+    level = int(many[-1])
+    first = np.cumsum(live)[:n] - 1
+    bread = (unit[:, None] * inverse * unit)[np.ix_(first, first)]
+    middle = unit[:, None] * (inverse @ sums[level] @ inverse) * unit
+    left = np.linalg.solve(bread, np.linalg.solve(map_, cov)).T
+    found = left @ middle[np.ix_(first, first)] @ left.T
+    found = found * max(longest / max(float(ratios[level]), 1e-12), 1.0)
+    return np.asarray(0.5 * (found + found.T))
+
+
+class _Scores(NamedTuple):
+    """Of all outputs: which directions were seen, their units, and matrices in these."""
+
+    live: NDArray[np.bool_]
+    unit: Array
+    inverse: Array
+    sums: Array
+    blocks: Array
+
+
+def _scores_of(
+    blueprint: Blueprint, x: Array, variance: Array, own: list[NDArray[np.int64]], n: int
+) -> _Scores | None:
+    """The scatter of all outputs together; None where it does not tell yet."""
     others = n
     places = []
     for one in own:
@@ -233,35 +269,53 @@ def with_scatter(
     for i, place in enumerate(places):
         seen = scatter_of(blueprint, x, i)
         if not (seen.power > 0.0 and variance[i] > 0.0):
-            return cov
+            return None
         at = np.ix_(place, place)
         total[at] += seen.information / variance[i]
         products[:, at[0], at[1]] += seen.products / (seen.power * variance[i])
         blocks = np.minimum(blocks, seen.blocks)
-    enough = np.flatnonzero(blocks >= FEW)
     live = np.diagonal(total) > 0.0
-    if not enough.size or not np.all(live[:n]):
-        return cov
+    if not np.any(blocks >= FEW) or not np.all(live[:n]):
+        return None
     unit = 1.0 / np.sqrt(np.diagonal(total)[live])
     scaled = unit[:, None] * total[np.ix_(live, live)] * unit
     eigenvalues, vectors = np.linalg.eigh(scaled)
     if eigenvalues[0] < 1e-10 * eigenvalues[-1]:
-        return cov
+        return None
     inverse = (vectors / eigenvalues) @ vectors.T
     sums = unit[:, None] * products[:, live][:, :, live] * unit
-    size = int(live.sum())
-    ratios = np.einsum("ij,lji->l", inverse, sums) / size
-    off = (ratios - 1.0) * np.sqrt(0.5 * size * blocks)
-    last = int(enough[-1])
-    longest = float(ratios[last]) if off[last] > CLEAR else 1.0
-    many = np.flatnonzero(blocks >= FEWEST)
-    if not np.any((off[many] > CLEAR) | (off[many] < -SURE)):
-        return cov * longest
-    level = int(many[-1])
-    first = np.cumsum(live)[:n] - 1
-    bread = (unit[:, None] * inverse * unit)[np.ix_(first, first)]
-    middle = unit[:, None] * (inverse @ sums[level] @ inverse) * unit
-    left = np.linalg.solve(bread, np.linalg.solve(map_, cov)).T
-    found = left @ middle[np.ix_(first, first)] @ left.T
-    found = found * max(longest / max(float(ratios[level]), 1e-12), 1.0)
-    return np.asarray(0.5 * (found + found.T))
+    return _Scores(live, unit, inverse, sums, blocks)
+
+
+def widened(
+    blueprint: Blueprint, x: Array, cov: Array, variance: Array, own: list[NDArray[np.int64]]
+) -> Array:
+    """A covariance that is not of all samples, with the standard errors widened as theirs would be.
+
+    Parameters
+    ----------
+    blueprint : Blueprint
+    x : array
+    cov : (n, n) array
+        Of the unknowns that the directions belong to, for white noise.
+    variance : (n_outputs,) array
+        Of the noise.
+    own : list of int arrays, one for each output
+        Coefficient of each of its directions; -1 for one that is no coefficient.
+
+    Returns
+    -------
+    (n, n) array
+        ``cov``, each standard error as many times larger as the scatter of the scores makes that
+        of least squares over all samples; none becomes smaller.
+    """
+    n = cov.shape[0]
+    scores = _scores_of(blueprint, x, variance, own, n)
+    if scores is None:
+        return cov
+    first = np.cumsum(scores.live)[:n] - 1
+    white = scores.unit[:, None] * scores.inverse * scores.unit
+    white = white[np.ix_(first, first)]
+    found = with_scatter(blueprint, x, white, variance, own, np.eye(n))
+    ratio = np.sqrt(np.maximum(np.diagonal(found) / np.diagonal(white), 1.0))
+    return np.asarray(ratio[:, None] * cov * ratio)

@@ -108,6 +108,10 @@ class Estimator(ABC):
     def alarmed(self, state: State) -> State:
         """What is done when the coefficients have moved."""
 
+    def full(self, state: State) -> State:
+        """What is done when more samples have been kept."""
+        return state
+
     @abstractmethod
     def estimate(self, state: State) -> Estimate:
         """The coefficients with their standard errors.
@@ -382,7 +386,7 @@ class Estimator(ABC):
             at = int(ints[slots.AT_CHUNK])
             chunk = x[at : at + int(x[slots.FILLED]) * width].reshape(-1, width).copy()
             x[slots.FILLED] = 0.0
-            state = State(x, stage.but(past=(*stage.past, chunk)))
+            state = self.full(State(x, stage.but(past=(*stage.past, chunk))))
         try:
             if event & slots.ALARMED:
                 state = self.alarmed(state)

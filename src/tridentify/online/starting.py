@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.realization import Complex
-from tridentify.online.blueprint import Blueprint, Setting, watch_of
-from tridentify.online.kernels import slots
+from tridentify.online.blueprint import CHUNK, Blueprint, Setting, watch_of
+from tridentify.online.kernels import gradient_slots, slots
 from tridentify.online.seam import Estimator
 from tridentify.online.search import next_try, record_of
 from tridentify.online.state import Stage, State
@@ -17,6 +19,13 @@ from tridentify.output_error.nuisance import Nuisances, build
 Array = NDArray[np.float64]
 
 SLICES = 1  # of a task, for every sample
+PLACES = (
+    slots.AT_WATCH, slots.AT_ROW, slots.AT_WORK, slots.AT_FACTOR, slots.AT_IMPULSE,
+    slots.AT_INPUTS, slots.AT_OUTPUTS, slots.AT_BEFORE, slots.AT_THETA, slots.AT_GAIN,
+    slots.AT_COVARIANCE, slots.AT_SCATTER, gradient_slots.X_FITS, gradient_slots.X_SECOND,
+    gradient_slots.X_MOMENTS, gradient_slots.X_ROOM,
+)  # fmt: skip
+"""In ``ints``: what may stand in the vector behind the room for samples."""
 
 
 def run_kept(
@@ -62,19 +71,49 @@ def calm(x: Array, stage: Stage) -> None:
     """Forget what led to an alarm."""
     for i in range(stage.setting.n_outputs):
         w = watch_of(stage.blueprint, i)
-        # what is usual of the excitation and of the scores stays
+        # what is usual of the excitation and of the scores stays, and of how many blocks it is
         ints, k = stage.blueprint.ints, int(stage.blueprint.ints[slots.DIRECTIONS])
         end = w + int(ints[slots.WATCH]) - k
         first, each = w + slots.SCORES + k, k + k * (k + 1) // 2 + slots.SUMS
-        means = slice(first + each - slots.SUMS + 1, end, each)
-        usual = x[means].copy()
+        stay = [slice(first + each - slots.SUMS + place, end, each) for place in (1, 3)]
+        usual = [x[one].copy() for one in stay]
         x[w + slots.SCORES : end] = 0.0
-        if not ints[slots.LEARNING]:
-            x[means] = usual
+        for one, value in zip(stay, usual, strict=True):
+            x[one] = value
         x[int(ints[slots.AT_SCATTER] + i * ints[slots.SCATTER]) + slots.UNDER_WAY] = 0.0
         x[w + slots.INSIDE] = 0.0
         x[w + slots.MOVED] = 0.0
         x[w + slots.REFUSED] = 0.0
+
+
+def with_room(blueprint: Blueprint, keep: bool) -> Blueprint:
+    """The same plan with, or without, room for samples."""
+    ints = blueprint.ints.copy()
+    wide = int(ints[slots.INPUTS] + ints[slots.OUTPUTS] + 1)
+    more = (CHUNK if keep else 0) - int(ints[slots.CHUNK])
+    # a place that is not used stands at zero
+    behind = [place for place in PLACES if ints[place] >= ints[slots.AT_CHUNK]]
+    ints[behind] += more * wide
+    ints[slots.CHUNK] += more
+    return replace(blueprint, ints=ints, size=blueprint.size + more * wide)
+
+
+def rearranged(old: Blueprint, x: Array, new: Blueprint) -> Array:
+    """The same estimator with, or without, room for samples.
+
+    Parameters
+    ----------
+    old : Blueprint
+    x : array
+    new : Blueprint
+        The same but for the room.
+    """
+    found = np.zeros(new.size)
+    head = int(old.ints[slots.AT_CHUNK])
+    found[:head] = x[:head]
+    found[int(new.ints[slots.AT_WATCH]) :] = x[int(old.ints[slots.AT_WATCH]) :]
+    found[slots.FILLED] = 0.0
+    return found
 
 
 def shortened(state: State, samples: Array) -> State:

@@ -36,6 +36,7 @@ from tridentify.online.launch import Launch, Planner, launching
 from tridentify.online.residual import Refined, gain_of, left_by, refined
 from tridentify.online.search import VAGUE, Found, far_off, record_of, searching
 from tridentify.online.steps import estimate_of, solving
+from tridentify.record import Record
 
 Array = NDArray[np.float64]
 
@@ -43,6 +44,7 @@ CLEAR = 30.0  # of -2 log L: one in a million for four coefficients, were the no
 AGREEING = 0.6  # of the pieces; of noise alone, half
 RARE = 1e-5
 LARGER = 2.0  # than by the noise model, the covariance of few samples
+TRIED, DOUBTED = 3, 12  # times the samples of a first search: a suspicion is tried, and dropped
 
 
 class Old(NamedTuple):
@@ -102,25 +104,39 @@ def _is_better(setting: Setting, samples: Array, old: Old, found: Found) -> Slic
     """Whether the new coefficients explain the samples clearly better than the old ones."""
     record = record_of(setting, samples)
     new = yield from refined(setting, record, found.estimate.theta, found.estimate.std)
-    if new is None:
+    if new is None or not is_determined(setting, new):
         return False
     yield
+    return explains_better(setting, record, old, new) and differ(old, new)
+
+
+def explains_better(setting: Setting, record: Record, old: Old, new: Refined) -> bool:
+    """Whether a record speaks clearly for the new coefficients, by their likelihoods.
+
+    Parameters
+    ----------
+    setting : Setting
+    record : Record
+    old : Old
+    new : Refined
+        At the minimum for this record.
+    """
     before = left_by(setting, record, old.theta)
-    yield
     after = left_by(setting, record, new.theta)
     gains = np.sum([gain_of(before[:, i], after[:, i]) for i in range(setting.n_outputs)], axis=0)
-    if gains.sum() - gains.max() < CLEAR or np.mean(gains > 0.0) < AGREEING:
-        return False
-    return _differ(setting, old, new)
+    return bool(gains.sum() - gains.max() >= CLEAR and np.mean(gains > 0.0) >= AGREEING)
 
 
-def _differ(setting: Setting, old: Old, new: Refined) -> bool:
-    """Whether the coefficients are others, by both covariances."""
+def is_determined(setting: Setting, new: Refined) -> bool:
+    """Whether coloured noise leaves the poles certain."""
     n = setting.n_poles
-    new_cov = LARGER * new.cov
-    if np.any(np.sqrt(np.diagonal(new_cov)[:n]) > VAGUE * np.abs(new.theta[:n])):
-        return False
-    move, cov = new.theta - old.theta, old.cov + new_cov
+    std = np.sqrt(LARGER * np.diagonal(new.cov)[:n])
+    return bool(np.all(std <= VAGUE * np.abs(new.theta[:n])))
+
+
+def differ(old: Old, new: Refined) -> bool:
+    """Whether the coefficients are others, by both covariances."""
+    move, cov = new.theta - old.theta, old.cov + LARGER * new.cov
     unit = 1.0 / np.sqrt(np.diagonal(cov))
     scaled = np.linalg.lstsq(unit[:, None] * cov * unit, unit * move, rcond=1e-12)[0]
     distance = float(unit * move @ scaled)

@@ -46,7 +46,7 @@ over the memory; for those that move, the lag comes on top.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
 
@@ -67,7 +67,7 @@ from tridentify.online.blueprint import (
     parallel,
 )
 from tridentify.online.findings import with_findings
-from tridentify.online.follow import Turn, following, rearranged, turned
+from tridentify.online.follow import Turn, following, turned
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL
 from tridentify.online.launch import (
@@ -90,10 +90,10 @@ from tridentify.online.seam import (
     not_ready,
 )
 from tridentify.online.search import checked_start, first_try, poles_of_start
-from tridentify.online.starting import advanced, again, calm, idle, shortened
+from tridentify.online.starting import advanced, again, calm, idle, rearranged, shortened, with_room
 from tridentify.online.state import Stage, State
 from tridentify.online.steps import estimate_of, solve_steps
-from tridentify.online.suspicion import trying
+from tridentify.online.suspicion import DOUBTED, TRIED, trying
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 
@@ -105,7 +105,6 @@ QUARTER = 0.25
 SHORTEST_TICK = 50
 LEAST_SAMPLES = 100
 ALARM_LASTS = 200
-TRIED, DOUBTED = 3, 12  # times the samples of a first search: a suspicion is tried, and dropped
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
 
 
@@ -282,9 +281,7 @@ class ThreeModel(Planner):
         here = x[slots.COUNT]
         blueprint, past = stage.blueprint, stage.past
         if not blueprint.ints[slots.CHUNK]:
-            bank = blueprint.poles[: stage.setting.n_poles]
-            room = self.plan(stage.setting, bank, blueprint.nuisance, True)
-            room = replace(blueprint, ints=room.ints, size=room.size)
+            room = with_room(blueprint, True)
             x, blueprint, past = rearranged(blueprint, x, room), room, ()
         x[slots.SUSPECT], x[slots.TICK] = here, here + TRIED * first_try(stage.setting)
         return State(
@@ -318,9 +315,7 @@ class ThreeModel(Planner):
         calm(x, stage)
         blueprint, past = stage.blueprint, stage.past
         if x[slots.SINCE] > len(kept_samples(state)):
-            bank = blueprint.poles[: stage.setting.n_poles]
-            room = self.plan(stage.setting, bank, blueprint.nuisance, False)
-            room = replace(blueprint, ints=room.ints, size=room.size)
+            room = with_room(blueprint, False)
             x, blueprint, past = rearranged(blueprint, x, room), room, ()
         x[slots.TICK] = self.next_tick(x, stage.setting)
         return State(x, stage.but(blueprint=blueprint, past=past, extra=()))

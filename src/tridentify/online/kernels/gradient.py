@@ -198,7 +198,9 @@ def adapt(ints: Ints, c: Array, x: Array, output: int, n: int, first: int, step:
     ready = c[READY] > DOUBTS and taken > 10.0 * n + 30.0 and leverage < WHITE
     known = x[w + SCALE] > 0.0
     scale = noise_scale(x, w)
-    own = scale * np.sqrt(1.0 + leverage) if c[READY] > 0.0 else np.inf
+    # weights that follow every sample have no expectation that a sample could be far from
+    doubts = c[READY] > 0.0 and leverage < WHITE
+    own = scale * np.sqrt(1.0 + leverage) if doubts else np.inf
     if doubt(x, w, y, fitted, leverage, own, n):
         refuse(ints, c, x, w, first, error, ready)
         return float(error)

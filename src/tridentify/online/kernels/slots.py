@@ -8,9 +8,11 @@ from __future__ import annotations
 
 # slots of x
 COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA = range(12)
-# of the work beside the stream (`online.task`): samples that it is about, slices that are done; and
-# the sample since which a change is suspected
+# of the work beside the stream (`online.task`): samples that it is about, slices that are done; the
+# sample since which a change is suspected; and while it is, the ticks of the method itself and of
+# the suspicion, the first of which is that of the estimator (`online.suspecting`)
 WORK_AT, WORK_DONE, SUSPECT = 16, 17, 18
+OWN_TICK, DUE = 12, 19
 INBOX = 20
 
 # places in ints

@@ -1,0 +1,200 @@
+"""Estimators that look into their alarms before they believe them, with a witness.
+
+What `online.witness` says is done here beside the stream: samples are kept since the alarm, the
+look at them takes a slice a sample (`online.task`), and the method goes on meanwhile as if there
+had been no alarm, its own clock included. If the plant has changed the method begins anew on the
+samples since, or, with ``on_change="flag"``, the flag is raised and no more. If after three looks
+at ever more samples it has not, the suspicion is dropped and the next alarm must be stronger. While
+there are too few first samples to make a witness of, an alarm is passed over.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.threads import one_blas_thread
+from tridentify.online.kernels import slots
+from tridentify.online.scatter import wonted
+from tridentify.online.seam import Estimator, NotReadyError, kept_samples
+from tridentify.online.search import Found, first_try
+from tridentify.online.starting import advanced, calm, idle, rearranged, with_room
+from tridentify.online.state import Stage, State
+from tridentify.online.suspicion import DOUBTED, TRIED, Old
+from tridentify.online.task import Task
+from tridentify.online.witness import Verdict, looking
+
+Array = NDArray[np.float64]
+
+MOST_KEPT = 2000  # samples: what a search of bounded slices can take
+ALARM_LASTS = 200  # samples
+
+
+class Suspecting(Estimator):
+    """What recursive least squares, the Kalman filter and the gradient rule do about alarms."""
+
+    on_change: str
+
+    own_arrays: ClassVar[int] = 0
+    """How many arrays of the stage's ``extra`` are the method's own."""
+
+    @abstractmethod
+    def adapt(self, state: State) -> State:
+        """What the method's own clock asks for, the search of the first samples included."""
+
+    @abstractmethod
+    def begun_again(self, state: State, found: Found, samples: Array) -> State:
+        """The estimator that goes on from the samples since a change, without a witness."""
+
+    def tick(self, state: State) -> State:
+        """A slice of the look at a suspicion, or what the method's own clock asks for."""
+        with one_blas_thread():
+            return self._ticked(state)
+
+    def _ticked(self, state: State) -> State:
+        x = state.values
+        if not x[slots.SUSPECT]:
+            return self.adapt(state)
+        if x[slots.OWN_TICK] == x[slots.COUNT]:
+            state = self.adapt(state)
+            x = state.values
+            x[slots.OWN_TICK] = x[slots.TICK] if x[slots.TICK] > x[slots.COUNT] else 0.0
+        if x[slots.DUE] == x[slots.COUNT]:
+            state = self._look(state)
+        _set_tick(state.values)
+        return state
+
+    def alarmed(self, state: State) -> State:
+        """Suspect a change: keep the samples from here on."""
+        x, stage = state
+        calm(x, stage)
+        # the first samples have to make a witness that can be relied on
+        early = x[slots.SINCE] < DOUBTED * first_try(stage.setting)
+        if x[slots.SUSPECT] or stage.searching or early:
+            return state
+        here = x[slots.COUNT]
+        present, witness = self._answer(state), self._witness(stage)
+        blueprint = stage.blueprint
+        if not blueprint.ints[slots.CHUNK]:
+            blueprint = with_room(blueprint, True)
+            x = rearranged(stage.blueprint, x, blueprint)
+        x[slots.OWN_TICK] = x[slots.TICK] if x[slots.TICK] >= here else 0.0
+        x[slots.SUSPECT], x[slots.DUE] = here, here + TRIED * first_try(stage.setting)
+        _set_tick(x)
+        arrays = (*stage.extra[: self.own_arrays], *_packed(present), *_packed(witness))
+        return State(x, stage.but(blueprint=blueprint, extra=arrays, task=None))
+
+    def full(self, state: State) -> State:
+        """No more samples are kept once the witness can be made of those that are."""
+        x, stage = state
+        room = stage.blueprint.poles.size and stage.blueprint.ints[slots.CHUNK]
+        if not room or x[slots.SUSPECT] or stage.searching or len(kept_samples(state)) < MOST_KEPT:
+            return state
+        blueprint = with_room(stage.blueprint, False)
+        x = rearranged(stage.blueprint, x, blueprint)
+        return State(x, stage.but(blueprint=blueprint, past=(kept_samples(state),)))
+
+    # -------------------------------------------------------------------------- the suspicion
+    def _answer(self, state: State) -> Old | None:
+        try:
+            found = self.estimate(state)
+        except NotReadyError:
+            return None
+        return Old(found.theta, found.cov)
+
+    def _witness(self, stage: Stage) -> Old | None:
+        """Where no change is suspected."""
+        arrays = stage.extra[self.own_arrays :]
+        return _unpacked(arrays) if arrays else None
+
+    def _parts(self, state: State) -> tuple[Array, Array]:
+        """The first samples, and those since the alarm."""
+        x, kept = state.values, kept_samples(state)
+        begin = len(kept) - int(x[slots.COUNT] - x[slots.SUSPECT])
+        return kept[:begin], kept[begin:]
+
+    def _look(self, state: State) -> State:
+        """A slice of the look at the samples since the alarm; at its end, what follows."""
+        x, stage = state
+        if not x[slots.WORK_DONE]:
+            x[slots.WORK_AT] = float(len(self._parts(state)[1]))
+        task = stage.task or self._task(state)
+        further = advanced(state, task)
+        if further is not None:
+            further.values[slots.DUE] = x[slots.COUNT] + 1.0
+            return further
+        return self._judged(state, task.result())
+
+    def _task(self, state: State) -> Task:
+        x, stage = state
+        beginning, since = self._parts(state)
+        begun_anew = bool(stage.blueprint.nuisance.free)
+        present, witness = stage.extra[self.own_arrays :][:2], stage.extra[self.own_arrays + 2 :]
+        return Task(
+            looking, stage.setting, beginning, begun_anew, since[: int(x[slots.WORK_AT])],
+            _unpacked(witness), _unpacked(present),
+        )  # fmt: skip
+
+    def _judged(self, state: State, verdict: Verdict) -> State:
+        x, stage = state
+        since, count = self._parts(state)[1], int(x[slots.WORK_AT])
+        state = idle(state)
+        own = stage.extra[: self.own_arrays]
+        if not verdict.changed and count < DOUBTED * first_try(stage.setting):
+            x[slots.DUE] = x[slots.COUNT] + max(2 * count - len(since), 1)
+            arrays = (*own, *stage.extra[self.own_arrays :][:2], *_packed(verdict.witness))
+            return State(x, state.stage.but(extra=arrays))
+        if not verdict.changed:
+            wonted(stage.blueprint, x)
+            return self._dropped(state, verdict.after)
+        changes = (*stage.changes, int(x[slots.SUSPECT]) - 1)
+        state = State(x, state.stage.but(changes=changes))
+        if self.on_change == "flag":
+            state = self._dropped(state, verdict.after)
+        else:
+            assert verdict.found is not None
+            samples = np.vstack([verdict.samples, since[count:]])
+            state = self.begun_again(state, verdict.found, samples)
+            arrays = (*state.stage.extra[: self.own_arrays], *_packed(verdict.after))
+            state = State(state.values, state.stage.but(extra=arrays))
+        x = state.values
+        x[slots.ALARM] = x[slots.COUNT] + ALARM_LASTS
+        x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
+        return state
+
+    def _dropped(self, state: State, witness: Old | None) -> State:
+        """No suspicion any more; what was kept for it goes, but where all samples are kept."""
+        x, stage = state
+        beginning, since = self._parts(state)
+        all_kept = x[slots.SINCE] <= len(beginning) + len(since) < MOST_KEPT
+        x[slots.SUSPECT] = x[slots.DUE] = 0.0
+        x[slots.TICK], x[slots.OWN_TICK] = x[slots.OWN_TICK], 0.0
+        calm(x, stage)
+        blueprint, past = stage.blueprint, stage.past
+        if not all_kept:
+            blueprint = with_room(blueprint, False)
+            x = rearranged(stage.blueprint, x, blueprint)
+            past = (beginning,) if len(beginning) else ()
+        arrays = (*stage.extra[: self.own_arrays], *(() if witness is None else _packed(witness)))
+        return State(x, stage.but(blueprint=blueprint, past=past, extra=arrays))
+
+
+def _set_tick(x: Array) -> None:
+    """The estimator ticks when the method or the suspicion is due, whichever is first."""
+    if x[slots.SUSPECT]:
+        due = [x[slot] for slot in (slots.OWN_TICK, slots.DUE) if x[slot] >= x[slots.COUNT]]
+        x[slots.TICK] = min(due, default=0.0)
+
+
+def _packed(one: Old | None) -> tuple[Array, Array]:
+    """As arrays of a stage; empty ones for none."""
+    return (np.zeros(0), np.zeros(0)) if one is None else (one.theta, one.cov.ravel())
+
+
+def _unpacked(arrays: tuple[Array, ...]) -> Old | None:
+    """From arrays of a stage."""
+    theta, cov = arrays
+    return Old(theta, cov.reshape(theta.size, theta.size)) if theta.size else None
