@@ -15,10 +15,16 @@ from tridentify import (
     ThreeModel,
     TransferFunction,
     identify,
+    select_structure,
     simulate,
+    validate,
 )
 from tridentify import errors as err
+from tridentify.causes.attempt import attempt
+from tridentify.cautions.sensors import seen_in
 from tridentify.numerics.rational import scaled_roots
+from tridentify.output_error.nuisance import Nuisances, build
+from tridentify.output_error.scores import judged_scatter
 
 U = np.repeat(np.random.default_rng(1).choice([-1.0, 1.0], 20), 4)
 PLANT = TransferFunction([3.0], [1.0, 1.5, 3.0])
@@ -73,6 +79,83 @@ def test_coefficients_whose_variance_is_no_number_are_refused(dt, method):
 
 def test_outputs_out_of_all_proportion_to_inputs_are_refused():
     refused(err.ScaleError, lambda: identify(Record(U * 1e-90, Y * 1e90, dt=0.1), LAG))
+
+
+FIRST = Structure(1, 0, offset=False, initial_state="rest")
+
+
+@pytest.mark.parametrize("dt", [1e-42, 1e42, 1e98])
+@pytest.mark.parametrize("method", [ThreeModel(), OutputError(), SvfLeastSquares()], ids=str)
+def test_time_that_leaves_an_integral_no_variance_is_not_identified_from(dt, method):
+    message = refused(err.ScaleError, lambda: identify(Record(U, Y, dt=dt), FIRST, method))
+    assert "unit of time" in message
+    uneven = np.cumsum(np.random.default_rng(3).uniform(0.5, 1.5, U.size)) * dt
+    if method != SvfLeastSquares():
+        refused(err.ScaleError, lambda: identify(Record(U, Y, t=uneven), FIRST, method))
+
+
+@pytest.mark.parametrize("size", [1e-42, 1e42])
+def test_signals_whose_products_of_variances_are_no_numbers_are_not_identified_from(size):
+    for u, y in [(U * size, Y), (U, Y * size)]:
+        record = Record(u, y, dt=0.1)
+        assert "other units" in refused(err.ScaleError, lambda r=record: identify(r, FIRST))
+        refused(err.ScaleError, lambda r=record: select_structure(r, [FIRST]))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("into", "out", "time"),
+    [(-39, 39, 0), (39, -39, 0), (0, 0, 37), (0, 0, -37), (39, 39, 37), (-39, -39, -37)],
+)
+def test_what_just_enters_is_identified_and_judged_as_in_any_unit(into, out, time):
+    plain = identify(Record(U, Y, dt=0.1), FIRST, OutputError(), throw=False)
+    record = Record(U * 10.0**into, Y * 10.0**out, dt=0.1 * 10.0**time)
+    found = identify(record, FIRST, OutputError(), throw=False)
+    factor = 10.0**-time * np.array([1.0, 10.0 ** (out - into)])
+    assert found.theta / factor == pytest.approx(plain.theta, rel=1e-6)
+    assert found.std / factor == pytest.approx(plain.std, rel=1e-4)
+    codes = [f.code for f in validate(found, record).findings]
+    assert codes == [f.code for f in validate(plain, Record(U, Y, dt=0.1)).findings]
+
+
+@pytest.mark.filterwarnings("error")
+def test_scales_of_powers_of_two_change_no_digit():
+    plain = identify(Record(U, Y, dt=0.1), FIRST, SvfLeastSquares(), throw=False)
+    record = Record(U * 2.0**-90, Y * 2.0**100, dt=0.1 * 2.0**80)
+    found = identify(record, FIRST, SvfLeastSquares(), throw=False)
+    assert found.theta / plain.theta == pytest.approx([2.0**-80, 2.0**110], rel=1e-12)
+
+
+# ------------------------------------------------------------------------------------------ nothing
+@pytest.mark.filterwarnings("error")
+def test_a_part_of_a_record_that_is_zero_throughout_explains_nothing():
+    still = build([Record(U, 0.0 * U, dt=0.1)], FIRST, Nuisances("rest", False, False))
+    assert attempt(still, [np.array([-1.0 + 0j])], [0]) is None
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("pole", [0.0, 1e-310, -1e-300])
+def test_a_pole_of_no_rate_is_held_at_the_slowest(pole):
+    problem = build([Record(U, Y, dt=1e-12)], FIRST, Nuisances("rest", False, False))
+    poles, note = problem.admissible(np.array([pole + 0j]))
+    assert poles == pytest.approx([-problem.slowest])
+    assert note
+
+
+@pytest.mark.filterwarnings("error")
+def test_scores_of_which_the_last_sample_has_all_are_blocks_too():
+    g = np.append(np.full(799, 1e-10), 1.0)[:, None]
+    e = np.random.default_rng(5).standard_normal((800, 1))
+    found = judged_scatter([g[:, None]], [e - g @ (g.T @ e)])
+    assert found is None or np.isfinite(found.covariance).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_limit_that_is_only_entered_after_missing_samples_is_judged():
+    y = np.array([np.nan, *np.zeros(9), 0.68, 0.22, np.nan])
+    record = Record(np.eye(13)[9], y, dt=0.1)
+    told = seen_in(record, np.full((13, 1), 0.01), np.array([1e-3]), None)
+    assert "saturation" not in [finding.code for finding in told]
 
 
 # --------------------------------------------------------------------------------------- structures
