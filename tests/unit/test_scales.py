@@ -119,7 +119,7 @@ def test_what_just_enters_is_identified_and_judged_as_in_any_unit(into, out, tim
 
 
 @pytest.mark.filterwarnings("error")
-def test_scales_of_powers_of_two_change_no_digit():
+def test_scales_of_powers_of_two_change_rounding_alone():
     plain = identify(Record(U, Y, dt=0.1), FIRST, SvfLeastSquares(), throw=False)
     record = Record(U * 2.0**-90, Y * 2.0**100, dt=0.1 * 2.0**80)
     found = identify(record, FIRST, SvfLeastSquares(), throw=False)
