@@ -169,7 +169,11 @@ def test_numbers_whose_squares_are_none_are_refused_with_the_structure(value):
 
 
 def test_weights_of_one_equality_too_far_apart_are_refused_with_the_structure():
-    for row in [({"b0": 1e300, "a0": 1e-300}, 0.0), ({"b0": 1.0, "a0": -1.0}, 1e200)]:
+    for row in [
+        ({"b0": 1e300, "a0": 1e-300}, 0.0),
+        ({"b0": 1.0, "a0": -1.0}, 1e200),
+        ({"b0": 1e308}, 1e-100),
+    ]:
         refused(err.EqualityError, lambda row=row: Structure(2, 0, equalities=[row]))
 
 
