@@ -25,7 +25,13 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from tridentify.numerics.recent import recent
+
 Array = NDArray[np.float64]
+
+
+KEPT = 256
+"""Results that are kept: those of one search at a time."""
 
 
 class Discrete(NamedTuple):
@@ -36,6 +42,7 @@ class Discrete(NamedTuple):
     from_next: Array
 
 
+@recent(KEPT)
 def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discrete:
     """Exact discrete equivalent of a state equation.
 
