@@ -22,7 +22,10 @@ from tridentify import (
 from tridentify import errors as err
 from tridentify.causes.attempt import attempt
 from tridentify.cautions.sensors import seen_in
+from tridentify.numerics.discretize import discretize
 from tridentify.numerics.rational import scaled_roots
+from tridentify.numerics.realization import cascade
+from tridentify.numerics.sampled import Sampled, States
 from tridentify.output_error.nuisance import Nuisances, build
 from tridentify.output_error.scores import judged_scatter
 
@@ -124,6 +127,33 @@ def test_scales_of_powers_of_two_change_rounding_alone():
     record = Record(U * 2.0**-90, Y * 2.0**100, dt=0.1 * 2.0**80)
     found = identify(record, FIRST, SvfLeastSquares(), throw=False)
     assert found.theta / plain.theta == pytest.approx([2.0**-80, 2.0**110], rel=1e-12)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("between", ["zoh", "foh"])
+@pytest.mark.parametrize("unit", [2.0**-100, 2.0**40, 2.0**120])
+def test_the_unit_of_time_costs_a_filter_no_digit(between, unit):
+    poles = np.array([-0.3 + 2j, -0.3 - 2j, *[-1.0] * 5])
+    plain, scaled = cascade(poles), cascade(poles / unit)
+    one = discretize(plain.a, plain.b[:, None], 0.25, between)
+    other = discretize(scaled.a, scaled.b[:, None], 0.25 * unit, between)
+    assert other.transition == pytest.approx(one.transition, abs=1e-15)
+    # the states of an orthonormal filter are per root of time
+    for a, b in zip(one[1:], other[1:], strict=True):
+        assert b / np.sqrt(unit) == pytest.approx(a, abs=1e-15)
+
+
+@pytest.mark.filterwarnings("error")
+def test_steps_of_very_different_lengths_in_a_slow_unit_are_crossed():
+    # seen: squared so often that the exponential of a stable filter overflowed
+    lengths = 1e30 * np.geomspace(0.1, 1e9, 12)
+    bank = cascade(np.full(7, -2e-33 + 0j))
+    record = Record(np.ones(13), np.arange(13.0), t=np.append(0.0, np.cumsum(lengths)))
+    signal = Sampled(np.ones((13, 1)), 1e29, "zoh", t=np.array(record.t))
+    out = np.empty((7, 13))
+    States(signal, bank.a, bank.b, upper=0).advance(0, 13, out)
+    settled = -np.linalg.solve(bank.a, bank.b)
+    assert out[:, -1] == pytest.approx(settled, rel=1e-9)
 
 
 # ------------------------------------------------------------------------------------------ nothing
