@@ -90,6 +90,8 @@ def identify(
             estimate = _of_chosen_order(given, wanted, chosen, progress)
         else:
             estimate, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+            if progress is not None:
+                progress("testing the residual")
             estimate = with_judgement(estimate, seen, chosen, between, told)
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
         raise UnsupportedOrderError(

@@ -20,7 +20,7 @@ from tridentify import (
     validate,
 )
 
-EXPONENTS = (-323, -310, -300, -200, -150, -99, -30, -9, 0, 0, 0, 9, 30, 99, 149, 200, 299, 308)
+EXPONENTS = (-323, -300, -99, -41, -39, -38, -30, -9, 0, 0, 0, 9, 30, 38, 39, 41, 150, 308)
 LENGTHS = (0, 1, 2, 3, 5, 8, 13, 30, 60)
 STRUCTURES = (
     Structure(1, 0, offset=False, initial_state="rest"),

@@ -8,6 +8,7 @@ import warnings
 from typing import Any
 
 import numpy as np
+import pytest
 
 from tridentify import Structure, errors, online
 from tridentify.cli.stream_session import Question, Session
@@ -113,3 +114,20 @@ def test_forged_lines_of_csv_are_followed_or_refused(seeds) -> None:
 def test_forged_lines_of_json_are_followed_or_refused(seeds) -> None:
     for seed, rng in seeds.take(25):
         check(forged(rng, "json"), Asked(("u",), ("y",)), rng, f"seed {seed}")
+
+
+@pytest.mark.parametrize(
+    ("data", "refusal"),
+    [
+        (b't,u,y\n"a\rb,V,"\n0.1,0,1\n0.2,0,2\n', ""),
+        (b't,u\rx,"y"\n0.1,0,1\n', "found damaged quotes"),
+        (b'"t",u,"y\r"\r\n0.1,0,1\r\n', "found "),
+        (b'name\r\n{"t": 0.1, "u": 0, "y": 70\r85.9}\r\n{"t": 0.2, "u": 0, "y": 1}\r\n', "found "),
+    ],
+)
+def test_damaged_quotes_before_the_first_row(data: bytes, refusal: str) -> None:
+    """Seen: the error of a bad line left the reader where there was no row yet to be bad."""
+    check(data, Asked(("u",), ("y",)), np.random.default_rng(0), repr(data))
+    said = followed(data, Asked(("u",), ("y",)), [])[1]
+    assert said.startswith(refusal)
+    assert bool(said) == bool(refusal)

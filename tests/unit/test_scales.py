@@ -15,10 +15,19 @@ from tridentify import (
     ThreeModel,
     TransferFunction,
     identify,
+    select_structure,
     simulate,
+    validate,
 )
 from tridentify import errors as err
+from tridentify.causes.attempt import attempt
+from tridentify.cautions.sensors import seen_in
+from tridentify.numerics.discretize import discretize
 from tridentify.numerics.rational import scaled_roots
+from tridentify.numerics.realization import cascade
+from tridentify.numerics.sampled import Sampled, States
+from tridentify.output_error.nuisance import Nuisances, build
+from tridentify.output_error.scores import judged_scatter
 
 U = np.repeat(np.random.default_rng(1).choice([-1.0, 1.0], 20), 4)
 PLANT = TransferFunction([3.0], [1.0, 1.5, 3.0])
@@ -75,6 +84,110 @@ def test_outputs_out_of_all_proportion_to_inputs_are_refused():
     refused(err.ScaleError, lambda: identify(Record(U * 1e-90, Y * 1e90, dt=0.1), LAG))
 
 
+FIRST = Structure(1, 0, offset=False, initial_state="rest")
+
+
+@pytest.mark.parametrize("dt", [1e-42, 1e42, 1e98])
+@pytest.mark.parametrize("method", [ThreeModel(), OutputError(), SvfLeastSquares()], ids=str)
+def test_time_that_leaves_an_integral_no_variance_is_not_identified_from(dt, method):
+    message = refused(err.ScaleError, lambda: identify(Record(U, Y, dt=dt), FIRST, method))
+    assert "unit of time" in message
+    uneven = np.cumsum(np.random.default_rng(3).uniform(0.5, 1.5, U.size)) * dt
+    if method != SvfLeastSquares():
+        refused(err.ScaleError, lambda: identify(Record(U, Y, t=uneven), FIRST, method))
+
+
+@pytest.mark.parametrize("size", [1e-42, 1e42])
+def test_signals_whose_products_of_variances_are_no_numbers_are_not_identified_from(size):
+    for u, y in [(U * size, Y), (U, Y * size)]:
+        record = Record(u, y, dt=0.1)
+        assert "other units" in refused(err.ScaleError, lambda r=record: identify(r, FIRST))
+        refused(err.ScaleError, lambda r=record: select_structure(r, [FIRST]))
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize(
+    ("into", "out", "time"),
+    [(-39, 39, 0), (39, -39, 0), (0, 0, 37), (0, 0, -37), (39, 39, 37), (-39, -39, -37)],
+)
+def test_what_just_enters_is_identified_and_judged_as_in_any_unit(into, out, time):
+    plain = identify(Record(U, Y, dt=0.1), FIRST, OutputError(), throw=False)
+    record = Record(U * 10.0**into, Y * 10.0**out, dt=0.1 * 10.0**time)
+    found = identify(record, FIRST, OutputError(), throw=False)
+    factor = 10.0**-time * np.array([1.0, 10.0 ** (out - into)])
+    assert found.theta / factor == pytest.approx(plain.theta, rel=1e-6)
+    assert found.std / factor == pytest.approx(plain.std, rel=1e-4)
+    codes = [f.code for f in validate(found, record).findings]
+    assert codes == [f.code for f in validate(plain, Record(U, Y, dt=0.1)).findings]
+
+
+@pytest.mark.filterwarnings("error")
+def test_scales_of_powers_of_two_change_rounding_alone():
+    plain = identify(Record(U, Y, dt=0.1), FIRST, SvfLeastSquares(), throw=False)
+    record = Record(U * 2.0**-90, Y * 2.0**100, dt=0.1 * 2.0**80)
+    found = identify(record, FIRST, SvfLeastSquares(), throw=False)
+    assert found.theta / plain.theta == pytest.approx([2.0**-80, 2.0**110], rel=1e-12)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("between", ["zoh", "foh"])
+@pytest.mark.parametrize("unit", [2.0**-100, 2.0**40, 2.0**120])
+def test_the_unit_of_time_costs_a_filter_no_digit(between, unit):
+    poles = np.array([-0.3 + 2j, -0.3 - 2j, *[-1.0] * 5])
+    plain, scaled = cascade(poles), cascade(poles / unit)
+    one = discretize(plain.a, plain.b[:, None], 0.25, between)
+    other = discretize(scaled.a, scaled.b[:, None], 0.25 * unit, between)
+    assert other.transition == pytest.approx(one.transition, abs=1e-15)
+    # the states of an orthonormal filter are per root of time
+    for a, b in zip(one[1:], other[1:], strict=True):
+        assert b / np.sqrt(unit) == pytest.approx(a, abs=1e-15)
+
+
+@pytest.mark.filterwarnings("error")
+def test_steps_of_very_different_lengths_in_a_slow_unit_are_crossed():
+    # seen: squared so often that the exponential of a stable filter overflowed
+    lengths = 1e30 * np.geomspace(0.1, 1e9, 12)
+    bank = cascade(np.full(7, -2e-33 + 0j))
+    record = Record(np.ones(13), np.arange(13.0), t=np.append(0.0, np.cumsum(lengths)))
+    signal = Sampled(np.ones((13, 1)), 1e29, "zoh", t=np.array(record.t))
+    out = np.empty((7, 13))
+    States(signal, bank.a, bank.b, upper=0).advance(0, 13, out)
+    settled = -np.linalg.solve(bank.a, bank.b)
+    assert out[:, -1] == pytest.approx(settled, rel=1e-9)
+
+
+# ------------------------------------------------------------------------------------------ nothing
+@pytest.mark.filterwarnings("error")
+def test_a_part_of_a_record_that_is_zero_throughout_explains_nothing():
+    still = build([Record(U, 0.0 * U, dt=0.1)], FIRST, Nuisances("rest", False, False))
+    assert attempt(still, [np.array([-1.0 + 0j])], [0]) is None
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("pole", [0.0, 1e-310, -1e-300])
+def test_a_pole_of_no_rate_is_held_at_the_slowest(pole):
+    problem = build([Record(U, Y, dt=1e-12)], FIRST, Nuisances("rest", False, False))
+    poles, note = problem.admissible(np.array([pole + 0j]))
+    assert poles == pytest.approx([-problem.slowest])
+    assert note
+
+
+@pytest.mark.filterwarnings("error")
+def test_scores_of_which_the_last_sample_has_all_are_blocks_too():
+    g = np.append(np.full(799, 1e-10), 1.0)[:, None]
+    e = np.random.default_rng(5).standard_normal((800, 1))
+    found = judged_scatter([g[:, None]], [e - g @ (g.T @ e)])
+    assert found is None or np.isfinite(found.covariance).all()
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_limit_that_is_only_entered_after_missing_samples_is_judged():
+    y = np.array([np.nan, *np.zeros(9), 0.68, 0.22, np.nan])
+    record = Record(np.eye(13)[9], y, dt=0.1)
+    told = seen_in(record, np.full((13, 1), 0.01), np.array([1e-3]), None)
+    assert "saturation" not in [finding.code for finding in told]
+
+
 # --------------------------------------------------------------------------------------- structures
 @pytest.mark.parametrize("value", [1e-310, 1e200, -1e200, 1.7e308])
 def test_numbers_whose_squares_are_none_are_refused_with_the_structure(value):
@@ -86,7 +199,11 @@ def test_numbers_whose_squares_are_none_are_refused_with_the_structure(value):
 
 
 def test_weights_of_one_equality_too_far_apart_are_refused_with_the_structure():
-    for row in [({"b0": 1e300, "a0": 1e-300}, 0.0), ({"b0": 1.0, "a0": -1.0}, 1e200)]:
+    for row in [
+        ({"b0": 1e300, "a0": 1e-300}, 0.0),
+        ({"b0": 1.0, "a0": -1.0}, 1e200),
+        ({"b0": 1e308}, 1e-100),
+    ]:
         refused(err.EqualityError, lambda row=row: Structure(2, 0, equalities=[row]))
 
 

@@ -178,6 +178,9 @@ def attempt(
     Attempt or None
         None where the explanation cannot be had on these records.
     """
+    if not np.all(problem.size > 0.0):
+        # a part of a record, all zeros: any coefficients explain it
+        return None
     try:
         points = [evaluate(problem, problem.admissible(one)[0]) for one in starts]
         start = min(points, key=lambda one: one.objective - one.step(0.0).decrease)

@@ -188,7 +188,8 @@ def _saturated(
             continue
         first = repeated.first[plateaus]
         entered = np.abs(y[first[first > 0]] - y[first[first > 0] - 1])
-        if not entered.size or not float(np.nanmedian(entered)) > max(JUMP * span, 1.5 * q):
+        entered = entered[np.isfinite(entered)]
+        if not entered.size or not float(np.median(entered)) > max(JUMP * span, 1.5 * q):
             continue
         inside = side * (f[at] - limit)
         beyond = float(inside.mean()) > max(BEYOND * noise / math.sqrt(inside.size), 0.5 * q)

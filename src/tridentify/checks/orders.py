@@ -195,10 +195,11 @@ def _equality(item: object) -> Equality:
         raise _no_equality(item)
     sizes = [abs(w) for w in weights.values()]
     largest = max(sizes)
-    if min(sizes) < largest / LARGEST_KNOWN or abs(value) / LARGEST_KNOWN > largest:
+    known = [*sizes, abs(value)] if value else sizes
+    if min(known) < largest / LARGEST_KNOWN or abs(value) / LARGEST_KNOWN > largest:
         raise EqualityError(
-            f"found the equality {shown(item)} with numbers of {min(sizes):.3g} to "
-            f"{max(largest, abs(value)):.3g}; expected numbers within a factor of "
+            f"found the equality {shown(item)} with numbers of {min(known):.3g} to "
+            f"{max(known):.3g}; expected numbers within a factor of "
             f"{LARGEST_KNOWN:.0e} of the largest weight; leave out what does not count"
         )
     return MappingProxyType(weights), value

@@ -21,8 +21,12 @@ Array = NDArray[np.float64]
 
 LARGEST_SAMPLE = 1e300
 """Largest sample of a record: differences, and sums over 1e8 samples, are floats."""
-LARGEST_SIGNAL = 1e100
-"""Largest signal to identify from: the square of a sum of squares over 1e8 samples is a float."""
+LARGEST_SIGNAL = 1e40
+"""Largest signal to identify from, and inverted smallest: a gain may then be 1e80, and the product
+of two variances of one is a float. What SI units measure lies between 1e-35 and 1e35."""
+LARGEST_SPAN = 1e40
+"""Longest record to identify from and, inverted, shortest step [s]: as of signals, so that a slope
+of a signal, or its integral, has a variance too."""
 LARGEST_TIME = 1e150
 """Longest record and, inverted, shortest step [s]: squares of time and of rates are floats."""
 MOST_STEPS = 2.0**52
@@ -124,6 +128,30 @@ def check_coefficients(
                 f"inputs; expected 1e-{room:.0f} to 1e+{room:.0f}, whose squares are numbers; "
                 "choose another unit of time, or of the signals"
             )
+
+
+def check_span(shortest: float, longest: float) -> None:
+    """Refuse a time axis on which integrals of signals, or slopes of them, have no variance.
+
+    Parameters
+    ----------
+    shortest, longest : float
+        Typical step and duration [s].
+
+    Raises
+    ------
+    ScaleError
+
+    Examples
+    --------
+    >>> check_span(1e-15, 1e20)
+    """
+    if not (longest <= LARGEST_SPAN and shortest >= 1.0 / LARGEST_SPAN):
+        raise ScaleError(
+            f"found steps of {shortest:.3g} s in a record of {longest:.3g} s to identify from; "
+            f"expected steps of at least {1.0 / LARGEST_SPAN:.0e} s and a duration of at most "
+            f"{LARGEST_SPAN:.0e} s; choose another unit of time"
+        )
 
 
 def check_filter(roots: NDArray[np.complex128], what: str, shortest: float, longest: float) -> None:

@@ -12,7 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
-from tridentify.checks.scales import LARGEST_SIGNAL, check_coefficients, check_time
+from tridentify.checks.scales import (
+    LARGEST_SIGNAL,
+    check_coefficients,
+    check_span,
+    check_time,
+)
 from tridentify.errors import (
     ChannelCountError,
     ConstantOutputError,
@@ -171,10 +176,13 @@ def check_scale(records: Sequence[Record], structure: Structure) -> None:
             (poles[i][j], zeros[i][j], float(y[i] / u[j]))
             for i in range(first.n_outputs)
             for j in range(first.n_inputs)
+            # a channel of zeros is refused for that
+            if y[i] > 0.0 and u[j] > 0.0
         ],
         shortest,
         longest,
     )
+    check_span(shortest, longest)
 
 
 def _check_dependence(records: Sequence[Record], structure: Structure) -> None:

@@ -19,13 +19,45 @@ of one exponential of an augmented matrix (Van Loan, 1978, IEEE Trans. Automatic
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from tridentify.numerics.recent import recent
+
 Array = NDArray[np.float64]
+
+
+KEPT = 256
+"""Results that are kept: those of one search at a time."""
+
+
+LARGER = 1024.0
+"""How much larger an input matrix may be than the state matrix before it is scaled down: ten
+squarings of the exponential, which cost three digits. Rates of 1e-6 per unit of time reach it."""
+
+
+def weight_of(a: Array, b: Array) -> float:
+    """Power of two that takes an input matrix down to the size of the state matrix, or 1.
+
+    An exponential is squared as often as the size of its largest entry asks for, and each squaring
+    doubles its error. The input has a unit of its own, so its size is no reason.
+
+    Parameters
+    ----------
+    a, b : arrays
+        Both multiplied by the step.
+
+    Examples
+    --------
+    >>> weight_of(np.eye(1), 50.0 * np.ones(1)), weight_of(np.eye(1), 2.0**40 * np.ones(1))
+    (1.0, 1099511627776.0)
+    """
+    own, other = max(float(np.abs(a).max(initial=0.0)), 1.0), float(np.abs(b).max(initial=0.0))
+    return 2.0 ** round(math.log2(other / own)) if other > LARGER * own else 1.0
 
 
 class Discrete(NamedTuple):
@@ -36,6 +68,7 @@ class Discrete(NamedTuple):
     from_next: Array
 
 
+@recent(KEPT)
 def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discrete:
     """Exact discrete equivalent of a state equation.
 
@@ -69,18 +102,21 @@ def discretize(a: Array, b: Array, dt: float, intersample: str = "zoh") -> Discr
     """
     n, m = b.shape[-2:]
     stack = a.shape[:-2]
+    weight = weight_of(a * dt, b * dt)
     if intersample == "zoh":
         augmented = np.zeros((*stack, n + m, n + m))
         augmented[..., :n, :n] = a * dt
-        augmented[..., :n, n:] = b * dt
+        augmented[..., :n, n:] = b * dt / weight
         e = scipy.linalg.expm(augmented)
+        e[..., :n, n:] *= weight
         return Discrete(e[..., :n, :n], e[..., :n, n:], np.zeros((*stack, n, m)))
     if intersample != "foh":
         raise ValueError(f"intersample must be 'zoh' or 'foh', not {intersample!r}")
     augmented = np.zeros((*stack, n + 2 * m, n + 2 * m))
     augmented[..., :n, :n] = a * dt
-    augmented[..., :n, n : n + m] = b * dt
+    augmented[..., :n, n : n + m] = b * dt / weight
     augmented[..., n : n + m, n + m :] = np.eye(m)
     e = scipy.linalg.expm(augmented)
+    e[..., :n, n:] *= weight
     held, ramp = e[..., :n, n : n + m], e[..., :n, n + m :]
     return Discrete(e[..., :n, :n], held - ramp, ramp)

@@ -34,6 +34,8 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from tridentify.numerics.discretize import weight_of
+
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
@@ -163,13 +165,20 @@ def steps(a: Array, b: Array, lengths: Array, distinct: Array) -> Steps:
     """
     q = b.size
     if distinct.size or not lengths.size:
-        augmented = _augmented(a, b, distinct)
-        return Steps(np.asarray(scipy.linalg.expm(augmented))[None, :, :q].copy(), distinct, 0)
+        longest = float(distinct.max(initial=0.0))
+        weight = weight_of(longest * a, longest * b)
+        tables = np.asarray(scipy.linalg.expm(_augmented(a, b / weight, distinct)))
+        tables = tables[None, :, :q].copy()
+        tables[..., q:] *= weight
+        return Steps(tables, distinct, 0)
     largest = float(lengths.max())
     size = float(np.abs(a).sum(axis=1).max())
     levels, terms = _levels(size * largest / (BASE - 1))
     units = largest / (BASE - 1) / BASE ** np.arange(levels, dtype=np.float64)
-    return Steps(np.ascontiguousarray(_digits(a, b, units)[:, :, :q]), units, terms)
+    weight = weight_of(largest * a, largest * b)
+    tables = np.ascontiguousarray(_digits(a, b / weight, units)[:, :, :q])
+    tables[..., q:] *= weight
+    return Steps(tables, units, terms)
 
 
 def _augmented(a: Array, b: Array, lengths: Array) -> Array:

@@ -41,8 +41,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.recent import recent
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
+
+KEPT = 256
+"""Results that are kept of each function: those of one search at a time."""
 
 
 class Cascade(NamedTuple):
@@ -88,6 +93,7 @@ def sort_poles(poles: Complex) -> Complex:
     return np.array(ordered, dtype=np.complex128)
 
 
+@recent(KEPT)
 def cascade(poles: Complex) -> Cascade:
     """Orthonormal cascade of the given stable poles, in the given order.
 
@@ -111,7 +117,7 @@ def cascade(poles: Complex) -> Cascade:
     >>> bool(np.allclose(c.a + c.a.T + np.outer(c.b, c.b), 0, atol=1e-14))
     True
     """
-    poles = np.asarray(poles, dtype=np.complex128)
+    poles = np.array(poles, dtype=np.complex128)
     if np.any(poles.real >= 0):
         raise ValueError("a cascade needs poles with negative real parts")
     q = poles.size
@@ -201,6 +207,7 @@ class DegreeBasis(NamedTuple):
     leading: Array
 
 
+@recent(KEPT)
 def degree_basis(bank: Cascade) -> DegreeBasis:
     """Orthonormal basis of the numerators, sorted by degree (Arnoldi).
 
@@ -228,6 +235,7 @@ def degree_basis(bank: Cascade) -> DegreeBasis:
     return DegreeBasis(krylov[::-1].copy(), leading[::-1].copy())
 
 
+@recent(KEPT)
 def filter_map(inner: Cascade, bank: Cascade) -> Array:
     """How the states of ``inner`` answer to each state of ``bank``, in coordinates on ``bank``.
 

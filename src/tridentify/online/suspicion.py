@@ -25,8 +25,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.stats
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from tridentify.errors import TridentifyError
 from tridentify.numerics.realization import Complex
@@ -140,4 +140,4 @@ def differ(old: Old, new: Refined) -> bool:
     unit = 1.0 / np.sqrt(np.diagonal(cov))
     scaled = np.linalg.lstsq(unit[:, None] * cov * unit, unit * move, rcond=1e-12)[0]
     distance = float(unit * move @ scaled)
-    return distance > float(scipy.stats.chi2.isf(RARE, move.size))
+    return distance > float(chdtri(move.size, RARE))

@@ -294,7 +294,7 @@ class Problem:
         if np.any(real > 0):
             note = REFLECTED
         real = -np.abs(real)
-        factor = np.where(size > self.fastest, self.fastest / np.maximum(size, 1e-300), 1.0)
+        factor = self.fastest / np.maximum(size, self.fastest)
         if np.any(factor < 1):
             note = TOO_FAST
         real, imag = real * factor, imag * factor

@@ -193,6 +193,8 @@ def _on_blocks(weight: Array, scores: Array, g: Array, count: int, rate: float) 
     """The scatter over about so many blocks; None where chance explains it."""
     share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
     edges = np.unique(np.searchsorted(share, np.arange(count) / count))
+    # where the last sample holds most of it, the last blocks would begin behind it
+    edges = edges[edges < weight.size]
     sums = np.add.reduceat(scores, edges, axis=0)
     stops = np.append(edges[1:], len(g))
     held = np.array(

@@ -25,7 +25,7 @@ from tridentify.causes.intersample import IN_WORDS, behaviours
 from tridentify.choice import checked_method, listed, with_behaviour, with_judgement
 from tridentify.errors import DataError, TridentifyError
 from tridentify.estimate import Estimate, Status
-from tridentify.methods.base import Method, Progress, check_scale
+from tridentify.methods.base import Method, Progress, check_scale, check_signals
 from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.output_error.raster import are_even
@@ -137,6 +137,7 @@ def select_structure(
     else:
         structures = checked_candidates(candidates)
     if structures and all(record.n_samples for record in given):
+        check_signals(given)
         check_scale(given, min(structures, key=lambda one: np.max(one.poles)))
     say = progress or (lambda _: None)
     with one_blas_thread():

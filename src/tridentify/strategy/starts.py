@@ -55,9 +55,6 @@ MOVED_DAMPING = 0.2
 MOVED_RADII = 10
 SPREAD_DAMPING = (1.0, 0.3, 0.05)
 
-LARGE = 1e100
-"""Weights of a parallel model whose squares are no numbers any more."""
-
 
 @dataclass(frozen=True, eq=False)
 class ParallelStart:
@@ -160,10 +157,6 @@ class ParallelStart:
         found = []
         for group in self.problem.groups:
             c = weighted[_channels(self.problem, group)]
-            size = float(np.abs(c).max(initial=0.0))
-            if size > LARGE:
-                # the directions of the Gramian have no scale, but its squares overflow
-                c = c / size
             gramian = scipy.linalg.solve_continuous_lyapunov(a.T, -(c.T @ c))
             vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))[1][:, -group.order :]
             poles = np.linalg.eigvals(vectors.T @ a @ vectors).astype(np.complex128)

@@ -277,7 +277,13 @@ class RowReader:
             return self._read_units(text)
         plain = re.sub(r'"[^"]*"', "", text)
         self._separator = max(SEPARATORS, key=plain.count)
-        cells = [cell.strip() for cell in self._cells(text)]
+        try:
+            cells = [cell.strip() for cell in self._cells(text)]
+        except _BadLineError as error:
+            raise MissingHeaderError(
+                f"found damaged quotes ({shown(text)}) in the first line of {self.asked.name}; "
+                "expected the names of the columns; correct the header"
+            ) from error
         numeric = all_numbers(cells) or any(
             cell and read_number(cell, self.asked.decimal) is not None for cell in cells
         )
@@ -297,7 +303,12 @@ class RowReader:
         return False
 
     def _read_units(self, text: str) -> bool:
-        units = unit_cells(self._cells(text), len(self._names))
+        try:
+            cells = self._cells(text)
+        except _BadLineError:
+            # no units; as a row it is counted among the bad ones
+            cells = []
+        units = unit_cells(cells, len(self._names))
         self._units = {n: u for n, u in zip(self._names, units, strict=True) if u}
         try:
             self._find(self._names)
