@@ -103,7 +103,8 @@ def run(plant: Plant, fine: Array, loop: Array | None = None) -> Array:
     fine : (n,) array
         Input, held over each fine step.
     loop : (n,) array, optional
-        Noise at the sensor that feeds back with ``-gain``.
+        Noise at the sensor, constant over each sample, that feeds back with ``-gain``: what the
+        controller sees at a sample acts until the next.
     """
     h, n = plant.dt / FINE, fine.size
     x, v = 0.0, 0.0
@@ -113,7 +114,7 @@ def run(plant: Plant, fine: Array, loop: Array | None = None) -> Array:
         y[k] = plant.b0 * x + plant.b1 * v
         u = fine[k]
         if plant.gain and loop is not None:
-            u = u - plant.gain * (y[k] + loop[k - k % FINE])
+            u = u - plant.gain * (y[k - k % FINE] + loop[k - k % FINE])
             fine[k] = u
         a0 = plant.a0 * (1.0 + plant.growth * k / n)
         # velocity Verlet with damping: second order, stable at ten steps a sample

@@ -5,9 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 from scipy.signal import lfilter
 
-from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
+from tridentify import (
+    Record,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    identify,
+    simulate,
+    validate,
+)
 from tridentify.causes.saturation import levels
 
 DT, N = 0.05, 800
@@ -113,7 +122,35 @@ def one_pole_missing(seed):
     return [Record(u, response(u, plant) + noise(seed), dt=DT)]
 
 
+def with_rows_lost(seed, first=410, count=14):
+    u = held(seed)
+    kept = np.delete(np.arange(N), np.arange(first, first + count))
+    y = response(u) + noise(seed)
+    return [Record(u[kept], y[kept], dt=DT)]
+
+
+def closed_loop(seed, gain=1.0):
+    """A controller that sees the output with its noise at every sample, and holds what it gives."""
+    state, u, y = np.zeros(2), np.empty(N), np.empty(N)
+    a = np.array([[0.0, 1.0], [-9.0, -1.5]])
+    step = expm(np.block([[a, np.array([[0.0], [9.0]])], [np.zeros((1, 3))]]) * DT)[:2]
+    wanted, v = held(seed), noise(seed, size=0.2)
+    for k in range(N):
+        y[k] = state[0] + v[k]
+        u[k] = wanted[k] + gain * (wanted[k] - y[k])
+        state = step @ np.append(state, u[k])
+    return [Record(u, y, dt=DT)]
+
+
+def slowly_disturbed(seed):
+    u = held(seed)
+    slow = 0.4 * np.cos(2.0 * np.pi * 1.3 * np.arange(N) / N + 1.0)
+    return [Record(u, response(u) + slow + noise(seed), dt=DT)]
+
+
 CAUSES = {
+    "lost-rows": with_rows_lost,
+    "feedback": closed_loop,
     "delay": late,
     "nonlinear": cubic,
     "varying": changed,
@@ -129,7 +166,7 @@ def test_the_cause_is_named_first(code):
     assert first.code == code, [finding.text for finding in estimate.findings]
     assert first.matters
     assert first.remedy
-    if code != "stuck-sensor":
+    if code not in ("stuck-sensor", "feedback"):
         assert "With it: " in first.effect
 
 
@@ -204,6 +241,108 @@ def test_right_records_are_left_alone():
         estimate = identify(Record(u, response(u) + noise(seed), dt=DT), ASKED)
         told += estimate.cautions
     assert not told
+
+
+def test_lost_rows_are_told_with_their_times_and_the_cut_mends_them():
+    (record,) = with_rows_lost(6)
+    found = identify(record, ASKED, throw=False).findings[0]
+    assert found.code == "lost-rows"
+    assert found.severity == "error"
+    assert len(found.times) == 1
+    assert abs(found.times[0] - 410 * DT) < 2.5 * DT
+    parts = list(record.split(found.times[0]))
+    estimate = identify(parts, Structure(2, 0, initial_state="free"))
+    assert abs(estimate.theta[1] - 9.0) < 4 * estimate.std[1]
+    assert "lost-rows" not in [f.code for f in estimate.findings]
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_single_bad_samples_and_steps_of_the_input_are_no_lost_rows(seed):
+    u = held(seed)
+    y = response(u) + noise(seed)
+    y[[150, 420, 421, 600]] += [1.0, -1.2, 0.9, 1.5]
+    codes = [f.code for f in identify(Record(u, y, dt=DT), ASKED, throw=False).findings]
+    assert codes[0] == "bad-samples"
+    assert "lost-rows" not in codes
+
+
+def test_a_disturbance_that_shakes_the_state_now_and_then_is_no_lost_rows():
+    rng = np.random.default_rng(3)
+    u = held(3)
+    kicks = rng.standard_normal(N) * (rng.random(N) < 0.1)
+    shaken = simulate(PLANT, Record(kicks, kicks, dt=DT))[:, 0]
+    estimate = identify(Record(u, response(u) + shaken + noise(3), dt=DT), ASKED, throw=False)
+    assert "lost-rows" not in [f.code for f in estimate.findings]
+
+
+def measured(seed):
+    """A command through an actuator, and the response to what it did, ten times finer."""
+    fine = np.repeat(held(seed), 10)
+    pole = np.exp(-1.0 / 25.0)
+    fine = lfilter([1.0 - pole], [1.0, -pole], lfilter([1.0 - pole], [1.0, -pole], fine))
+    y = simulate(PLANT, Record(fine, fine, dt=DT / 10.0))[:, 0]
+    return fine[::10], y[::10]
+
+
+@pytest.mark.parametrize("between", ["zoh", "foh", "band-limited"])
+def test_a_smooth_measured_input_is_no_feedback(between):
+    u, y = measured(7)
+    record = Record(u, y + noise(7, size=0.005), dt=DT, intersample=between)
+    estimate = identify(record, ASKED, throw=False)
+    codes = [f.code for f in estimate.findings]
+    assert "feedback" not in codes
+    if between == "zoh":
+        assert codes[0] == "intersample"
+
+
+def test_a_commanded_staircase_is_no_feedback_whatever_the_model_misses():
+    (record,) = cubic(8)
+    estimate = identify(record, Structure(1, 0), throw=False)
+    assert "feedback" not in [f.code for f in estimate.findings]
+
+
+def test_a_smaller_structure_that_does_as_well_is_told():
+    u = held(9)
+    record = Record(u, response(u) + noise(9), dt=DT)
+    estimate = identify(record, Structure(4, 2), throw=False)
+    found = next(f for f in estimate.findings if f.code == "order-high")
+    assert found.matters
+    assert "Use poles=2 and zeros=0" in found.remedy
+    assert "With fewer: fit of y from" in found.effect
+
+
+def test_a_structure_whose_poles_are_all_needed_is_not_called_too_high():
+    plant = TransferFunction([400.0], np.polymul([1.0, 1.5, 9.0], [1.0, 2.0, 60.0]))
+    u = held(10)
+    record = Record(u, response(u, plant) + noise(10, size=0.002), dt=DT)
+    estimate = identify(record, Structure(4, 0), throw=False)
+    assert "order-high" not in [f.code for f in estimate.findings]
+
+
+def test_a_slow_disturbance_is_named_where_the_noise_has_no_model():
+    (record,) = slowly_disturbed(11)
+    first = validate(identify(record, ASKED, ThreeModel(noise="white")), record).findings[0]
+    assert first.code == "drift", first.text
+    assert "a slow disturbance" in first.message
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_stretch_at_rest_in_coloured_noise_shows_no_response(seed):
+    rng = np.random.default_rng(seed)
+    u = 0.001 * rng.standard_normal(400)
+    wander = lfilter([1.0], [1.0, -0.97], rng.standard_normal(600))[200:]
+    gusts = simulate(PLANT, Record(rng.standard_normal(400), np.zeros(400), dt=DT))[:, 0]
+    for y in (5.0 + 0.02 * wander, 0.1 * gusts + 0.005 * rng.standard_normal(400)):
+        estimate = identify(Record(u, y, dt=DT), Structure(2, 1), throw=False)
+        assert estimate.findings[0].code == "no-response", [f.code for f in estimate.findings]
+
+
+def test_a_weak_response_in_coloured_noise_is_still_one():
+    u = held(12)
+    wander = lfilter([1.0], [1.0, -0.97], np.random.default_rng(12).standard_normal(N))
+    y = response(u) + 0.5 * wander
+    estimate = identify(Record(u, y, dt=DT), Structure(4, 3), throw=False)
+    assert "no-response" not in [f.code for f in estimate.findings]
 
 
 def test_right_records_with_other_inputs_and_noise_are_left_alone():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -126,15 +126,26 @@ class Attempt:
     @property
     def fits(self) -> Array:
         """(n_outputs,) NRMSE [percent], each experiment about its own mean."""
-        energy = spread = np.zeros(self.point.problem.n_outputs)
+        return np.asarray(100.0 * (1.0 - np.sqrt(self.raw_energy / self.spread)))
+
+    @cached_property
+    def raw_energy(self) -> Array:
+        """(n_outputs,) sums of squares of the residual, not whitened."""
+        found = np.zeros(self.point.problem.n_outputs)
+        for residual in self.residuals():
+            found = found + np.nansum(residual**2, axis=0)
+        return found
+
+    @cached_property
+    def spread(self) -> Array:
+        """(n_outputs,) sums of squares of the outputs about their means; ``nan`` for none."""
+        found = np.zeros(self.point.problem.n_outputs)
         own = tuple(experiment.y for experiment in self.point.problem.experiments)
         outputs = own if self.limited is None else self.limited.recorded
         for recorded, residual in zip(outputs, self.residuals(), strict=True):
             y = np.where(np.isfinite(residual), recorded, np.nan)
-            energy = energy + np.nansum(residual**2, axis=0)
-            spread = spread + np.nansum((y - np.nanmean(y, axis=0)) ** 2, axis=0)
-        ratio = np.sqrt(energy / np.where(spread > 0, spread, np.nan))
-        return np.asarray(100.0 * (1.0 - ratio))
+            found = found + np.nansum((y - np.nanmean(y, axis=0)) ** 2, axis=0)
+        return np.where(found > 0, found, np.nan)
 
 
 def promise(present: Present, poles: Complex) -> float:

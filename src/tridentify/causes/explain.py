@@ -11,13 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt, promise
 from tridentify.causes.delay import delay_rivals, neighbours
+from tridentify.causes.feedback import Coming, reacts
 from tridentify.causes.intersample import BEHAVIOURS, IN_WORDS, is_staircase
+from tridentify.causes.lost import Place, lost_rival
 from tridentify.causes.present import Present
 from tridentify.causes.rivals import (
     Rival,
@@ -28,6 +31,7 @@ from tridentify.causes.rivals import (
     varying_rivals,
 )
 from tridentify.causes.saturation import saturation_rivals, with_limits
+from tridentify.causes.slow import slow_rivals
 from tridentify.errors import TridentifyError
 from tridentify.finding import CODES
 from tridentify.numerics.interpolation import FEWEST
@@ -44,6 +48,10 @@ MOST_OF_IT = 0.7
 NEARLY = 0.8
 """The same among rivals of one cause, of which the simplest is named."""
 
+ALONE = 0.5
+"""Share of the gain of lost rows that no other cause may reach: cuts in a record explain a little
+of everything that is not noise."""
+
 LEAST_SHARE = 0.005
 """Share of the sum of squares below which a cause changes nothing that anyone could see."""
 
@@ -53,6 +61,9 @@ LOST = 3.0
 WORSE = 0.2
 """Fall of the simulated fit [percent points] from which an explanation is none that anyone would
 use, whatever its likelihood on whitened samples."""
+
+SHARPER = 3
+"""Times that a non-linearity is fitted anew, at most: each begins with a better output."""
 
 FOLLOWED = 3
 """Rivals of one code that are fitted: those that promise most."""
@@ -80,6 +91,13 @@ class Explanation:
     share: float
     unknowns: int
 
+    def fits(self, base: Attempt) -> Array:
+        """(n_outputs,) NRMSE [percent] of one part, about the means of the records as they are."""
+        (end,) = self.attempts
+        if len(end.point.problem.experiments) == len(base.point.problem.experiments):
+            return end.fits
+        return np.asarray(100.0 * (1.0 - np.sqrt(end.raw_energy / base.spread)))
+
 
 @dataclass(frozen=True, eq=False)
 class Explanations:
@@ -89,22 +107,32 @@ class Explanations:
     ----------
     present : Attempt
     found : tuple of Explanation
+    reacts : tuple of Coming or None
+        Per output, what inputs to come explain where that is the cause: the input reacts.
     """
 
     present: Attempt
     found: tuple[Explanation, ...]
+    reacts: tuple[Coming | None, ...] = ()
 
     @property
     def named(self) -> Explanation | None:
         """The first cause that makes the greater part of what can be gained.
 
         Of several rivals of that cause, the one with fewest unknowns that gains nearly as much as
-        the best of them.
+        the best of them. None where the input reacts to the output.
         """
+        return None if any(self.reacts) else self._best
+
+    @cached_property
+    def _best(self) -> Explanation | None:
         clear = [
             one
             for one in self.found
-            if one.gain > CLEARLY and one.share > LEAST_SHARE and not self._is_worse(one)
+            if one.gain > CLEARLY
+            and one.share > LEAST_SHARE
+            and not self._is_worse(one)
+            and not self._is_shared(one)
         ]
         if not clear:
             return None
@@ -119,10 +147,20 @@ class Explanations:
         """Whether the simulated output of some channel is farther from the recorded one."""
         if len(one.attempts) > 1:
             return False
-        return bool(np.any(one.attempts[0].fits < self.present.fits - WORSE))
+        return bool(np.any(one.fits(self.present) < self.present.fits - WORSE))
+
+    def _is_shared(self, one: Explanation) -> bool:
+        """Whether rows seem lost where something else explains much of the same."""
+        if one.rival.code != "lost-rows":
+            return False
+        return any(
+            other.gain > ALONE * one.gain for other in self.found if other.rival.code != "lost-rows"
+        )
 
 
-def explain(present: Present, *, skip: Iterable[str] = ()) -> Explanations | None:
+def explain(
+    present: Present, *, skip: Iterable[str] = (), torn: Sequence[Place] = ()
+) -> Explanations | None:
     """Fit all that may explain the records better.
 
     Parameters
@@ -130,6 +168,8 @@ def explain(present: Present, *, skip: Iterable[str] = ()) -> Explanations | Non
     present : Present
     skip : iterable of str
         Codes that are not tried.
+    torn : sequence of Place
+        Where the state of the model seems to jump (`lost.jumps`).
 
     Returns
     -------
@@ -144,20 +184,22 @@ def explain(present: Present, *, skip: Iterable[str] = ()) -> Explanations | Non
     fitted = [experiment.y - residual for experiment, residual in pairs]
     left_out = set(skip)
     found = []
-    for code, rivals in _rivals(settled, fitted).items():
+    for code, rivals in _rivals(settled, fitted, torn).items():
         if code in left_out:
             continue
         for rival in rivals:
             ends = _attempted(rival)
             if ends is not None:
                 found.append(_explanation(rival, ends, base))
+    found += _sharper(found, settled, base)
     result = Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
     named = result.named
-    if named is None or named.rival.code != "delay":
-        return result
-    better = [_explanation(rival, ends, base) for rival, ends in _refined(named.rival, settled)]
-    every = sorted([*result.found, *better], key=lambda one: -one.gain)
-    return Explanations(base, tuple(every))
+    if named is not None and named.rival.code == "delay":
+        more = [_explanation(rival, ends, base) for rival, ends in _refined(named.rival, settled)]
+        every = sorted([*result.found, *more], key=lambda one: -one.gain)
+        result = Explanations(base, tuple(every))
+    most = max((one.gain for one in result.found), default=0.0)
+    return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0))))
 
 
 def settle(present: Present) -> Attempt | None:
@@ -180,20 +222,43 @@ def _refined(rival: Rival, present: Present) -> Iterator[tuple[Rival, tuple[Atte
             yield near, ends
 
 
+def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
+    """The best non-linearity again, as a function of the outputs that it leads to itself."""
+    own = [one for one in found if one.rival.code == "nonlinear" and one.gain > CLEARLY]
+    better: list[Explanation] = []
+    for _ in range(SHARPER if own else 0):
+        best = max([*own, *better], key=lambda one: one.gain)
+        (end,) = best.attempts
+        pairs = zip(end.point.problem.experiments, end.point.residuals(), strict=True)
+        fitted = [experiment.y - residual for experiment, residual in pairs]
+        again = [r for r in nonlinear_rivals(present, fitted) if r.what == best.rival.what]
+        ends = _attempted(again[0]) if again else None
+        if ends is None:
+            break
+        better.append(_explanation(again[0], ends, base))
+        if better[-1].gain < best.gain + CLEARLY:
+            break
+    return better
+
+
 def _from(present: Present, base: Attempt) -> Present:
     """From where the present explanation ended."""
     return replace(present, poles=base.point.poles, noise=base.point.problem.noise)
 
 
-def _rivals(present: Present, fitted: Sequence[Array]) -> dict[str, list[Rival]]:
+def _rivals(
+    present: Present, fitted: Sequence[Array], torn: Sequence[Place]
+) -> dict[str, list[Rival]]:
     """Of every code those that promise most."""
     every = [
+        *lost_rival(present, torn),
         *_intersample_rivals(present),
         *delay_rivals(present),
         *saturation_rivals(present, fitted),
         *nonlinear_rivals(present, fitted),
         *varying_rivals(present),
         *drift_rivals(present),
+        *slow_rivals(present),
         *order_rivals(present),
     ]
     sorted_: dict[str, list[Rival]] = {}
@@ -251,6 +316,10 @@ def _explanation(rival: Rival, ends: tuple[Attempt, ...], base: Attempt) -> Expl
     """Compare on the samples that the rival explains: a longer delay leaves some out."""
     masks = [np.isfinite(one) for end in ends for one in end.residuals()]
     whole = [np.isfinite(one) for one in base.point.residuals()]
+    if len(ends) == 1 and len(masks) > len(whole):
+        # pieces of records
+        lengths = np.cumsum([one.shape[0] for one in whole])[:-1]
+        masks = np.split(np.concatenate(masks), lengths)
     split = len(masks) != len(whole)
     same = split or all(np.array_equal(a, b) for a, b in zip(masks, whole, strict=True))
     before = base.deviance if same else base.on(masks).deviance
@@ -264,6 +333,7 @@ def _explanation(rival: Rival, ends: tuple[Attempt, ...], base: Attempt) -> Expl
     if len(ends) > 1:
         unknowns -= (len(ends) - 1) * sum(a.size for a in base.point.problem.noise)
     gain = before - deviance + _penalty(base.unknowns, count) - _penalty(unknowns, count)
+    gain -= rival.price
     energy = base.energy if same else base.on(masks).energy
     left = sum(end.energy for end in ends)
     share = 1.0 - left / energy if energy > 0 else 0.0

@@ -77,6 +77,10 @@ class Rival:
     refits : bool
         Whether the advice is to identify with what was changed here, so that its coefficients are
         those that the advice leads to.
+    price : float
+        What choosing it among many costs beside its unknowns, in ``-2 log L``.
+    times : tuple of float
+        Instants that it names [s].
     """
 
     code: str
@@ -85,6 +89,8 @@ class Rival:
     what: str
     advice: str
     refits: bool = True
+    price: float = 0.0
+    times: tuple[float, ...] = ()
     limits: Limits | None = None
 
 

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from tridentify.causes.fewer import order_findings
 from tridentify.causes.first_samples import Predictions
 from tridentify.causes.intersample import Behaviours, intersample_findings
 from tridentify.cautions.coefficients import coefficient_findings
@@ -51,6 +52,8 @@ def judged(
     known = Predictions(estimate)
     # those of the method come first: what it alone could see
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
+    if not any(one.code == "no-response" for one in found):
+        found += order_findings(estimate, records)
     found += outlier_findings(estimate, records, known)
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)

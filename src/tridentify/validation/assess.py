@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from tridentify.causes.explain import Explanation
 from tridentify.causes.first_samples import beginning
-from tridentify.causes.intersample import is_staircase
 from tridentify.errors import OptionError, SampleTypeError, TridentifyError
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding
@@ -30,17 +28,7 @@ from tridentify.validation.correlation import correlate
 from tridentify.validation.evidence import (
     CALLED,
     Evidence,
-    examine,
     suspicious,
-    without_outliers,
-)
-from tridentify.validation.explained import (
-    change,
-    explanations,
-    same_records,
-    settled,
-    still_far,
-    told_alone,
 )
 from tridentify.validation.remembered import remember, remembered
 from tridentify.validation.result import (
@@ -52,22 +40,16 @@ from tridentify.validation.result import (
     Whiteness,
 )
 from tridentify.validation.transfer import carried_over
+from tridentify.validation.tried import may_react, torn_at, try_causes
 from tridentify.validation.verdict import Beside, family, findings, in_words
-from tridentify.validation.view import View, look, refitted
+from tridentify.validation.view import View, look
 
 Array = NDArray[np.float64]
 
 FEWEST_LAGS, MOST_LAGS = 20, 60
-AFTER_A_JUMP = 3
-"""Samples after a jump of a held input where a far sample is a misfit of the model."""
-MOSTLY_ALONE = 0.7
-"""Share of the far samples that stand elsewhere, from which jumps are a coincidence."""
 LEVEL = 0.99
 LONGEST_LOOK = 5_000
 """Samples of each record that every estimate is judged by; `validate` takes them all."""
-FEW_LEFT = 0.9
-FEW_BAD = 0.97
-"""Share of the samples that must be left where those that stand alone are taken out."""
 OUTLIERS = 0.1
 """Share of the false alarms that is spent on outliers."""
 
@@ -174,7 +156,8 @@ def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, .
         if any(output.is_rounding for output in view.outputs):
             return ()
         outputs = range(len(view.outputs))
-        if not any(suspicious(view, i, estimate) for i in outputs):
+        called = any(suspicious(view, i, estimate) for i in outputs)
+        if not (called or torn_at(view) or may_react(view)):
             return ()
         found = _judge(estimate, view, LEVEL, _lags(estimate, view))
     except (TridentifyError, np.linalg.LinAlgError):
@@ -210,23 +193,11 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         return _exact(estimate, view, level)
     outputs, n_inputs = range(len(view.outputs)), view.records[0].n_inputs
     rate = (1.0 - level) * OUTLIERS / len(outputs)
-    evidence = [_examined(view, i, estimate, n_lags, rate) for i in outputs]
-    explained, moved_by, whole = None, "", view
-    if any(len(one.normality.outliers) for one in evidence):
-        view, evidence, moved_by = _without_bad_samples(view, evidence, estimate, n_lags, rate)
-    hinted = view.own and any(suspicious(view, i, estimate) for i in outputs)
-    if hinted or any(_called(one) for one in evidence):
-        explained = explanations(view, estimate, [one.noise for one in evidence])
-    named = explained.named if explained is not None else None
-    again: list[Evidence | None] = [None for _ in outputs]
-    if named is not None and same_records(named):
-        if told_alone(named):
-            evidence = [_beside(named, whole, i, one) for i, one in enumerate(evidence)]
-        other = refitted(view, named.attempts[0].point)
-        again = [
-            _examined(other, i, estimate, n_lags, rate) if _called(evidence[i]) else None
-            for i in outputs
-        ]
+    torn = torn_at(view)
+    tried = try_causes(view, estimate, n_lags, rate, torn)
+    if torn and (tried.named is None or tried.named.rival.code != "lost-rows"):
+        tried = try_causes(view, estimate, n_lags, rate, ())
+    view, evidence, explained = tried.view, tried.evidence, tried.explained
     noises = [one.noise for one in evidence]
     transfer = None if view.own else carried_over(view, estimate, noises)
     tests = family(evidence, estimate.output_names, transfer)
@@ -249,7 +220,12 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         for j in range(n_inputs)
     )
     found = findings(
-        view, evidence, pictures, tests, transfer, Beside(estimate, explained, again, moved_by)
+        view,
+        evidence,
+        pictures,
+        tests,
+        transfer,
+        Beside(estimate, explained, tried.again, tried.without_bad),
     )
     if estimate.loss != "squared":
         # a robust loss does not follow them
@@ -266,79 +242,6 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         tuple(tests),
         (found, in_words(found, view, transfer, fit.tolist()), _notes(view, evidence)),
     )
-
-
-def _beside(named: Explanation, view: View, i: int, one: Evidence) -> Evidence:
-    """Without the bad samples that the cause explains: those beyond a limit are none."""
-    rows = still_far(named, view, i, one.normality.outliers)
-    return replace(one, normality=replace(one.normality, outliers=rows))
-
-
-def _without_bad_samples(
-    view: View, evidence: list[Evidence], estimate: Estimate, n_lags: int, rate: float
-) -> tuple[View, list[Evidence], str]:
-    """The same model fitted without samples that stand alone, where these are few.
-
-    Returns
-    -------
-    view : View
-        Seen from there, where that is the identified record and something but noise was left.
-    evidence : list of Evidence
-    said : str
-        How far the coefficients move.
-    """
-    clean = view
-    for i, one in enumerate(evidence):
-        if len(one.normality.outliers):
-            clean = without_outliers(clean, i, one)
-    kept = [a.count / b.count for a, b in zip(clean.outputs, view.outputs, strict=True)]
-    if min(kept) < FEW_BAD:
-        return view, evidence, ""
-    end = settled(clean, estimate, [one.noise for one in evidence])
-    if end is None:
-        return view, evidence, ""
-    said = change(end, estimate)
-    if not (view.own and any(_called(one) for one in evidence)):
-        return view, evidence, said
-    seen = refitted(clean, end.point)
-    found = []
-    for i, one in enumerate(evidence):
-        again = _examined(seen, i, estimate, n_lags, rate)
-        found.append(replace(again, normality=one.normality, innovations=one.innovations))
-    return replace(seen, own=True, has_errors=view.has_errors), found, said
-
-
-def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
-    """Without far samples that follow a jump of a held input: there the model misses something."""
-    rows = found.normality.outliers
-    if not len(rows) or not is_staircase(view.records):
-        return found
-    kept = []
-    for e, t, _ in rows:
-        record = view.records[int(e)]
-        at = int(np.argmin(np.abs(record.t - t)))
-        before = record.u[max(at - AFTER_A_JUMP, 0) : at + 1]
-        kept.append(not np.ptp(before, axis=0).any())
-    if np.mean(kept) > MOSTLY_ALONE:
-        return found
-    return replace(found, normality=replace(found.normality, outliers=rows[kept]))
-
-
-def _called(one: Evidence) -> bool:
-    """Whether something but noise may be left in a residual."""
-    return min(one.past, one.level, one.later, one.linear) < CALLED
-
-
-def _examined(view: View, index: int, estimate: Estimate, n_lags: int, rate: float) -> Evidence:
-    """All tests of one output, on the samples that are no outliers."""
-    found = _with_bad_samples_alone(view, examine(view, index, estimate, n_lags, rate))
-    if not len(found.normality.outliers) or found.past < CALLED:
-        return found
-    clean = without_outliers(view, index, found)
-    if clean.outputs[index].count < view.outputs[index].count * FEW_LEFT:
-        return found
-    again = examine(clean, index, estimate, n_lags, rate)
-    return replace(again, normality=found.normality, innovations=found.innovations)
 
 
 def _assemble(

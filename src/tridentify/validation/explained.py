@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from tridentify.causes.attempt import Attempt
 from tridentify.causes.explain import Explanation, Explanations, explain, moved, settle
+from tridentify.causes.lost import Place
 from tridentify.causes.present import Present
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding
@@ -20,6 +21,7 @@ from tridentify.validation.view import View
 Array = NDArray[np.float64]
 
 HEADLINES = {
+    "lost-rows": "rows were lost there",
     "intersample": "between its samples the input is not what it is taken for",
     "delay": "a delay is missing",
     "saturation": "a sensor or an actuator is at its limit",
@@ -30,6 +32,9 @@ HEADLINES = {
     "order-low": "the order is too low",
 }
 """Code of a cause that can be fitted -> what it is called."""
+
+SPOILS = ("lost-rows", "intersample", "delay")
+"""Causes with which the numbers are wrong, not only less sure."""
 
 ALONE = 12.0
 """Fall of AICc from which a cause that was fitted is told although no test rejects: each test is
@@ -43,7 +48,9 @@ HARDLY = 1.0
 """Movement of a coefficient [standard errors] below which it may stay as it is."""
 
 
-def explanations(view: View, estimate: Estimate, noises: Sequence[Array]) -> Explanations | None:
+def explanations(
+    view: View, estimate: Estimate, noises: Sequence[Array], torn: Sequence[Place] = ()
+) -> Explanations | None:
     """Fit what may explain the records of a view better than the estimate.
 
     Parameters
@@ -52,16 +59,25 @@ def explanations(view: View, estimate: Estimate, noises: Sequence[Array]) -> Exp
     estimate : Estimate
     noises : sequence of (p,) arrays
         Model of each output's noise.
+    torn : sequence of Place
+        Where the state of the model seems to jump.
 
     Returns
     -------
     Explanations or None
         None for a structure with constraints: what is known is not to be given up for a fit.
     """
-    if estimate.structure.constrained:
+    if estimate.structure.constrained and not _integrates(estimate):
         return None
     skip = ("delay",) if estimate.structure.delay == "free" else ()
-    return explain(_present(view, estimate, noises), skip=skip)
+    return explain(_present(view, estimate, noises), skip=skip, torn=torn)
+
+
+def _integrates(estimate: Estimate) -> bool:
+    """Whether all that is known is an integrator, which a pole that is slow enough stands for."""
+    given = estimate.structure
+    alone = given.static_gain is None and not given.bounds and not given.priors
+    return alone and isinstance(given.poles, int) and dict(given.fixed or {}) == {"a0": 0.0}
 
 
 def settled(view: View, estimate: Estimate, noises: Sequence[Array]) -> Attempt | None:
@@ -129,14 +145,15 @@ def finding_of(
         What the residual shows, a sentence.
     """
     rival = found.rival
-    verb = "explain" if rival.code == "order-low" else "explains"
+    verb = "explain" if rival.code in ("order-low", "lost-rows") else "explains"
     message = f"{where}: {HEADLINES[rival.code]}. Of all causes tried, {rival.what} {verb} it best."
     return Finding(
         rival.code,
-        "error" if rival.refits and rival.code in ("intersample", "delay") else "warning",
+        "error" if rival.refits and rival.code in SPOILS else "warning",
         message,
         rival.advice,
         tuple(outputs),
+        times=rival.times,
         effect=_effect(found, base, estimate),
     )
 
@@ -145,7 +162,7 @@ def _effect(found: Explanation, base: Attempt, estimate: Estimate) -> str:
     """Fit from ... to ..., coefficient from ... to ...."""
     said = []
     if len(found.attempts) == 1:
-        pairs = zip(estimate.output_names, base.fits, found.attempts[0].fits, strict=True)
+        pairs = zip(estimate.output_names, base.fits, found.fits(base), strict=True)
         said += [f"fit of {name} from {a:.2f} to {b:.2f} %" for name, a, b in pairs]
     k, before, after, size = moved(found, base, np.asarray(estimate.std))
     if k >= 0 and size > 0.1:
@@ -180,6 +197,8 @@ def still_far(found: Explanation, view: View, output: int, rows: Array) -> Array
     if not same_records(found):
         return rows
     (end,), limits = found.attempts, found.rival.limits
+    if len(end.point.problem.experiments) != len(view.records):
+        return rows
     kept = []
     for e, t, _ in rows:
         k = int(np.argmin(np.abs(view.records[int(e)].t - t)))

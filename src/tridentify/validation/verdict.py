@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.causes.explain import Explanation, Explanations
+from tridentify.causes.feedback import Coming
 from tridentify.estimate import Estimate
 from tridentify.finding import Finding, Severity, ranked
 from tridentify.validation.evidence import CALLED, Evidence
@@ -69,6 +70,15 @@ class Beside(NamedTuple):
         return None if self.explained is None else self.explained.named
 
     @property
+    def torn(self) -> str:
+        """Where rows were lost, if that is the cause; empty where it is another one."""
+        if self.named is None or self.named.rival.code != "lost-rows":
+            return ""
+        times = self.named.rival.times
+        at = ", ".join(f"{t:.4g}" for t in times)
+        return f"what follows {at} s does not come from what was before"
+
+    @property
     def alone(self) -> Explanation | None:
         """That cause where it explains so much that no test of the residual has to reject."""
         return self.named if self.named is not None and told_alone(self.named) else None
@@ -117,12 +127,13 @@ def findings(
         name = output.name
         calling = [test for test in CALLING if (test, name) in rejected]
         left = dict(rejected)
-        if calling and beside.named is not None:
-            concerned.append((name, _where(one, own, calling)))
+        if (calling or beside.torn) and beside.named is not None:
+            concerned.append((name, beside.torn or _where(one, own, calling)))
             left = _left(rejected, name, beside.again[i], beside.named.rival.code)
         elif ("past inputs", name) in rejected:
             found.append(_unexplained(one, own, beside))
-        found += _about_one(view, one, name, left, own, beside.without_bad)
+        reacts = None if beside.explained is None else beside.explained.reacts[i]
+        found += _about_one(view, one, name, left, own, beside.without_bad, reacts)
     if concerned and beside.named is not None and beside.explained is not None:
         names = [name for name, _ in concerned]
         where = _sentence(concerned[0][1])[:-1]
@@ -267,6 +278,7 @@ def _about_one(
     rejected: dict[tuple[str, str], float],
     pictures: Sequence[CrossCorrelation],
     without_bad: str,
+    reacts: Coming | None,
 ) -> list[Finding]:
     found = []
 
@@ -275,17 +287,7 @@ def _about_one(
             found.append(_finding(code, name, text, advice))
 
     if ("feedback", name) in rejected:
-        ratio = [_outside(picture) for picture in pictures]
-        picture = pictures[int(np.argmax(ratio))]
-        low, high = _around(picture, False)
-        add(
-            "feedback",
-            "feedback",
-            f"the residual of {name} is correlated with {picture.input} {span(low, high)} s later: "
-            "the input reacts to the output (feedback), or its clock is late",
-            "open the loop, or add a test signal that is large against the feedback; check that "
-            "the channels share one clock",
-        )
+        found.append(_feedback(view, name, pictures, reacts))
     add(
         "drift",
         "level",
@@ -321,6 +323,33 @@ def _about_one(
     )
     found += _about_noise(view, one, name, rejected, without_bad)
     return found
+
+
+def _feedback(
+    view: View, name: str, pictures: Sequence[CrossCorrelation], reacts: Coming | None
+) -> Finding:
+    """The input reacts to the output."""
+    if reacts is None:
+        picture = pictures[int(np.argmax([_outside(picture) for picture in pictures]))]
+        which, when = picture.input, f"{span(*_around(picture, False))} s later"
+        effect = ""
+    else:
+        which = pictures[reacts.input].input
+        when = f"{reacts.lag * view.step:.3g} s later" if reacts.lag else "of the same sample"
+        share = f"{100.0 * reacts.share:.0f} %"
+        effect = (
+            f"inputs that come too late to act explain {share} of its sum of squares beside all "
+            "past ones, and no other cause that was tried explains as much"
+        )
+    return _finding(
+        "feedback",
+        name,
+        f"the residual of {name} is correlated with {which} {when}: the input reacts to the output "
+        "(feedback), or its clock is late",
+        "open the loop, or add a test signal that is large against the feedback; check that the "
+        "channels share one clock",
+        effect=effect,
+    )
 
 
 def _about_noise(
