@@ -7,6 +7,7 @@ DEMO_ARGS ?=
 # --compile: all modules at once; --no-compile: each when it is first imported
 COMPILE ?= --compile
 PYTEST_ARGS ?=
+BITS_ARGS ?=
 
 VENV := .venv
 PY := $(VENV)/bin/python
@@ -22,7 +23,7 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 FUZZ_SECONDS ?= 300
-.PHONY: help demo test test-all fuzz check docs browser kernels lint format bench clean clean-all FORCE
+.PHONY: help demo test test-all fuzz check docs browser kernels lint format bench bits clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -76,6 +77,9 @@ bench: $(INSTALLED_DEV) ## run every script of benchmarks/ (an hour and more; by
 		echo "== $$script"; $(PY) "$$script"; \
 	done
 	@echo "== benchmarks/peers/run.py"; $(PY) benchmarks/peers/run.py --draws 5 --limit 20
+
+bits: $(INSTALLED_DEV) ## hashes of estimates, states and files, compared with the stored ones
+	@$(PY) benchmarks/bits.py $(BITS_ARGS)
 
 clean: ## remove caches and builds
 	@rm -rf build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache

@@ -34,9 +34,9 @@ from machine import HERE, keep
 from random_systems import INPUTS, LENGTHS, SEED, Drawn, draw
 
 from tridentify import Estimate, Record, TransferFunction, identify, simulate
+from tridentify.estimation.methods.base import Method
+from tridentify.estimation.methods.output_error import OutputError
 from tridentify.identify import METHODS
-from tridentify.methods.base import Method
-from tridentify.methods.output_error import OutputError
 
 REACHED = 0.01
 STRICT = 1e-6

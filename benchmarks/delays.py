@@ -39,10 +39,10 @@ from tridentify import (
     simulate,
 )
 from tridentify.errors import TridentifyError
-from tridentify.output_error.finish import finish
-from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.output_error.point import Point, evaluate
-from tridentify.output_error.problem import Problem
+from tridentify.estimation.likelihood.cost import Point, evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import finish
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.problem import Problem
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]

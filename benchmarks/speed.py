@@ -57,23 +57,25 @@ REFINED_AIM = {250: 1.5}
 LADDER_AIMS = {(4, 100_000): 1.0 / 3.0, (4, 1_000_000): 1.0 / 5.0}
 SAME = 1e-6
 STEPS = {
-    "candidates": ("output_error.question.candidates", "output_error.question.build_base"),
-    "stand-ins": ("strategy.search.window", "strategy.search.averaged"),
-    "starts": (
-        "strategy.search.laguerre_starts", "strategy.search.enriched_starts",
-        "strategy.search.spread_starts", "strategy.search.discrete_poles",
-        "strategy.starts.ParallelStart.filtered_poles",
-        "strategy.starts.ParallelStart.reduced_poles",
+    "candidates": (
+        "estimation.likelihood.question.candidates", "estimation.likelihood.question.build_base",
     ),
-    "adapted passes": ("strategy.search.Search._adapted",),
-    "moves": ("strategy.search.Search.move",),
-    "choice of seeds": ("strategy.search.Search._choose",),
-    "decide, finish": ("methods.maximum.decide",),
-    "noise test": ("methods.three_model.with_noise_model",),
-    "check of end": ("methods.three_model.certified",),
-    "rivals' scan": ("posterior.weigh.has_rivals",),
-    "posterior": ("posterior.weigh.posterior",),
-    "result": ("methods.three_model.weigh",),
+    "stand-ins": ("estimation.search.search.window", "estimation.search.search.averaged"),
+    "starts": (
+        "estimation.search.search.laguerre_starts", "estimation.search.search.enriched_starts",
+        "estimation.search.search.spread_starts", "estimation.search.search.discrete_poles",
+        "estimation.search.starts.ParallelStart.filtered_poles",
+        "estimation.search.starts.ParallelStart.reduced_poles",
+    ),
+    "adapted passes": ("estimation.search.search.Search._adapted",),
+    "moves": ("estimation.search.search.Search.move",),
+    "choice of seeds": ("estimation.search.search.Search._choose",),
+    "decide, finish": ("estimation.methods.maximum.decide",),
+    "noise test": ("estimation.methods.three_model.with_noise_model",),
+    "check of end": ("estimation.methods.three_model.certified",),
+    "rivals' scan": ("estimation.posterior.maximum_or_mean.has_rivals",),
+    "posterior": ("estimation.posterior.maximum_or_mean.posterior",),
+    "result": ("estimation.methods.three_model.weigh",),
 }  # fmt: skip
 REST = "all else"
 LIMITS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
@@ -145,8 +147,8 @@ def ladder() -> dict[str, Any]:
 def entrants(order: int, n_samples: int) -> dict[str, Callable[[Array, Array], tuple[Array, str]]]:
     """Name -> (u, y) to (theta, remark on the end where it is another kind of end)."""
     from tridentify import Record, RefinedInstrumentalVariable, Structure, ThreeModel, identify
-    from tridentify.estimate import Status
-    from tridentify.methods.base import Method
+    from tridentify.estimation.answer.estimate import Status
+    from tridentify.estimation.methods.base import Method
 
     plant = PLANTS[order]
     told = Structure(order, len(plant.b) - 1, offset=False, initial_state="rest")

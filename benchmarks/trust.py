@@ -55,7 +55,7 @@ from tridentify import (
     simulate,
     validate,
 )
-from tridentify.finding import joined
+from tridentify.estimation.answer.finding import joined
 
 Array = NDArray[np.float64]
 SEED = 4

@@ -35,8 +35,9 @@ nitpicky = True
 nitpick_ignore_regex = [
     ("py:(class|exc)", r"(numpy|np|npt|scipy|matplotlib|pathlib|collections|os|enum|types)\..+"),
     ("py:class", r"(concurrent|typing|io|functools|datetime|fractions)\..+"),
-    # names of types (Array, Truth) and what stands behind the on-line seam
-    ("py:class", r"(\w+|tridentify\.online\.(seam|blueprint|search|state)\.\w+|.+\.Executor)"),
+    # names of types (Array, Truth) and what stands behind the seams
+    ("py:class", r"(\w+|tridentify\.online\.(estimator|layout|search|state)\.\w+)"),
+    ("py:class", r".+\.(Executor|Reached|Located)"),
     ("py:obj", r".+"),
 ]
 default_role = "py:obj"

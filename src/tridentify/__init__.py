@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tridentify import online
-    from tridentify.advice import Advice, FrequencyResponse, advise, frequency_response
     from tridentify.errors import (
         ConvergenceError,
         DataError,
@@ -26,24 +25,31 @@ if TYPE_CHECKING:
         StructureError,
         TridentifyError,
     )
-    from tridentify.estimate import Estimate, Parameter, Status, Trace
-    from tridentify.finding import Finding
-    from tridentify.formats.frames import frame_from_record, record_from_frame
-    from tridentify.formats.read import list_channels, read_record
+    from tridentify.estimation.answer.estimate import Estimate, Parameter, Status, Trace
+    from tridentify.estimation.answer.finding import Finding
+    from tridentify.estimation.methods.filtered.asymptotic_bias import asymptotic_bias
+    from tridentify.estimation.methods.filtered.bias_compensated_least_squares import (
+        BiasCompensatedLeastSquares,
+    )
+    from tridentify.estimation.methods.filtered.refined_instrumental_variable import (
+        RefinedInstrumentalVariable,
+    )
+    from tridentify.estimation.methods.filtered.svf_instrumental_variable import (
+        SvfInstrumentalVariable,
+    )
+    from tridentify.estimation.methods.filtered.svf_least_squares import SvfLeastSquares
+    from tridentify.estimation.methods.output_error import OutputError
+    from tridentify.estimation.methods.three_model import ThreeModel
     from tridentify.identify import METHODS, identify
-    from tridentify.methods.asymptotic_bias import asymptotic_bias
-    from tridentify.methods.bias_compensated_least_squares import BiasCompensatedLeastSquares
-    from tridentify.methods.output_error import OutputError
-    from tridentify.methods.refined_instrumental_variable import RefinedInstrumentalVariable
-    from tridentify.methods.svf_instrumental_variable import SvfInstrumentalVariable
-    from tridentify.methods.svf_least_squares import SvfLeastSquares
-    from tridentify.methods.three_model import ThreeModel
-    from tridentify.record import Record
-    from tridentify.selection import Selection, select_structure
+    from tridentify.judgement.advice import Advice, FrequencyResponse, advise, frequency_response
+    from tridentify.judgement.selection import Selection, select_structure
+    from tridentify.judgement.validation import Validation, validate
+    from tridentify.record.formats.frames import frame_from_record, record_from_frame
+    from tridentify.record.formats.read import list_channels, read_record
+    from tridentify.record.record import Record
     from tridentify.simulate import simulate
     from tridentify.structure import Structure
     from tridentify.transfer_function import TransferFunction
-    from tridentify.validation import Validation, validate
 
 __version__ = "0.1.0"
 
@@ -91,43 +97,43 @@ __all__ = [
 
 _HOME = {
     "METHODS": "identify",
-    "Advice": "advice",
-    "BiasCompensatedLeastSquares": "methods.bias_compensated_least_squares",
+    "Advice": "judgement.advice",
+    "BiasCompensatedLeastSquares": "estimation.methods.filtered.bias_compensated_least_squares",
     "ConvergenceError": "errors",
     "DataError": "errors",
-    "Estimate": "estimate",
-    "Finding": "finding",
-    "FrequencyResponse": "advice",
+    "Estimate": "estimation.answer.estimate",
+    "Finding": "estimation.answer.finding",
+    "FrequencyResponse": "judgement.advice",
     "IdentifiabilityError": "errors",
     "MissingDependencyError": "errors",
-    "OutputError": "methods.output_error",
+    "OutputError": "estimation.methods.output_error",
     "OutputPathError": "errors",
-    "Parameter": "estimate",
-    "Record": "record",
-    "RefinedInstrumentalVariable": "methods.refined_instrumental_variable",
-    "Selection": "selection",
-    "Status": "estimate",
+    "Parameter": "estimation.answer.estimate",
+    "Record": "record.record",
+    "RefinedInstrumentalVariable": "estimation.methods.filtered.refined_instrumental_variable",
+    "Selection": "judgement.selection",
+    "Status": "estimation.answer.estimate",
     "Structure": "structure",
     "StructureError": "errors",
-    "SvfInstrumentalVariable": "methods.svf_instrumental_variable",
-    "SvfLeastSquares": "methods.svf_least_squares",
-    "ThreeModel": "methods.three_model",
-    "Trace": "estimate",
+    "SvfInstrumentalVariable": "estimation.methods.filtered.svf_instrumental_variable",
+    "SvfLeastSquares": "estimation.methods.filtered.svf_least_squares",
+    "ThreeModel": "estimation.methods.three_model",
+    "Trace": "estimation.answer.estimate",
     "TransferFunction": "transfer_function",
     "TridentifyError": "errors",
-    "Validation": "validation",
-    "advise": "advice",
-    "asymptotic_bias": "methods.asymptotic_bias",
-    "frame_from_record": "formats.frames",
-    "frequency_response": "advice",
+    "Validation": "judgement.validation",
+    "advise": "judgement.advice",
+    "asymptotic_bias": "estimation.methods.filtered.asymptotic_bias",
+    "frame_from_record": "record.formats.frames",
+    "frequency_response": "judgement.advice",
     "identify": "identify",
-    "list_channels": "formats.read",
+    "list_channels": "record.formats.read",
     "online": "online",
-    "read_record": "formats.read",
-    "select_structure": "selection",
-    "record_from_frame": "formats.frames",
+    "read_record": "record.formats.read",
+    "select_structure": "judgement.selection",
+    "record_from_frame": "record.formats.frames",
     "simulate": "simulate",
-    "validate": "validation",
+    "validate": "judgement.validation",
 }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from tridentify.choice import METHODS, checked_method, listed, with_behaviour, with_judgement
 from tridentify.errors import (
     ConvergenceError,
     IdentifiabilityError,
@@ -13,12 +12,19 @@ from tridentify.errors import (
     OrderError,
     UnsupportedOrderError,
 )
-from tridentify.estimate import Estimate, Status
-from tridentify.methods.base import Method, Progress
+from tridentify.estimation.answer.estimate import Estimate, Status
+from tridentify.estimation.methods.base import Method, Progress
+from tridentify.judgement.choice import (
+    METHODS,
+    checked_method,
+    listed,
+    with_behaviour,
+    with_judgement,
+)
+from tridentify.judgement.selection.orders import default_candidates
+from tridentify.judgement.selection.select import select_structure
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.record import Record
-from tridentify.selection.orders import default_candidates
-from tridentify.selection.select import select_structure
+from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure
 
 __all__ = ["METHODS", "identify"]

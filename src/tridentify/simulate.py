@@ -15,7 +15,7 @@ from tridentify.checks.samples import typical_step
 from tridentify.errors import ChannelCountError, ScaleError, TridentifyError
 from tridentify.numerics.realization import cascade, monomials, sort_poles
 from tridentify.numerics.sampled import Sampled, States
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]

@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tridentify import interop
 from tridentify.checks.coefficients import (
     channel_delays,
     is_flat,
@@ -30,7 +29,8 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.rational import rational_response, scaled_roots
-from tridentify.text import format_polynomial
+from tridentify.writing import interop
+from tridentify.writing.layout import format_polynomial
 
 __all__ = ["TransferFunction"]
 

@@ -15,7 +15,7 @@ from scipy.signal import lfilter
 
 from tridentify import Record, Status, Structure, ThreeModel, identify
 from tridentify import errors as err
-from tridentify.operators import AllPass, Laguerre, apply_operators
+from tridentify.models.operators import AllPass, Laguerre, apply_operators
 
 
 def respond(theta, n, u, dt):

@@ -16,7 +16,7 @@ from pathlib import Path
 
 from tridentify.cli import publishing
 from tridentify.cli.results import ResultFolder
-from tridentify.files import published
+from tridentify.writing.files import published
 
 NAMES = ("bode.png", "model.json", "report.html")
 MOMENTS = 400

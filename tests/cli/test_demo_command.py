@@ -86,6 +86,7 @@ def test_with_white_weights_the_record_gives_what_a_plain_output_error_fit_finds
         assert found.value == pytest.approx(expected[name], abs=tolerance * found.std)
 
 
+@pytest.mark.slow
 def test_the_demo_lies_near_a_plain_output_error_fit(document, story):
     reference = renamed(story["noisy_reference"]["alpha_and_q"]["coefficients"])
     both = document["alpha and q"]["comparison"]

@@ -52,6 +52,7 @@ def test_attas_angle_of_attack_has_the_same_poles(run, shared_data, file):
     assert document["fit"][0]["fit"] > 93
 
 
+@pytest.mark.slow
 def test_attas_held_input_fits_worse(run, shared_data):
     path = shared_data / ATTAS / "data.csv"
     fits = [
@@ -63,7 +64,13 @@ def test_attas_held_input_fits_worse(run, shared_data):
     assert fits[0] > fits[1] + 0.2
 
 
-@pytest.mark.parametrize("name", JSBSIM)
+@pytest.mark.parametrize(
+    "name",
+    [
+        "jsbsim-c172p-doublet",
+        *(pytest.param(n, marks=pytest.mark.slow) for n in JSBSIM if n != "jsbsim-c172p-doublet"),
+    ],
+)
 def test_jsbsim_angle_of_attack(run, shared_data, name):
     folder = shared_data / name
     truth = json.loads((folder / "truth.json").read_text(encoding="utf-8"))

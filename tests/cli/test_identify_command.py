@@ -334,7 +334,7 @@ def test_without_out_nothing_is_written(run, tmp_path, noisy, question, monkeypa
 def test_progress_goes_to_stderr_and_names_a_long_compilation(
     run, noisy, question, monkeypatch, patience, named
 ):
-    monkeypatch.setattr(terminal, "PATIENCE", patience)
+    monkeypatch.setattr(terminal, "SILENCE", patience)
     monkeypatch.setattr(propagate, "warm_up", lambda: time.sleep(0.2))
     outcome = run("identify", noisy, *question)
     assert "reading noisy.csv" in outcome.err

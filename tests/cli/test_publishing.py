@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tridentify import Estimate, Record, Structure, SvfLeastSquares, files, identify
+from tridentify import Estimate, Record, Structure, SvfLeastSquares, identify
 from tridentify.cli import publishing
 from tridentify.cli.results import ResultFolder
-from tridentify.files import DRAFT_AGE, PENDING, write_atomically
+from tridentify.writing import files
+from tridentify.writing.files import DRAFT_AGE, PENDING, write_atomically
 
 HELPER = Path(__file__).parent / "publish_and_die.py"
 DRAFT = ".tridentify-0123abcd"
@@ -228,7 +229,7 @@ PERMISSIONS = """
 import os, sys
 from pathlib import Path
 from tridentify.cli.results import ResultFolder
-from tridentify.files import write_atomically
+from tridentify.writing.files import write_atomically
 
 os.umask(0o027)
 changed = []

@@ -23,10 +23,10 @@ from hypothesis import strategies as st
 import tridentify
 from tridentify import Record, Structure, TransferFunction, errors, online
 from tridentify.cli import stream_command, stream_session, stream_show
-from tridentify.cli.stream_session import Question, Session
-from tridentify.formats.streams import sources
-from tridentify.formats.streams.header import Asked
-from tridentify.formats.streams.lines import LineCutter
+from tridentify.cli.stream_session import Session, StreamQuestion
+from tridentify.record.formats.streams import sources
+from tridentify.record.formats.streams.header import Asked
+from tridentify.record.formats.streams.lines import LineCutter
 
 DT = 0.02
 TRUTH = {"a1": 3.0, "a0": 9.0, "b1": 2.0, "b0": 3.0}
@@ -307,7 +307,7 @@ def fed(data: bytes, size: int) -> tuple[dict[str, Any], list[str]]:
     """The last line of a stream that comes in pieces of a size."""
     asked = Asked(("u",), ("y",))
     method = online.ThreeModel(start=TransferFunction([1.0], [1.0, 1.2]))
-    question = Question(asked, Structure(1, 0), method, None, "zoh", (), float("inf"))
+    question = StreamQuestion(asked, Structure(1, 0), method, None, "zoh", (), float("inf"))
     told: list[str] = []
     session, cutter = Session(question, lambda _: None, told.append), LineCutter()
     for begin in range(0, len(data), size):
@@ -636,7 +636,7 @@ def test_dropped_datagrams_are_told_in_every_line_and_kept(run, file, tmp_path, 
     monkeypatch.setattr(
         sources.UdpSource,
         "pieces",
-        lambda _: iter([sources.Piece("\n".join([header, *rows, ""]).encode(), 0)]),
+        lambda _: iter([sources.Chunk("\n".join([header, *rows, ""]).encode(), 0)]),
     )
     words = checkpointed(Path("udp:"), kept)
     words[1] = "udp://127.0.0.1:0"
@@ -647,7 +647,7 @@ def test_dropped_datagrams_are_told_in_every_line_and_kept(run, file, tmp_path, 
     monkeypatch.setattr(
         sources.UdpSource,
         "pieces",
-        lambda _: iter([sources.Piece(b"30.0,1,0.5\n31.0,1,0.5\n", 0)]),
+        lambda _: iter([sources.Chunk(b"30.0,1,0.5\n31.0,1,0.5\n", 0)]),
     )
     second = run(*words, "--resume")
     assert objects(second.out)[-1]["dropped"] == 8

@@ -23,7 +23,7 @@ from tridentify import (
     simulate,
 )
 from tridentify import errors as err
-from tridentify.methods.capability import Capability
+from tridentify.estimation.methods.capability import Capability
 from tridentify.numerics.autoregression import whiten
 
 ABLE = [key for key, make in METHODS.items() if Capability.CONSTRAINTS in make().capabilities]

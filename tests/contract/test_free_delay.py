@@ -19,7 +19,7 @@ from tridentify import (
     simulate,
 )
 from tridentify import errors as err
-from tridentify.methods.capability import Capability
+from tridentify.estimation.methods.capability import Capability
 
 FLAG = Capability.FREE_DELAY
 ABLE = [key for key, method in METHODS.items() if FLAG in method().capabilities]

@@ -31,7 +31,7 @@ from tridentify import (
     simulate,
 )
 from tridentify import errors as err
-from tridentify.methods.capability import Capability
+from tridentify.estimation.methods.capability import Capability
 
 pytestmark = pytest.mark.parametrize("key", list(METHODS), ids=str)
 DT = 0.05

@@ -10,7 +10,7 @@ import pytest
 
 from tridentify import METHODS, Record, Structure, TransferFunction, identify, simulate
 from tridentify import errors as err
-from tridentify.methods.capability import Capability
+from tridentify.estimation.methods.capability import Capability
 
 pytestmark = pytest.mark.parametrize("key", list(METHODS), ids=str)
 DT, DELAY = 0.05, 0.137

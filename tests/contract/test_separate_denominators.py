@@ -25,7 +25,7 @@ from tridentify import (
     identify,
 )
 from tridentify import errors as err
-from tridentify.methods.capability import Capability
+from tridentify.estimation.methods.capability import Capability
 
 FLAG = Capability.SEPARATE_DENOMINATORS
 ABLE = [key for key, method in METHODS.items() if FLAG in method().capabilities]

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tridentify import errors
-from tridentify.formats.assemble import Wanted, record_from
-from tridentify.formats.channels import Channel
+from tridentify.record.formats.assemble import Wanted, record_from
+from tridentify.record.formats.channels import Channel
 
 
 class Logged:

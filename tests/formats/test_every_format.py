@@ -15,9 +15,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from tridentify import errors, list_channels, read_record
-from tridentify.formats import isolation
-from tridentify.formats.read import FORMATS
-from tridentify.record import Record
+from tridentify.record.formats import isolation
+from tridentify.record.formats.read import FORMATS
+from tridentify.record.record import Record
 
 EXTRA = {"h5py": "matlab", "pyulog": "ulog", "asammdf": "mdf"}
 
@@ -152,7 +152,7 @@ READER = """
 import ctypes, os, sys, tempfile, time
 from pathlib import Path
 import numpy as np
-from tridentify.formats.channels import Channel
+from tridentify.record.formats.channels import Channel
 
 class File:
     channels = (Channel("u", "u", samples=3), Channel("y", "y", samples=3))
@@ -235,7 +235,7 @@ def test_the_child_ends_with_the_reading(sample) -> None:
     if sample.path.name == "seven.mat":
         known = next(f for f in FORMATS if f.name == "MATLAB 7.3")
     with isolation.IsolatedFile(
-        sample.path, f"tridentify.formats.{known.module}", known.name
+        sample.path, f"tridentify.record.formats.{known.module}", known.name
     ) as source:
         process, folder = source._process, Path(source._folder.name)
         assert process.poll() is None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import errors, list_channels, read_record
-from tridentify.formats.mdf import plain_formula
+from tridentify.record.formats.mdf import plain_formula
 
 FAST, SLOW = 0.01 * np.arange(20), 0.02 * np.arange(10)
 

@@ -17,7 +17,7 @@ import pytest
 from scipy import io
 
 from tridentify import errors, list_channels, read_record
-from tridentify.formats import isolation, matlab, text_table
+from tridentify.record.formats import isolation, matlab, text_table
 
 ODD_NAME = b"caf\xe9" + "\u202egnp".encode() + b"\x1b[31m\x07{c}*?"
 ASKED = {"time": "t", "inputs": ["u"], "outputs": ["y"]}
@@ -99,7 +99,7 @@ def test_a_row_without_an_end_is_refused_before_it_is_held(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, content: str, says: str
 ) -> None:
     monkeypatch.setattr(text_table, "LONGEST_ROW", 1000)
-    monkeypatch.setattr(text_table, "MOST_COLUMNS", 40)
+    monkeypatch.setattr(text_table, "MOST_TEXT_COLUMNS", 40)
     path = tmp_path / "endless.csv"
     path.write_text(content)
     with pytest.raises(errors.UnreadableFileError, match=says) as caught:
@@ -147,7 +147,7 @@ def test_an_array_is_measured_as_a_whole_before_it_is_unpacked(
 ) -> None:
     path = tmp_path / "bomb.npz"
     np.savez_compressed(path, t=np.arange(1000.0), y=np.zeros((1000, 900)), big=np.zeros(10**7))
-    from tridentify.formats.npz import NpzFile
+    from tridentify.record.formats.npz import NpzFile
 
     monkeypatch.setattr(isolation, "memory_limit", lambda: 1_000_000)
     archive = NpzFile(path)
@@ -189,7 +189,7 @@ def test_a_matrix_of_hdf5_is_measured_before_it_is_unpacked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     h5py = pytest.importorskip("h5py", reason="needs h5py, of the extra tridentify[files]")
-    from tridentify.formats import matlab_hdf5
+    from tridentify.record.formats import matlab_hdf5
 
     path = tmp_path / "bomb.h5"
     with h5py.File(path, "w") as file:

@@ -18,18 +18,18 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tridentify import errors
-from tridentify.formats.streams import sources
-from tridentify.formats.streams.header import Asked, find_columns
-from tridentify.formats.streams.lines import LONGEST_LINE, LineCutter, Lines
-from tridentify.formats.streams.rows import Problem, RowReader
-from tridentify.formats.streams.sources import (
+from tridentify.record.formats.streams import sources
+from tridentify.record.formats.streams.header import Asked, find_columns
+from tridentify.record.formats.streams.lines import LONGEST_LINE, LineCutter, WholeLines
+from tridentify.record.formats.streams.rows import BadLine, RowReader
+from tridentify.record.formats.streams.sources import (
     FileSource,
     PipeSource,
     UdpSource,
     loopback_address,
     source_of_file,
 )
-from tridentify.formats.streams.timeline import SET_BACK, Timeline, nominal_step
+from tridentify.record.formats.streams.timeline import SET_BACK, Timeline, nominal_step
 
 PLAIN = Asked(("u",), ("y",))
 UNIFORM = Asked(("u",), ("y",), uniform=True)
@@ -213,7 +213,7 @@ def test_with_a_known_step_a_malformed_line_takes_its_time():
     values, numbers, problems, _ = read(b"u,y\n1,2\nx,2\n# remark\n\n3,4\n", UNIFORM)
     np.testing.assert_array_equal(values, [[1, 2], [np.nan, np.nan], [3, 4]])
     assert numbers == [2, 3, 6]
-    assert problems == [Problem(3, "found 'x' in column 'u'; expected a number")]
+    assert problems == [BadLine(3, "found 'x' in column 'u'; expected a number")]
 
 
 CELL = st.one_of(
@@ -241,7 +241,7 @@ def test_the_quick_way_and_the_careful_one_give_the_same(lines, cuts, uniform):
     reader = RowReader(asked)
     expected, said = [], []
     for line in data.split(b"\n")[:-1]:
-        rows = reader.read(Lines(line + b"\n", 0, 0))
+        rows = reader.read(WholeLines(line + b"\n", 0, 0))
         expected.append(rows.values)
         said += rows.problems
     np.testing.assert_array_equal(values, np.concatenate(expected))
@@ -271,7 +271,7 @@ def test_json_is_read_alike_in_blocks_and_line_by_line(lines, cuts):
     data = b"".join(line + b"\n" for line in [b'{"t":0,"u":1,"y":2}', *lines])
     values, _, problems, _ = read(data, PLAIN, tuple(cuts))
     reader = RowReader(PLAIN)
-    found = [reader.read(Lines(line + b"\n", 0, 0)) for line in data.split(b"\n")[:-1]]
+    found = [reader.read(WholeLines(line + b"\n", 0, 0)) for line in data.split(b"\n")[:-1]]
     np.testing.assert_array_equal(values, np.concatenate([rows.values for rows in found]))
     assert problems == [problem for rows in found for problem in rows.problems]
     assert np.isfinite(values[:, 0]).all()
@@ -300,7 +300,7 @@ def test_polars_reads_no_more_than_python_does(cells):
 def test_comments_units_and_a_byte_order_mark_are_understood():
     data = "\ufeff# a logger\nsep=;\nt;u;y\nms;deg;m\n20;1;2\n".encode()
     reader = RowReader(PLAIN)
-    rows = reader.read(Lines(data, 0, len(data)))
+    rows = reader.read(WholeLines(data, 0, len(data)))
     assert rows.values.tolist() == [[0.02, 1.0, 2.0]]
     assert reader.units == {"u": "deg", "y": "m"}
     assert reader.clock == "t"
@@ -331,11 +331,11 @@ def test_a_header_that_comes_again_is_followed():
 def test_what_the_header_said_is_taken_up_again_at_any_line():
     data = b"t,u,y\n1,2,3\ny,u,t\n3,2,2\n"
     reader = RowReader(PLAIN)
-    reader.read(Lines(data, 0, len(data)))
+    reader.read(WholeLines(data, 0, len(data)))
     for line, rest in ((2, b"2,8,9\n"), (3, b"9,8,2\n"), (4, b"9,8,2\n")):
         again = RowReader(PLAIN)
         again.go_on_from(json.loads(json.dumps(reader.to_dict(line))))
-        rows = again.read(Lines(rest, 0, 6))
+        rows = again.read(WholeLines(rest, 0, 6))
         assert rows.values.tolist() == [[2, 8, 9]]
         assert rows.lines.tolist() == [line + 1]
 

@@ -21,10 +21,10 @@ import numpy as np
 
 from tridentify import Structure, TridentifyError, online
 from tridentify.cli.stream_checkpoint import read_checkpoint, undamaged
-from tridentify.cli.stream_session import Question, Session
-from tridentify.formats.streams.header import Asked
-from tridentify.formats.streams.lines import LineCutter
-from tridentify.formats.streams.sources import FileSource
+from tridentify.cli.stream_session import Session, StreamQuestion
+from tridentify.record.formats.streams.header import Asked
+from tridentify.record.formats.streams.lines import LineCutter
+from tridentify.record.formats.streams.sources import FileSource
 
 SECONDS = 20.0
 """Of processor time for one seed, before the process is killed."""
@@ -146,13 +146,13 @@ def resumed_stream(path: Path, seed: int) -> str:
     return "ran on"
 
 
-def question_of(folder: Path) -> Question:
+def question_of(folder: Path) -> StreamQuestion:
     """What the stream of the test asks; `test_checkpoints` writes it beside its checkpoints."""
     asked = json.loads((folder / "asked.json").read_text(encoding="utf-8"))
     method = online.RecursiveLeastSquares(filter=(1.0, 4.0, 4.0), forgetting=0.999)
     structure = Structure(2, 1, delay=asked["delay"])
     names = Asked(("u",), ("y",), name="data.csv")
-    return Question(names, structure, method, None, "zoh", [], asked["every"])
+    return StreamQuestion(names, structure, method, None, "zoh", [], asked["every"])
 
 
 def main(kind: str, folder: Path, seeds: list[int]) -> None:

@@ -14,9 +14,9 @@ import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.errors import TridentifyError
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.output_error import OutputError
 from tridentify.export import read_json, write_c_header, write_json, write_matlab
-from tridentify.methods.output_error import OutputError
 
 LONGEST = 5.0
 """Processor seconds in which a file of some hundred kilobytes is refused, or read and used."""

@@ -14,10 +14,10 @@ import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, read_record, simulate
 from tridentify.errors import TridentifyError
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.output_error import OutputError
 from tridentify.export import write_c_header, write_matlab
-from tridentify.methods.output_error import OutputError
-from tridentify.text import short
+from tridentify.writing.layout import short
 
 IN_SUMMARY = 26
 """Characters of a name in the heading of a summary."""

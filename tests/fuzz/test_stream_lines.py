@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from tridentify import Structure, errors, online
-from tridentify.cli.stream_session import Question, Session
-from tridentify.formats.streams.header import Asked
-from tridentify.formats.streams.lines import LineCutter
+from tridentify.cli.stream_session import Session, StreamQuestion
+from tridentify.record.formats.streams.header import Asked
+from tridentify.record.formats.streams.lines import LineCutter
 
 LONGEST = 20.0
 """Processor time of some hundred lines, far above what any take [s]."""
@@ -70,7 +70,7 @@ def followed(data: bytes, asked: Asked, cuts: list[int]) -> tuple[list[dict[str,
     said: list[str] = []
     dt = 0.1 if asked.uniform else None
     method = online.RecursiveLeastSquares(filter=(1.0, 2.0))  # nothing to be searched
-    question = Question(asked, Structure(1, 0), method, dt, "zoh", (), 4.0)
+    question = StreamQuestion(asked, Structure(1, 0), method, dt, "zoh", (), 4.0)
     session, cutter = Session(question, emitted.append, said.append), LineCutter()
     refused = ""
     warnings.simplefilter("ignore", RuntimeWarning)  # as the command line does

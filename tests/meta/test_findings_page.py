@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tridentify.finding import CODES
+from tridentify.estimation.answer.finding import CODES
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import ast
 import graphlib
 import os
-import re
 import shutil
 import subprocess
 import sys
@@ -134,18 +133,6 @@ def test_a_circle_and_a_print_would_be_found(tmp_path: Path) -> None:
     }
     _, tree = modules["tridentify.room.b"]
     assert sorted(find_speech("b", tree)) == ["b:2 print", "b:3 SystemExit"]
-
-
-def test_the_readme_shows_every_room(repository: Path) -> None:
-    readme = (repository / "README.md").read_text(encoding="utf-8")
-    (picture,) = re.findall(r"^    src/tridentify/\n((?:      .*\n)+)", readme, flags=re.MULTILINE)
-    shown = set(re.findall(r"\b([a-z_]+)(?:\.py|/)(?=[ ,])", picture))
-    rooms = {
-        path.stem
-        for path in (repository / "src" / PACKAGE).iterdir()
-        if (path.suffix == ".py" or path.is_dir()) and not path.name.startswith("_")
-    }
-    assert shown == rooms
 
 
 # --------------------------------------------------------------------------- the contracts

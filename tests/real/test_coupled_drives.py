@@ -25,6 +25,7 @@ def record(folder):
     return read
 
 
+@pytest.mark.slow
 def test_mostly_one_sign_shows_the_resonance(record, judged):
     whole = record("data_unif2.csv")
     first, second = whole.split(whole.t[300])

@@ -81,6 +81,7 @@ def test_the_residual_is_not_white_and_that_is_told(estimate):
     assert far > 5.0
 
 
+@pytest.mark.slow
 def test_dry_friction_is_worth_a_second_input(record, estimate, judged):
     whole = record("data.csv")
     assert estimate.fit[0] > 94.0

@@ -20,7 +20,13 @@ ATTAS = {
     "data_2.csv": ((2.560, 6.405, -7.41, -6.90), 94.2),
 }
 ATTAS_ONE = ["data.csv", pytest.param("data_2.csv", marks=pytest.mark.slow)]
-JSBSIM = ["jsbsim-a4-doublet", "jsbsim-c172p-doublet", "jsbsim-t37-3211"]
+JSBSIM = [
+    "jsbsim-c172p-doublet",
+    *(
+        pytest.param(name, marks=pytest.mark.slow)
+        for name in ("jsbsim-a4-doublet", "jsbsim-t37-3211")
+    ),
+]
 DEGREE = np.pi / 180.0
 # the notes' figures are those of plain output error
 PLAIN = ThreeModel(noise="white")
@@ -37,7 +43,9 @@ def attas(folder, name, outputs):
 
 
 # ---------------------------------------------------------------------------------- measured
-@pytest.mark.parametrize("options", [{}, {"offset": True, "initial_state": "free"}])
+@pytest.mark.parametrize(
+    "options", [{}, pytest.param({"offset": True, "initial_state": "free"}, marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("name", ATTAS)
 def test_attas_pitch_rate(folder, name, options):
     expected, fit = ATTAS[name]
@@ -77,12 +85,14 @@ def test_attas_noise_is_coloured_and_moves_the_coefficients_within_its_errors(fo
     assert np.all((ratio > 0.5) & (ratio < 2.0))
 
 
+@pytest.mark.slow
 def test_attas_manoeuvres_agree_within_their_standard_errors(folder):
     one, other = (identify(attas(folder, name, ["y_q"]), Structure(2, 1)) for name in ATTAS)
     difference = (one.theta - other.theta) / np.hypot(one.std, other.std)
     assert np.all(np.abs(difference) < 3.0)
 
 
+@pytest.mark.slow
 def test_attas_both_manoeuvres_together(folder):
     records = [attas(folder, name, ["y_q"]) for name in ATTAS]
     estimate = identify(records, Structure(2, 1, offset=True, initial_state="free"))

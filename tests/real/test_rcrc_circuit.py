@@ -51,6 +51,7 @@ def test_next_samples_are_predicted(record, judged):
     assert judged(estimate.model, record("data_val.csv", late=1))[0] > 98.0
 
 
+@pytest.mark.slow
 def test_step_record_says_the_same_without_delay(record, judged):
     estimate = identify(record("data_step.csv"), TWO, PLAIN)
     assert estimate.fit[0] == pytest.approx(99.3, abs=0.1)
@@ -59,6 +60,7 @@ def test_step_record_says_the_same_without_delay(record, judged):
     assert judged(estimate.model, record("data.csv", late=1))[0] > 97.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "late"), [("data.csv", 1), ("data_step.csv", 0)])
 def test_a_gain_of_one_is_contradicted(record, name, late):
     estimate = estimate_physical(rcrc_circuit(), record(name, late=late), PLAIN)
@@ -66,6 +68,7 @@ def test_a_gain_of_one_is_contradicted(record, name, late):
     assert np.all(np.isnan(estimate.values))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "late"), [("data.csv", 1), ("data_step.csv", 0)])
 def test_what_the_record_says_about_the_parts(record, name, late):
     """With the gain free: products and sums of the parts, and why they are not the nominal ones."""

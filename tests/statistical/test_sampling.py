@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.methods.output_error import OutputError
-from tridentify.methods.three_model import ThreeModel
+from tridentify.estimation.methods.output_error import OutputError
+from tridentify.estimation.methods.three_model import ThreeModel
 
 pytestmark = pytest.mark.slow
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])

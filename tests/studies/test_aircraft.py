@@ -17,7 +17,7 @@ from tridentify.errors import IdentifiabilityError, OptionError, TridentifyError
 from tridentify.plots.study import save_study_figures
 from tridentify.plots.study_fig5 import plot_step_responses, response_band
 from tridentify.plots.study_fig6 import plot_noise_levels
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.studies import STUDIES, Study, StudyResult
 from tridentify.studies import aircraft as module
@@ -172,6 +172,7 @@ def test_the_table_of_studies_keeps_its_promise(counted):
     assert isinstance(counted[0], StudyResult)
 
 
+@pytest.mark.slow
 def test_the_result_does_not_depend_on_workers_or_batches(counted, monkeypatch):
     monkeypatch.setattr(module, "BATCH", 3)
     other = SHORT.run(draws=7, seed=3, workers=2)

@@ -9,8 +9,16 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from tridentify.estimate import Estimate, Nuisance, Pass, Start, Status, Step, Trace
-from tridentify.record import Record
+from tridentify.estimation.answer.estimate import (
+    Estimate,
+    Nuisance,
+    Pass,
+    Start,
+    Status,
+    Step,
+    Trace,
+)
+from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 

@@ -7,9 +7,9 @@ import pytest
 
 from tridentify import Record, Structure, SvfLeastSquares, TransferFunction, identify, simulate
 from tridentify import errors as err
-from tridentify.methods.asymptotic_bias import asymptotic_bias
-from tridentify.methods.filtered import filter_cascade
-from tridentify.methods.filtered_noise import Columns
+from tridentify.estimation.methods.filtered.asymptotic_bias import asymptotic_bias
+from tridentify.estimation.methods.filtered.noise_through_filters import FilterColumns
+from tridentify.estimation.methods.filtered.state_variable_filters import filter_cascade
 
 PLANT = TransferFunction([3.0], [1.0, 4.0, 3.0])
 FILTER = (1.0, 4.0, 4.0)
@@ -33,7 +33,7 @@ def test_noise_matrices_are_those_of_unit_samples(coefficients, n_poles):
     """Every sample's answer, one by one, transients included: equations (6)-(7) spelled out."""
     if len(coefficients) - 1 < n_poles:
         pytest.skip("the filter's degree is too low")
-    columns, n = Columns.of(filter_cascade(coefficients, n_poles), n_poles), 25
+    columns, n = FilterColumns.of(filter_cascade(coefficients, n_poles), n_poles), 25
     answers = np.array([columns.applied(sample, 0.1) for sample in np.eye(n)])
     assert np.allclose(columns.gram(n, 0.1), np.einsum("jki,jkl->il", answers, answers), atol=1e-13)
     q = np.linalg.qr(np.random.default_rng(0).standard_normal((n, 4)))[0]
@@ -42,7 +42,7 @@ def test_noise_matrices_are_those_of_unit_samples(coefficients, n_poles):
 
 
 def test_noise_matrix_of_a_long_record_is_cut_where_the_answer_has_faded():
-    columns = Columns.of(filter_cascade((1.0, 4.0, 4.0), 2), 2)
+    columns = FilterColumns.of(filter_cascade((1.0, 4.0, 4.0), 2), 2)
     later, _ = columns.answers(200_000, DT)
     assert later.shape[0] < 20_000
     per_sample = columns.gram(200_000, DT) - columns.gram(100_000, DT)

@@ -16,11 +16,14 @@ from tridentify import (
     simulate,
 )
 from tridentify import errors as err
-from tridentify.methods.asymptotic_bias import asymptotic_bias
-from tridentify.methods.bias_compensated_least_squares import smallest_pair
-from tridentify.methods.filtered import filter_cascade, with_filtered
-from tridentify.methods.filtered_noise import separate
-from tridentify.output_error.nuisance import build, candidates
+from tridentify.estimation.likelihood.nuisance import build, candidates
+from tridentify.estimation.methods.filtered.asymptotic_bias import asymptotic_bias
+from tridentify.estimation.methods.filtered.bias_compensated_least_squares import smallest_pair
+from tridentify.estimation.methods.filtered.noise_through_filters import separate
+from tridentify.estimation.methods.filtered.state_variable_filters import (
+    filter_cascade,
+    with_filtered,
+)
 
 PLANT = TransferFunction([3.0], [1.0, 4.0, 3.0])
 TRUTH = np.array([4.0, 3.0, 3.0])

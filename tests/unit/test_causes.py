@@ -17,7 +17,7 @@ from tridentify import (
     simulate,
     validate,
 )
-from tridentify.causes.saturation import levels
+from tridentify.judgement.causes.saturation import levels
 
 DT, N = 0.05, 800
 PLANT = TransferFunction([9.0], [1.0, 1.5, 9.0])
@@ -345,6 +345,7 @@ def test_a_weak_response_in_coloured_noise_is_still_one():
     assert "no-response" not in [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 def test_right_records_with_other_inputs_and_noise_are_left_alone():
     told = []
     for drawn, made in ((held, coloured), (levels_at_random, noise), (levels_at_random, coloured)):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
-from tridentify.cautions import judged
+from tridentify.judgement.cautions import judged
 
 
 @pytest.mark.parametrize(("delay", "told"), [(0.0, True), (0.31, False)])

@@ -163,7 +163,10 @@ def test_repeated_rows_are_counted():
     assert any(line.startswith("7 samples of y") for line in lines)
 
 
-@pytest.mark.parametrize("factor", [2, 3, 5, 8])
+@pytest.mark.parametrize(
+    "factor",
+    [2, pytest.param(3, marks=pytest.mark.slow), 5, pytest.param(8, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("step", [0.0, 0.3])
 def test_slow_sensor_is_named_with_its_factor_and_a_remedy(factor, step):
     record, sigma = noisy(11, n_samples=960)
@@ -208,7 +211,7 @@ SLOW_DEN = np.array([1.0, 1.0, 9.0])
 @pytest.mark.parametrize(
     "share", [0.02, 0.2, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.4, 0.55)), 0.7]
 )
-@pytest.mark.parametrize("sides", [1, 2])
+@pytest.mark.parametrize("sides", [pytest.param(1, marks=pytest.mark.slow), 2])
 @pytest.mark.parametrize(
     ("level", "steps"), [(0.0, 0.0), (0.05, 0.0), pytest.param(0.05, 0.5, marks=pytest.mark.slow)]
 )
@@ -231,8 +234,11 @@ def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
     assert named == sides if share > 0.02 else named >= (0 if steps else 1)
 
 
-@pytest.mark.parametrize("ratio", [0.003, 0.1, 0.5, 1.5])
-@pytest.mark.parametrize("steps", [0.0, 0.02, 0.1])
+@pytest.mark.parametrize("ratio", [0.003, pytest.param(0.1, marks=pytest.mark.slow), 0.5, 1.5])
+@pytest.mark.parametrize(
+    "steps",
+    [0.0, pytest.param(0.02, marks=pytest.mark.slow), pytest.param(0.1, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("level", [0.0, pytest.param(0.003, marks=pytest.mark.slow)])
 def test_flat_tops_of_a_fast_system_raise_no_alarm(ratio, steps, level):
     """Plateaus at both ends that are entered at a jump, and a model of too low an order."""

@@ -19,15 +19,15 @@ from tridentify import (
     simulate,
 )
 from tridentify.errors import OptionError, TooFewSamplesError, UnsupportedError
+from tridentify.estimation.likelihood import answer
+from tridentify.estimation.likelihood.answer import taken
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.models.regression import BLOCK, Experiment, regress, response_of, restricted
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.levinson import autocovariance, polynomial
 from tridentify.numerics.realization import cascade
-from tridentify.output_error import result
-from tridentify.output_error.finish import coefficients
-from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.output_error.point import evaluate
-from tridentify.output_error.result import taken
-from tridentify.regression import BLOCK, Experiment, regress, response_of, restricted
 
 DT = 0.05
 BANK = cascade(np.array([-0.8, -1 + 2j, -1 - 2j, -6.0]))
@@ -79,8 +79,8 @@ def test_triangle_is_that_of_generalised_least_squares(missing):
 def test_blocks_make_no_difference(missing, monkeypatch):
     e = experiment(2 * BLOCK + 100, missing=missing)
     found = regress(e, BANK)
-    monkeypatch.setattr("tridentify.regression.BLOCK", e.n_samples)
-    monkeypatch.setattr("tridentify.regression.NEGLIGIBLE", 0.0)
+    monkeypatch.setattr("tridentify.models.regression.BLOCK", e.n_samples)
+    monkeypatch.setattr("tridentify.models.regression.NEGLIGIBLE", 0.0)
     expected = regress(e, BANK)
     for i in range(3):
         same(gram(found, i), gram(expected, i))
@@ -216,7 +216,7 @@ def test_fit_is_that_of_the_simulated_output():
 def test_standard_errors_grow_with_slow_noise(monkeypatch):
     record = coloured([-0.95], seed=2)
     seen = identify(record, STRUCTURE, ThreeModel(noise="white"))
-    monkeypatch.setattr(result, "scatter_of_scores", lambda *_: None)
+    monkeypatch.setattr(answer, "scatter_of_scores", lambda *_: None)
     white, auto = (identify(record, STRUCTURE, ThreeModel(noise=n)) for n in ("white", "auto"))
     assert white.noise_model[0].size == 0
     assert any("not white" in line for line in white.cautions)

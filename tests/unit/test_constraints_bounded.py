@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from tridentify.constraints.bounded import bounded_least_squares
+from tridentify.estimation.knowledge.bounded import bounded_least_squares
 
 
 @settings(max_examples=60)

@@ -7,7 +7,7 @@ import pytest
 
 from tridentify import Structure
 from tridentify import errors as err
-from tridentify.constraints.known import known_of
+from tridentify.estimation.knowledge.affine import known_of
 
 ONE = (["u"], ["y"])
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import expm
 
 from tridentify import Record, Structure
-from tridentify.constraints.place import fit, place, poles_from
-from tridentify.output_error.nuisance import Nuisances, build
+from tridentify.estimation.knowledge.fixed_denominator import fit, place, poles_from
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
 
 DT = 0.05
 MODELS = {

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, errors, identify, simulate
-from tridentify.methods.output_error import OutputError
-from tridentify.methods.three_model import ThreeModel
+from tridentify.estimation.likelihood.cost import evaluate_variant
+from tridentify.estimation.likelihood.nuisance import build_base, candidates, first_explained
+from tridentify.estimation.methods.output_error import OutputError
+from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.models.regression import Experiment, Layout, response_of
 from tridentify.numerics.realization import cascade
 from tridentify.numerics.sampled import Sampled, States
-from tridentify.output_error.nuisance import build_base, candidates, first_explained
-from tridentify.output_error.point import evaluate_variant
-from tridentify.regression import Experiment, Layout, response_of
 
 DT = 0.1
 BANK = cascade(np.array([-0.8, -1 + 2j, -1 - 2j, -0.8, -6.0], dtype=complex))
@@ -146,8 +146,8 @@ def test_equilibrium_of_a_delayed_system_is_found():
 
 def test_variants_are_the_problems_themselves():
     """Constants put back on delayed inputs, from the impulse that began later."""
-    from tridentify.output_error.nuisance import build
-    from tridentify.output_error.point import evaluate
+    from tridentify.estimation.likelihood.cost import evaluate
+    from tridentify.estimation.likelihood.nuisance import build
 
     record = in_flight(0.3)
     structure = Structure(2, [[1, 0], [0, 1]], delay=LATE, offset=True)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
-from tridentify.output_error.mixture import Component, combined
-from tridentify.strategy.delay_search import price
-from tridentify.strategy.delays import repeats
+from tridentify.estimation.likelihood.mixture import Component, combined
+from tridentify.estimation.search.delay_search import price
+from tridentify.estimation.search.delays import repeats
 
 DT = 0.01
 LATER = "are left out"

@@ -9,8 +9,10 @@ import pytest
 from scipy import stats
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
-from tridentify.output_error.finish import finish
-from tridentify.output_error.mixture import (
+from tridentify.estimation.likelihood.answer import covariance
+from tridentify.estimation.likelihood.cost import Point, evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import finish
+from tridentify.estimation.likelihood.mixture import (
     Cell,
     Component,
     combined,
@@ -18,10 +20,8 @@ from tridentify.output_error.mixture import (
     fast_poles,
     mixture,
 )
-from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.output_error.point import Point, evaluate
-from tridentify.output_error.result import covariance
-from tridentify.strategy.delays import _in_words
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.search.delays import _in_words
 
 DT = 0.05
 ROOM = 0.6

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, simulate
-from tridentify.output_error.finish import Recorder, finish
-from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.output_error.point import evaluate
-from tridentify.output_error.problem import Problem
-from tridentify.regression import Experiment
-from tridentify.strategy.delay_search import delay_places
-from tridentify.strategy.delays import with_delays
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, finish
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.search.delay_search import delay_places
+from tridentify.estimation.search.delays import with_delays
+from tridentify.models.regression import Experiment
 
 POLES = np.array([-1.0 + 2.0j, -1.0 - 2.0j])
 

@@ -14,7 +14,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tridentify.errors import OptionError, OutputPathError, StepNotTakenError
-from tridentify.estimate import Estimate, Nuisance, Pass, Start, Status, Step, Trace
+from tridentify.estimation.answer.estimate import (
+    Estimate,
+    Nuisance,
+    Pass,
+    Start,
+    Status,
+    Step,
+    Trace,
+)
 from tridentify.plots import diagrams
 from tridentify.plots.diagrams.drawing import (
     Board,

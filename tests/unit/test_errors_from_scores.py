@@ -16,9 +16,9 @@ from tridentify import (
     identify,
     simulate,
 )
-from tridentify.estimate import Status
-from tridentify.output_error import result
-from tridentify.output_error.scores import BLOCKS, FALSE_ALARMS, judged_scatter
+from tridentify.estimation.answer.estimate import Status
+from tridentify.estimation.likelihood import answer
+from tridentify.estimation.likelihood.scores import BLOCKS, FALSE_ALARMS, judged_scatter
 
 MODEL = TransferFunction([2.0], [1.0, 2.0, 4.0])
 TRUTH = np.array([2.0, 4.0, 2.0])
@@ -55,11 +55,11 @@ def drift(rng):
     return (walk - walk.mean()) / walk.std()
 
 
-@pytest.mark.parametrize("disturb", [gusts, drift])
+@pytest.mark.parametrize("disturb", [pytest.param(gusts, marks=pytest.mark.slow), drift])
 def test_errors_grow_with_a_slow_disturbance(disturb, monkeypatch):
     seeds = range(6)
     found = [identify(record(k, disturb), Structure(2, 0), WHITE) for k in seeds]
-    monkeypatch.setattr(result, "scatter_of_scores", lambda *_: None)
+    monkeypatch.setattr(answer, "scatter_of_scores", lambda *_: None)
     plain = [identify(record(k, disturb), Structure(2, 0), WHITE) for k in seeds]
     off, before = (np.array([np.abs(e.theta - TRUTH) / e.std for e in es]) for es in (found, plain))
     assert sum(e.errors == "scores" for e in found) >= 5
@@ -100,7 +100,9 @@ def test_a_posterior_mean_has_wider_intervals(monkeypatch):
     estimate = identify(seen, Structure(2, 0), method)
     assert estimate.status is Status.POSTERIOR_MEAN
     assert estimate.errors == "scores"
-    monkeypatch.setattr("tridentify.posterior.weigh.scatter_at", lambda _: None)
+    monkeypatch.setattr(
+        "tridentify.estimation.posterior.maximum_or_mean.scatter_at", lambda _: None
+    )
     plain = identify(seen, Structure(2, 0), method)
     assert plain.errors == "likelihood"
     assert np.all(estimate.std > 1.3 * plain.std)

@@ -12,8 +12,16 @@ import pytest
 
 from tridentify import identify, simulate
 from tridentify.errors import DataError, OutputPathError, UnreadableFileError
-from tridentify.estimate import Estimate, Parameter, Pass, Start, Status, Step, Trace
-from tridentify.record import Record
+from tridentify.estimation.answer.estimate import (
+    Estimate,
+    Parameter,
+    Pass,
+    Start,
+    Status,
+    Step,
+    Trace,
+)
+from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 

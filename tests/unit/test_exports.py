@@ -31,7 +31,7 @@ IMPORTS = [
     "import tridentify.{name}",
     "from tridentify import {name}",
     "from tridentify.{name} import {name}",
-    "import tridentify.methods.three_model",
+    "import tridentify.estimation.methods.three_model",
     "import importlib; importlib.import_module('tridentify.{name}')",
     "import tridentify; tridentify.{name}; import tridentify.{name}",
     "import tridentify.{name}, importlib, sys; importlib.reload(sys.modules['tridentify.{name}'])",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import DataError, Record, TransferFunction, simulate
-from tridentify.advice import frequency_response
+from tridentify.judgement.advice import frequency_response
 
 LIGHT = TransferFunction([2.0, 3.0], [1.0, 0.3, 9.0])
 NOISE = 0.05

@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from tridentify import Record, Structure, TransferFunction, errors, identify, simulate
-from tridentify.methods.output_error import OutputError
-from tridentify.methods.three_model import ThreeModel
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.methods.output_error import OutputError
+from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.estimation.search.stand_ins import averaged, window
+from tridentify.models.regression import Experiment, Layout, response_of
 from tridentify.numerics.intervals import Crossing, plan, steps
 from tridentify.numerics.realization import cascade
-from tridentify.output_error.problem import Problem
-from tridentify.regression import Experiment, Layout, response_of
-from tridentify.strategy.thin import averaged, window
 
 POLES = np.array([-1 + 3j, -1 - 3j, -20.0, -0.1], dtype=complex)
 BANK = cascade(np.tile(POLES, 2))
@@ -223,7 +223,7 @@ def test_stand_ins_keep_time():
 def test_cost_is_linear_in_the_record():
     import time
 
-    from tridentify.regression import regress
+    from tridentify.models.regression import regress
 
     seconds = []
     for n in (20_000, 80_000):

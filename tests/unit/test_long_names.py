@@ -25,7 +25,7 @@ from tridentify.plots.diagrams import draw_flow_chart
 from tridentify.plots.diagrams.drawing import fitted, text_width
 from tridentify.report import write_report
 from tridentify.report.tables import course_tables, result_tables
-from tridentify.text import IN_PICTURES, IN_TABLES
+from tridentify.writing.layout import IN_PICTURES, IN_TABLES
 
 LONGEST = 200
 """Characters of the longest name that a record takes."""

@@ -8,9 +8,9 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from tridentify.finding import Finding
-from tridentify.markup import HEIGHT, WIDTH, fraction, sparkline
-from tridentify.record import Record
+from tridentify.estimation.answer.finding import Finding
+from tridentify.record.record import Record
+from tridentify.writing.notebook import HEIGHT, WIDTH, fraction, sparkline
 
 
 def texts(markup):

@@ -11,9 +11,6 @@ import numpy as np
 import pytest
 
 from tridentify import Estimate, Record, TransferFunction
-from tridentify.encoding import check_covariance, decode, read_json
-from tridentify.encoding.document import DEEPEST, MOST_BYTES, MOST_VALUES
-from tridentify.encoding.values import _DECODERS
 from tridentify.errors import (
     ChannelNameError,
     CoefficientError,
@@ -25,12 +22,15 @@ from tridentify.errors import (
     UnitError,
     UnreadableFileError,
 )
+from tridentify.estimation.answer.encoding import check_covariance, decode, read_json
+from tridentify.estimation.answer.encoding.document import DEEPEST, MOST_BYTES, MOST_VALUES
+from tridentify.estimation.answer.encoding.values import _DECODERS
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.trace import Trace
 from tridentify.export import read_json as read_model
 from tridentify.export import write_c_header, write_json
-from tridentify.finding import Finding
 from tridentify.physical.result import PhysicalEstimate
 from tridentify.structure import Structure
-from tridentify.trace import Trace
 
 CHANGES = {
     "a billion poles": (("structure", "poles"), 10**9, "poles"),

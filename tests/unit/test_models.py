@@ -9,13 +9,13 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import cont2discrete, dlsim, lsim, tf2ss
 
+from tridentify.models.operators import AllPass, Laguerre
 from tridentify.models.parallel import fit_parallel
+from tridentify.models.regression import Experiment, regress
 from tridentify.models.response import Response
 from tridentify.models.series import fit_series
 from tridentify.models.series_parallel import fit_series_parallel
 from tridentify.numerics.realization import cascade, numerators, sort_poles
-from tridentify.operators import AllPass, Laguerre
-from tridentify.regression import Experiment, regress
 
 DT, GAMMA, K = 0.1, 1.7, 3
 PLUS, MINUS = np.array([1.0, GAMMA]), np.array([1.0, -GAMMA])

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from tridentify import Record, TransferFunction, simulate
+from tridentify.estimation.likelihood.cost import evaluate_variant
+from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, finish
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search.one_mode_moved import FARTHER, moved_poles, place_costs
+from tridentify.estimation.search.starts import rate_limits
+from tridentify.models.regression import Experiment
 from tridentify.numerics.realization import sort_poles
-from tridentify.output_error.finish import Recorder, finish
-from tridentify.output_error.point import evaluate_variant
-from tridentify.output_error.problem import Problem, Variant
-from tridentify.regression import Experiment
-from tridentify.strategy.moves import FARTHER, moved_poles, place_costs
-from tridentify.strategy.starts import rate_limits
 
 DT = 0.05
 AR1 = np.array([-0.6])

@@ -6,8 +6,14 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, errors
-from tridentify.output_error.nuisance import Nuisances, build, build_base, candidates, reference_of
-from tridentify.output_error.point import evaluate, evaluate_variant
+from tridentify.estimation.likelihood.cost import evaluate, evaluate_variant
+from tridentify.estimation.likelihood.nuisance import (
+    Nuisances,
+    build,
+    build_base,
+    candidates,
+    reference_of,
+)
 
 POLES = np.array([-0.5 + 1.5j, -0.5 - 1.5j])
 REST, EQUILIBRIUM, FREE = "rest", "equilibrium", "free"

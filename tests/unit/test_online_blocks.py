@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, online, simulate
-from tridentify.online import seam
+from tridentify.online import estimator
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
 
@@ -45,7 +45,7 @@ STRUCTURES = {
 
 @pytest.fixture(autouse=True)
 def every_record_is_long(monkeypatch):
-    monkeypatch.setattr(seam, "LONG_RECORD", 0)
+    monkeypatch.setattr(estimator, "LONG_RECORD", 0)
 
 
 def samples(seed: int, n_inputs: int, kind: str, count: int = 1500) -> tuple[Any, Any]:

@@ -18,12 +18,12 @@ from tridentify import (
 from tridentify.errors import OptionError, UnsupportedError
 from tridentify.numerics.realization import cascade, numerators, sort_poles
 from tridentify.numerics.recursive import along, descend
-from tridentify.online.blueprint import Nuisance, Setting
 from tridentify.online.gradient_periods import scatter, stable_poles
 from tridentify.online.gradient_plan import Basis, gains, inverse_of
 from tridentify.online.gradient_vector import moments_of, signals_of
 from tridentify.online.kernels import gradient as kernel
 from tridentify.online.kernels import slots
+from tridentify.online.layout import NuisanceColumns, Setting
 
 DT = 0.05
 ASKED = Structure(2, 1, offset=False, initial_state="rest")
@@ -91,7 +91,7 @@ def test_a_regressor_that_was_never_seen_is_left_alone():
 @pytest.mark.parametrize("adapted", [True, False])
 def test_the_filter_driven_by_a_model_is_the_product_of_their_transfer_functions(adapted):
     """At points of the plane, ``filtered(row)`` against polynomials multiplied out."""
-    nuisance = Nuisance(False, False, False)
+    nuisance = NuisanceColumns(False, False, False)
     poles = sort_poles(np.array([-0.4 + 1.5j, -0.4 - 1.5j]))
     if adapted:
         basis = Basis.on_model(setting(), nuisance, poles)
@@ -122,7 +122,7 @@ def test_coefficients_come_back_from_the_unknowns(zeros, unit):
     )
     poles = sort_poles(np.roots([1.0, *theta[:2]]).astype(complex))
     for wider in (poles, sort_poles(np.append(poles, -3.0 / unit))):
-        nuisance = Nuisance(True, True, False)
+        nuisance = NuisanceColumns(True, True, False)
         basis = Basis.fixed(setting(asked, DT * unit), nuisance, 2.0 / unit, 2, wider)
         constant, matrix = basis.physical
         assert constant + matrix @ basis.unknowns_of(theta) == pytest.approx(theta, rel=1e-9)

@@ -9,6 +9,10 @@ import pytest
 import scipy.signal
 
 from tridentify import Record, Structure, TransferFunction, online, simulate
+from tridentify.estimation.likelihood.answer import physical_map
+from tridentify.estimation.likelihood.cost import evaluate_variant
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.problem import Variant
 from tridentify.numerics.realization import sort_poles
 from tridentify.online import scatter as room
 from tridentify.online import steps
@@ -16,10 +20,6 @@ from tridentify.online.equation_plan import from_directions
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.intake import scatter
 from tridentify.online.steps import coefficients_of_directions
-from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.output_error.point import evaluate_variant
-from tridentify.output_error.problem import Variant
-from tridentify.output_error.result import physical_map
 
 DT = 0.05
 PLANT = TransferFunction([3.0], [1.0, 4.0, 3.0])

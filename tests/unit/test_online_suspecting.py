@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, online, simulate
-from tridentify.online.blueprint import watch_of
+from tridentify.online.estimator import kept_samples
 from tridentify.online.kernels import slots
-from tridentify.online.seam import kept_samples
+from tridentify.online.layout import watch_of
 from tridentify.online.starting import rearranged, with_room
 from tridentify.online.suspecting import MOST_KEPT
 from tridentify.online.suspicion import Old

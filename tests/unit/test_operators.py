@@ -7,14 +7,14 @@ import pytest
 from scipy.signal import cont2discrete, dlsim, lsim, tf2ss
 
 from tridentify import Record, errors
-from tridentify.numerics.realization import cascade
-from tridentify.operators import (
+from tridentify.models.operators import (
     AllPass,
     GeneralizedBasis,
     Kautz,
     Laguerre,
     apply_operators,
 )
+from tridentify.numerics.realization import cascade
 
 S = np.array([0.3j, 2.0j, 1.0 + 5.0j, 9.0])
 DT = 0.1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
-from tridentify.advice import frequency_response
+from tridentify.judgement.advice import frequency_response
 from tridentify.plots import plot_bode, plot_frequency_response
 from tridentify.report.figures import draw_figures
 

@@ -9,8 +9,8 @@ import pytest
 from matplotlib.figure import Figure
 
 from tridentify import Structure
+from tridentify.judgement.selection import Hankel, Selection, SelectionRow
 from tridentify.plots import plot_hankel, plot_selection
-from tridentify.selection import Hankel, Selection, SelectionRow
 
 HANKEL = Hankel(np.array([90.0, 40.0, 0.5, 1e-9]), np.array([2.0, 1.0, 0.5, 0.2]), 2.0, "some")
 

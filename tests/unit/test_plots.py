@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from tridentify import plots
-from tridentify.estimate import Pass, Start, Step, Trace
+from tridentify.estimation.answer.estimate import Pass, Start, Step, Trace
 from tridentify.numerics.correlation import autocorrelation
 from tridentify.plots.bode import default_frequencies
 from tridentify.plots.style import shorten
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
 
 PICTURES = {

@@ -11,10 +11,10 @@ import pytest
 
 from tridentify import Structure, plots, uncertainty
 from tridentify.errors import OptionError
-from tridentify.estimate import Status
+from tridentify.estimation.answer.estimate import Status
 from tridentify.numerics.delta_method import impulse_response, step_response
 from tridentify.plots.over_time import default_times
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
 from tridentify.uncertainty.step import powers_of
 

@@ -20,16 +20,16 @@ from tridentify import (
     simulate,
 )
 from tridentify.errors import OptionError
-from tridentify.estimate import Status
+from tridentify.estimation.answer.estimate import Status
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.posterior import maximum_or_mean as weighing
+from tridentify.estimation.posterior.many_cascades import coordinates
+from tridentify.estimation.posterior.mean import LONGEST, Posterior, posterior, vagueness
+from tridentify.estimation.posterior.surface import surface, unit_of
+from tridentify.models.regression import Experiment
 from tridentify.numerics.realization import denominator, sort_poles
-from tridentify.output_error.finish import coefficients
-from tridentify.output_error.point import evaluate
-from tridentify.output_error.problem import Problem
-from tridentify.posterior import weigh as weighing
-from tridentify.posterior.mean import LONGEST, Posterior, posterior, vagueness
-from tridentify.posterior.sections import coordinates
-from tridentify.posterior.surface import surface, unit_of
-from tridentify.regression import Experiment
 
 REST = {"offset": False, "initial_state": "rest"}
 SECOND = Structure(2, 0, **REST)

@@ -8,10 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal, multivariate_t
 
-from tridentify.posterior.sampling import (
+from tridentify.estimation.posterior.sampling import (
     Box,
-    Kernels,
-    Mixture,
+    ProposalMixture,
+    StudentKernels,
     effective_size,
     normalised,
     resample,
@@ -20,7 +20,7 @@ from tridentify.posterior.sampling import (
 
 ROOT = np.array([[0.5, 0.0], [-0.4, 0.2]])
 CENTRES = np.array([[0.0, 0.0], [3.0, -1.0], [-2.0, 2.0]])
-WIDE = Mixture((Box(np.full(2, -10.0), np.full(2, 10.0)),), (1.0,))
+WIDE = ProposalMixture((Box(np.full(2, -10.0), np.full(2, 10.0)),), (1.0,))
 
 
 def generator(seed=0):
@@ -40,21 +40,21 @@ def test_box_is_uniform():
 
 
 def test_kernels_are_student_densities():
-    kernels = Kernels(CENTRES, ROOT)
+    kernels = StudentKernels(CENTRES, ROOT)
     points = generator().normal(size=(50, 2)) * 4.0
     each = [multivariate_t(c, ROOT @ ROOT.T, df=4).pdf(points) for c in CENTRES]
     assert np.exp(kernels.log_density(points)) == pytest.approx(np.mean(each, axis=0), rel=1e-9)
 
 
 def test_kernels_far_away_do_not_underflow():
-    kernels = Kernels(CENTRES, 1e-3 * ROOT)
+    kernels = StudentKernels(CENTRES, 1e-3 * ROOT)
     points = np.full((1, 2), 1e8)
     expected = multivariate_t(CENTRES[0], 1e-6 * ROOT @ ROOT.T, df=4).logpdf(points)
     assert kernels.log_density(points) == pytest.approx(expected, rel=1e-6)
 
 
 def test_kernels_draw_what_their_density_says():
-    kernels = Kernels(CENTRES, ROOT)
+    kernels = StudentKernels(CENTRES, ROOT)
     drawn = kernels.draw(40_000, generator())
     assert drawn.mean(axis=0) == pytest.approx(CENTRES.mean(axis=0), abs=0.06)
     spread = 4.0 / (4.0 - 2.0) * ROOT @ ROOT.T + np.cov(CENTRES.T, bias=True)
@@ -66,8 +66,8 @@ def test_kernels_draw_what_their_density_says():
 
 
 def test_mixtures_draw_and_weigh_their_parts():
-    mixture = Mixture(
-        (Kernels(CENTRES[:1], ROOT), Box(np.full(2, 50.0), np.full(2, 51.0))), (0.8, 0.2)
+    mixture = ProposalMixture(
+        (StudentKernels(CENTRES[:1], ROOT), Box(np.full(2, 50.0), np.full(2, 51.0))), (0.8, 0.2)
     )
     drawn = mixture.draw(1000, generator())
     assert np.sum(np.all(drawn >= 50.0, axis=1)) == 200
@@ -79,7 +79,7 @@ def test_mixtures_draw_and_weigh_their_parts():
 
 
 def test_a_part_with_a_small_share_is_still_drawn():
-    mixture = Mixture((WIDE, Box(np.full(2, 50.0), np.full(2, 51.0))), (0.999, 0.001))
+    mixture = ProposalMixture((WIDE, Box(np.full(2, 50.0), np.full(2, 51.0))), (0.999, 0.001))
     assert np.any(mixture.draw(20, generator()) >= 50.0)
 
 
@@ -169,8 +169,8 @@ def test_effective_size_is_worth_what_it_says():
 
 def test_a_misplaced_start_costs_draws_and_no_bias():
     """Nearly all first draws from a kernel where nothing is."""
-    wrong = Kernels(np.array([[8.0, 8.0]]), 0.1 * np.eye(2))
-    first = Mixture((*WIDE.parts, wrong), (0.1, 0.9))
+    wrong = StudentKernels(np.array([[8.0, 8.0]]), 0.1 * np.eye(2))
+    first = ProposalMixture((*WIDE.parts, wrong), (0.1, 0.9))
     found = sample(lobes, first, 1000, (800.0,) * 10, generator())
     mean, covariance = moments()
     assert found.effective >= 800.0
@@ -180,12 +180,12 @@ def test_a_misplaced_start_costs_draws_and_no_bias():
 
 NEEDLE = np.array([1.0, -2.0, 3.0])
 BOX = Box(np.full(3, -10.0), np.full(3, 10.0))
-LED = Kernels(NEEDLE[None] + 0.02, 0.02 * np.eye(3))
+LED = StudentKernels(NEEDLE[None] + 0.02, 0.02 * np.eye(3))
 
 
 @pytest.mark.parametrize(
     ("width", "first"),
-    [(0.1, Mixture((BOX,), (1.0,))), (0.002, Mixture((BOX, LED), (0.5, 0.5)))],
+    [(0.1, ProposalMixture((BOX,), (1.0,))), (0.002, ProposalMixture((BOX, LED), (0.5, 0.5)))],
     ids=["from the box", "where a kernel leads"],
 )
 def test_a_needle_is_found(width, first):

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tridentify.numerics import realization
-from tridentify.posterior.sections import (
+from tridentify.estimation.posterior.many_cascades import (
     Sections,
     coordinates,
     degree_bases,
     filter_maps,
     numerator_tables,
 )
+from tridentify.numerics import realization
 
 DEGREES = (1, 2, 3, 4, 5)
 every_degree = pytest.mark.parametrize("n", DEGREES)

@@ -12,14 +12,14 @@ import pytest
 import scipy.linalg
 from scipy.signal import lfilter
 
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.posterior import surface as module
+from tridentify.estimation.posterior.many_cascades import Sections
+from tridentify.estimation.posterior.surface import surface, unit_of
+from tridentify.models.regression import Experiment
 from tridentify.numerics.realization import sort_poles
-from tridentify.output_error.finish import coefficients
-from tridentify.output_error.point import evaluate
-from tridentify.output_error.problem import Problem
-from tridentify.posterior import surface as module
-from tridentify.posterior.sections import Sections
-from tridentify.posterior.surface import surface, unit_of
-from tridentify.regression import Experiment
 
 DT = 0.05
 STEP = 1e-5
@@ -233,7 +233,7 @@ def test_numerators_and_their_covariance_are_the_dense_ones(name):
 
 @every_case
 def test_coefficients_are_those_of_one_denominator(name):
-    """`output_error.point` at the same poles, in physical units."""
+    """`likelihood.cost` at the same poles, in physical units."""
     problem, phi = case(name)
     found, unit = surface(problem, phi), unit_of(problem)
     n, sections = problem.n_poles, Sections.of(phi, problem.n_poles)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify.numerics.discretize import discretize
-from tridentify.numerics.propagate import LONG, PART, propagate
+from tridentify.numerics.propagate import LONG_INPUT, PART, propagate
 from tridentify.numerics.realization import cascade
 
 POLES = {
@@ -104,7 +104,7 @@ ORDERS = {
 def test_long_records_have_the_same_states(poles, intersample):
     bank = cascade(poles)
     matrices = step(bank, intersample)
-    n = LONG + 3 * PART + 5
+    n = LONG_INPUT + 3 * PART + 5
     u = np.random.default_rng(4).standard_normal((n, 2))
     initial = np.random.default_rng(5).standard_normal((2, bank.order))
     expected = dense(*matrices, u, initial)
@@ -118,7 +118,7 @@ def test_long_records_have_the_same_states(poles, intersample):
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 def test_chunks_of_a_long_record_are_the_whole(intersample):
     bank = cascade(ORDERS["three and a pair across the fourth"])
-    matrices, n = step(bank, intersample), LONG + 1
+    matrices, n = step(bank, intersample), LONG_INPUT + 1
     u = np.random.default_rng(6).standard_normal((n, 2))
     whole, carried = np.zeros((2, bank.order)), np.zeros((2, bank.order))
     expected, found = np.full((2, 2 * bank.order + 1, n), np.nan)

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.output_error.raster import on_raster, places_on_raster
+from tridentify.estimation.likelihood.raster import on_raster, places_on_raster
 
 MODEL = TransferFunction([2.0], [1.0, 2.0, 4.0])
 DT, N = 0.05, 600

@@ -7,8 +7,8 @@ import pytest
 from scipy.linalg import expm
 
 from tridentify import Record, Structure, TransferFunction, errors, identify, simulate
-from tridentify.methods.output_error import OutputError
-from tridentify.methods.three_model import ThreeModel
+from tridentify.estimation.methods.output_error import OutputError
+from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.numerics.interpolation import between, lowpass, moments
 from tridentify.numerics.realization import cascade
 from tridentify.numerics.sampled import Sampled, States

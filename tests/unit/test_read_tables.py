@@ -15,8 +15,8 @@ import polars as pl
 import pytest
 
 from tridentify import errors, frame_from_record, list_channels, read_record, record_from_frame
-from tridentify.formats import isolation
-from tridentify.record import Record
+from tridentify.record.formats import isolation
+from tridentify.record.record import Record
 
 COLUMNS = {"t": [0.0, 0.5, 1.0], "u": [1.0, 4.0, 7.0], "y [deg]": [2.0, None, 8.0]}
 
@@ -194,7 +194,7 @@ def test_columns_that_unpack_to_more_than_memory_are_refused(
     write = frame.write_parquet if suffix == "parquet" else frame.write_ipc
     write(path, compression="zstd")
     assert path.stat().st_size < 1_000_000
-    with isolation.IsolatedFile(path, "tridentify.formats.arrow", suffix) as source:
+    with isolation.IsolatedFile(path, "tridentify.record.formats.arrow", suffix) as source:
         monkeypatch.setattr(isolation, "memory_limit", lambda: 10_000_000)
         with pytest.raises(errors.FileTooLargeError, match=r"0\.298 GiB of samples"):
             source.read([0, 1])

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from tridentify import errors
-from tridentify.record import Record
+from tridentify.record.record import Record
 
 U, Y = [0.0, 1.0, 1.0, 0.0], [0.0, 0.5, 0.8, 0.6]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, plots, simulate
-from tridentify.estimate import Status
+from tridentify.estimation.answer.estimate import Status
 from tridentify.plots.style import MAX_POINTS, course
 from tridentify.report import write_report
 from tridentify.report.html import settings_table

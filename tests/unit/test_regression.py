@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
+from tridentify.models.regression import BLOCK, Experiment, regress, restricted
 from tridentify.numerics.realization import cascade
-from tridentify.regression import BLOCK, Experiment, regress, restricted
 
 DT = 0.1
 BANK = cascade(np.array([-0.8, -1 + 2j, -1 - 2j, -0.8, -6.0]))
@@ -100,8 +100,8 @@ def test_blocks_make_no_difference(intersample, missing, monkeypatch):
     """The impulse states die out on the way and are left out from there on."""
     e = experiment(3 * BLOCK + 100, intersample=intersample, missing=missing)
     found = regress(e, BANK)
-    monkeypatch.setattr("tridentify.regression.BLOCK", e.n_samples)
-    monkeypatch.setattr("tridentify.regression.NEGLIGIBLE", 0.0)
+    monkeypatch.setattr("tridentify.models.regression.BLOCK", e.n_samples)
+    monkeypatch.setattr("tridentify.models.regression.NEGLIGIBLE", 0.0)
     for i in range(3):
         same(gram(found, i), gram(regress(e, BANK), i))
 

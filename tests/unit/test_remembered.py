@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
-from tridentify.validation import assess
+from tridentify.judgement.validation import assess
 
 U = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 8)
 PLANT = TransferFunction([9.0], [1.0, 1.2, 9.0])
@@ -61,10 +61,12 @@ def test_validation_after_identification_is_the_judgement_that_came_with_it(coun
         lambda e: (e, Record(U, Y + 1e-9, dt=0.05), {}),
         lambda e: (e, Record(U, Y, dt=0.05, intersample="foh"), {}),
         lambda e: (e, RECORD, {"level": 0.95}),
-        lambda e: (e, RECORD, {"n_lags": 7}),
-        lambda e: (e, RECORD, {"experiment": 0}),
+        pytest.param(lambda e: (e, RECORD, {"n_lags": 7}), marks=pytest.mark.slow),
+        pytest.param(lambda e: (e, RECORD, {"experiment": 0}), marks=pytest.mark.slow),
         lambda e: (dataclasses.replace(e, theta=e.theta * (1 + 1e-12)), RECORD, {}),
-        lambda e: (dataclasses.replace(e, cov=2.0 * e.cov), RECORD, {}),
+        pytest.param(
+            lambda e: (dataclasses.replace(e, cov=2.0 * e.cov), RECORD, {}), marks=pytest.mark.slow
+        ),
     ],
 )
 def test_anything_else_is_judged_by_itself(other, counted):

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 
 from tridentify import Structure, TransferFunction, identify, simulate, validate
-from tridentify.cautions import judged
 from tridentify.errors import OptionError, OutputPathError
-from tridentify.estimate import Status, Trace
-from tridentify.record import Record
+from tridentify.estimation.answer.estimate import Status, Trace
+from tridentify.judgement.cautions import judged
+from tridentify.record.record import Record
 from tridentify.report import save_figures, write_report
 from tridentify.report.html import settings_table
 

@@ -7,8 +7,8 @@ import pytest
 from scipy.signal import lfilter
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.cautions.residual import response_as_noise
-from tridentify.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
+from tridentify.estimation.answer.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
+from tridentify.judgement.cautions.residual import response_as_noise
 
 DT, N = 0.05, 600
 METHOD = ThreeModel(noise="ar", finish="likelihood")

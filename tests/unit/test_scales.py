@@ -20,14 +20,14 @@ from tridentify import (
     validate,
 )
 from tridentify import errors as err
-from tridentify.causes.attempt import attempt
-from tridentify.cautions.sensors import seen_in
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.scores import judged_scatter
+from tridentify.judgement.causes.attempt import attempt
+from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.rational import scaled_roots
 from tridentify.numerics.realization import cascade
 from tridentify.numerics.sampled import Sampled, States
-from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.output_error.scores import judged_scatter
 
 U = np.repeat(np.random.default_rng(1).choice([-1.0, 1.0], 20), 4)
 PLANT = TransferFunction([3.0], [1.0, 1.5, 3.0])

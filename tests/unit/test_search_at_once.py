@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
-from tridentify.methods.noise import PASSED
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.nuisance import build_base, candidates
+from tridentify.estimation.methods.noise import PASSED
+from tridentify.estimation.search.search import CERTAIN, Search, Starts
+from tridentify.estimation.search.stand_ins import LARGE_RECORD, free_variant, window
+from tridentify.estimation.search.starts import best_laguerre, laguerre_starts
 from tridentify.numerics.converter import FEW_VALUES, quantum
-from tridentify.output_error.nuisance import build_base, candidates
-from tridentify.output_error.point import evaluate
-from tridentify.strategy.search import CERTAIN, Search, Starts
-from tridentify.strategy.starts import best_laguerre, laguerre_starts
-from tridentify.strategy.thin import LARGE, free_variant, window
 
 DT = 0.1
 PAIR = TransferFunction([3.0], [1.0, 1.0, 3.0])
 TOLD = Structure(2, 0, offset=False, initial_state="rest")
 
 
-def noisy(model, seed, n=4 * LARGE, noise=0.3):
+def noisy(model, seed, n=4 * LARGE_RECORD, noise=0.3):
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.choice([-1.0, 1.0], n // 5), 5)
     y = simulate(model, Record(u, u, dt=DT))[:, 0]
@@ -68,7 +68,7 @@ def test_looseness_is_the_spread_of_the_poles_over_noise_draws():
     told = evaluate(base, np.roots([1.0, 1.0, 3.0]).astype(complex)).looseness
     poles = []
     for seed in range(40):
-        a = identify(noisy(PAIR, 100 + seed, 2 * LARGE), TOLD).model.den[0][0]
+        a = identify(noisy(PAIR, 100 + seed, 2 * LARGE_RECORD), TOLD).model.den[0][0]
         poles.append(np.roots(a)[0])
     # half the samples
     spread = np.sqrt(np.mean(np.abs(np.array(poles) - np.roots([1, 1, 3])[0]) ** 2)) / 0.5

@@ -22,8 +22,8 @@ from tridentify import (
     simulate,
 )
 from tridentify.errors import CandidateError, DataError, OptionError
-from tridentify.selection import SelectionRow, default_candidates
-from tridentify.selection.held_out import folds
+from tridentify.judgement.selection import SelectionRow, default_candidates
+from tridentify.judgement.selection.held_out import folds
 
 PLANT = TransferFunction([2.0, 3.0], [1.0, 2.0, 9.0])
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import solve_continuous_lyapunov
 
 from tridentify import Record, Structure, TransferFunction, select_structure, simulate
+from tridentify.judgement.selection import Hankel, hankel_values
+from tridentify.judgement.selection.hankel import _singular_values
 from tridentify.numerics.realization import cascade
-from tridentify.selection import Hankel, hankel_values
-from tridentify.selection.hankel import _singular_values
 
 DEN = np.array([1.0, 3.0, 9.0])
 

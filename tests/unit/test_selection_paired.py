@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tridentify.selection.paired import LIMIT, Unseen, contrasts, without
-from tridentify.selection.rule import Trial, recommend
+from tridentify.judgement.selection.paired import LIMIT, Unseen, contrasts, without
+from tridentify.judgement.selection.rule import Trial, recommend
 
 N = 400
 TIME = np.arange(N) / N

@@ -7,8 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from tridentify.selection.criteria import Criteria
-from tridentify.selection.rule import Contender, adequate, choose, levels_off, needed, refuted
+from tridentify.judgement.selection.criteria import Criteria
+from tridentify.judgement.selection.rule import (
+    Contender,
+    adequate,
+    choose,
+    levels_off,
+    needed,
+    refuted,
+)
 
 
 def contender(n_unknowns, deviance, n_poles, *, n=500, usable=True, known=True):

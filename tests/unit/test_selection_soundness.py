@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tridentify.selection.soundness import _close
+from tridentify.judgement.selection.soundness import _close
 
 PLANT = [1.0, 0.056, 4.7e-4]
 

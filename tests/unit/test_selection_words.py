@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tridentify import Structure
-from tridentify.selection import SelectionRow
-from tridentify.selection.criteria import Criteria
-from tridentify.selection.rule import Contender, Verdict
-from tridentify.selection.words import in_words, reason_of
+from tridentify.judgement.selection import SelectionRow
+from tridentify.judgement.selection.criteria import Criteria
+from tridentify.judgement.selection.rule import Contender, Verdict
+from tridentify.judgement.selection.words import in_words, reason_of
 
 
 @pytest.fixture

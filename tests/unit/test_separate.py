@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from tridentify import Record, TransferFunction, simulate
+from tridentify.estimation.likelihood.answer import model_of
+from tridentify.estimation.likelihood.cost import Point, evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, coefficients
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search.one_mode_moved import moved_poles, place_costs
+from tridentify.estimation.search.passes import adapt, parallel_model, series_model
+from tridentify.estimation.search.starts import laguerre_starts, relocated_poles
+from tridentify.models.regression import Experiment
 from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.realization import denominator, roots_of, sort_poles
-from tridentify.output_error.finish import Recorder, coefficients
-from tridentify.output_error.point import Point, evaluate
-from tridentify.output_error.problem import Problem, Variant
-from tridentify.output_error.result import model_of
-from tridentify.regression import Experiment
-from tridentify.strategy.moves import moved_poles, place_costs
-from tridentify.strategy.passes import adapt, parallel_model, series_model
-from tridentify.strategy.starts import laguerre_starts, relocated_poles
 
 DT = 0.05
 ORDERS = ((1, 2), (3, 2))

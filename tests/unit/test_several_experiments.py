@@ -15,8 +15,8 @@ from tridentify import (
     identify,
     simulate,
 )
-from tridentify.output_error.nuisance import Nuisances, build
-from tridentify.strategy.thin import averaged, is_large, is_usable, window
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.search.stand_ins import averaged, is_large, is_usable, window
 
 SHARED = (
     TransferFunction([[[2.0, 1.0], [3.0]]], [[[1.0, 1.0, 4.0], [1.0, 1.0, 4.0]]]),

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from tridentify import Record, TransferFunction, simulate
-from tridentify.numerics.slices import drain
-from tridentify.output_error.problem import Problem, Variant
-from tridentify.regression import Experiment
-from tridentify.strategy.starts import (
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search.starts import (
     discrete_poles,
     enriched_starts,
     laguerre_starts,
@@ -17,6 +15,8 @@ from tridentify.strategy.starts import (
     relocated_poles,
     spread_starts,
 )
+from tridentify.models.regression import Experiment
+from tridentify.numerics.slices import drain
 
 DT = 0.05
 NUMERATORS = [[[5.0, 7.0], [2.0]], [[1.0], [-3.0, 1.0]]]

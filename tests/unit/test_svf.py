@@ -19,7 +19,8 @@ from tridentify import (
     simulate,
 )
 from tridentify.errors import DependentInputsError, OptionError, UnsupportedError
-from tridentify.methods.filtered import (
+from tridentify.estimation.likelihood.nuisance import build, candidates
+from tridentify.estimation.methods.filtered.state_variable_filters import (
     backward,
     filter_cascade,
     filtered_outputs,
@@ -27,10 +28,9 @@ from tridentify.methods.filtered import (
     unreduced,
     with_filtered,
 )
-from tridentify.methods.svf_instrumental_variable import instrumental_passes
-from tridentify.methods.svf_least_squares import covariance, least_squares
-from tridentify.output_error.nuisance import build, candidates
-from tridentify.regression import regress
+from tridentify.estimation.methods.filtered.svf_instrumental_variable import instrumental_passes
+from tridentify.estimation.methods.filtered.svf_least_squares import covariance, least_squares
+from tridentify.models.regression import regress
 
 BOTH = [SvfLeastSquares, SvfInstrumentalVariable]
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])
@@ -104,7 +104,7 @@ def test_every_sample_a_row_is_the_same_as_the_triangle(intersample):
 
 # --------------------------------------------------------------------------------- without noise
 @pytest.mark.parametrize("method", BOTH)
-@pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.parametrize("intersample", ["zoh", pytest.param("foh", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("filter", [(1.0, 4.0, 4.0), (1.0, 6.0, 12.0, 8.0)], ids=["n", "n + 1"])
 def test_error_of_joining_the_output_falls_with_the_square_of_the_step(method, intersample, filter):
     errors = [

@@ -8,10 +8,17 @@ import numpy as np
 import pytest
 
 from tridentify import Record, TransferFunction, simulate
-from tridentify.output_error.point import evaluate
-from tridentify.output_error.problem import Problem
-from tridentify.regression import Experiment
-from tridentify.strategy.thin import LARGE, SMALL, averaged, free_variant, is_large, window
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.search.stand_ins import (
+    LARGE_RECORD,
+    SMALL,
+    averaged,
+    free_variant,
+    is_large,
+    window,
+)
+from tridentify.models.regression import Experiment
 
 DT = 0.01
 MODEL = TransferFunction([5.0, 7.0], [1.0, 1.0, 3.0])
@@ -35,7 +42,7 @@ def residual(some, poles=POLES):
 
 
 def test_long_is_counted_over_all_experiments():
-    piece = problem(LARGE // 2 + 1, 1).experiments[0]
+    piece = problem(LARGE_RECORD // 2 + 1, 1).experiments[0]
     assert not is_large(Problem.of([piece], 2, ((1,),)))
     assert is_large(Problem.of([piece, piece], 2, ((1,),)))
 

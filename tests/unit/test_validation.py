@@ -26,7 +26,7 @@ from tridentify.errors import (
     SampleTypeError,
     TooFewSamplesError,
 )
-from tridentify.validation.view import _root, look
+from tridentify.judgement.validation.residuals import _root, look
 
 DT, N = 0.05, 600
 PLANT = TransferFunction([9.0], [1.0, 1.2, 9.0])

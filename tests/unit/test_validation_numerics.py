@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from tridentify.judgement.validation.distribution import distribution
 from tridentify.numerics.lagrange import added, holm, span
 from tridentify.numerics.portmanteau import (
     autocorrelation_of_fit,
     portmanteau,
     spread_of_statistics,
 )
-from tridentify.validation.distribution import distribution
 
 
 def test_the_test_of_added_columns_is_that_of_two_regressions():

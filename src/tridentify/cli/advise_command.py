@@ -8,16 +8,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tridentify.cli import options
-from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.load import RecordSource, load, rules_from, units_from
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
-from tridentify.files import write_atomically
-from tridentify.record import Record
+from tridentify.record.record import Record
+from tridentify.writing.files import write_atomically
 
 if TYPE_CHECKING:
-    from tridentify.advice import Advice
+    from tridentify.judgement.advice import Advice
 
 Out = Annotated[
     Path | None,
@@ -46,7 +46,7 @@ def advise(
 
     Example: tridentify advise flight.csv --input elevator --output q
     """
-    source = Source(
+    source = RecordSource(
         files,
         tuple(inputs),
         tuple(outputs),
@@ -77,7 +77,7 @@ def advise(
 
 
 def _advice(records: Sequence[Record]) -> Advice:
-    from tridentify.advice import advise as look_at
+    from tridentify.judgement.advice import advise as look_at
 
     return look_at(records)
 

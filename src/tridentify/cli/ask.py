@@ -10,7 +10,7 @@ from typing import Any, Literal, TypeVar
 from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.options import Loss, Noise
 from tridentify.errors import ChannelCountError, OptionError, OrderError, shown
-from tridentify.methods.base import Method
+from tridentify.estimation.methods.base import Method
 
 Number = TypeVar("Number", int, float)
 

@@ -14,8 +14,8 @@ from tridentify.cli.load import time_channels
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import Activity, show, show_json
 from tridentify.errors import DataError, shown
-from tridentify.formats.channels import SECONDS, FloatArray, OpenFile
-from tridentify.formats.read import opened
+from tridentify.record.formats.channels import SECONDS, FloatArray, OpenFile
+from tridentify.record.formats.read import opened
 
 MANY = 2000
 """Channels beyond which the table is laid out plainly: drawn, 80,000 of them take half a minute."""

@@ -32,11 +32,11 @@ from tridentify.cli.terminal import (
     show,
     show_json,
 )
-from tridentify.estimate import Estimate
-from tridentify.formats.read import read_record
-from tridentify.record import Record
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.record.formats.read import read_record
+from tridentify.record.record import Record
 from tridentify.structure import Structure
-from tridentify.text import format_std, format_value
+from tridentify.writing.layout import format_std, format_value
 
 STEM = "short_period"
 TITLE = "Short period of an A-4 at 200 m/s and 5000 m"

@@ -14,7 +14,7 @@ from tridentify.cli.terminal import show, show_json
 from tridentify.errors import OptionError, shown
 
 if TYPE_CHECKING:
-    from tridentify.estimate import Estimate
+    from tridentify.estimation.answer.estimate import Estimate
     from tridentify.excitation import Excitation
     from tridentify.transfer_function import TransferFunction
 

@@ -12,7 +12,7 @@ from tridentify.cli.terminal import show, show_json
 from tridentify.errors import OptionError, shown
 
 
-class Rule(StrEnum):
+class Discretisation(StrEnum):
     """How a filter is discretised."""
 
     ZOH = "zoh"
@@ -42,7 +42,7 @@ def export(
         typer.Option(metavar="SECONDS", help="Sampling interval of the filter; .h only."),
     ] = None,
     method: Annotated[
-        Rule | None,
+        Discretisation | None,
         typer.Option(help="Of discretisation; zoh is exact for a held input; .h only."),
     ] = None,
     prewarp: Annotated[

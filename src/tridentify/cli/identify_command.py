@@ -16,11 +16,11 @@ from tridentify.cli.ask import (
     nested_zeros,
 )
 from tridentify.cli.knowledge import known_from
-from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.load import RecordSource, load, rules_from, units_from
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import estimate_model, load_sample_loop, show_estimate, write_results
 from tridentify.cli.terminal import Activity, show_json
-from tridentify.methods.base import Method
+from tridentify.estimation.methods.base import Method
 from tridentify.structure import AutoStructure, Structure
 
 
@@ -58,7 +58,7 @@ def identify(
     Without --poles the orders are chosen. Example: tridentify identify flight.csv --input elevator
     --output q --poles 2 --zeros 1
     """
-    source = Source(
+    source = RecordSource(
         files,
         tuple(inputs),
         tuple(outputs),
@@ -95,7 +95,7 @@ def identify(
 
 
 def _answer(
-    source: Source,
+    source: RecordSource,
     structure: Structure | AutoStructure,
     method: Method,
     out: Path | None,

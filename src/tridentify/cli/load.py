@@ -23,11 +23,11 @@ from tridentify.errors import (
     SamplingError,
     shown,
 )
-from tridentify.formats.assemble import JITTER, Instants, Wanted, find_channel, record_from
-from tridentify.formats.channels import SECONDS, Channel, OpenFile
-from tridentify.formats.read import TIME_NAMES, opened
-from tridentify.record import Record
-from tridentify.text import printable
+from tridentify.record.formats.assemble import JITTER, Instants, Wanted, find_channel, record_from
+from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
+from tridentify.record.formats.read import TIME_NAMES, opened
+from tridentify.record.record import Record
+from tridentify.writing.layout import printable
 
 COMPARE: Mapping[str, Callable[[Any, float], Any]] = {
     ">=": operator.ge,
@@ -39,7 +39,7 @@ COMPARE: Mapping[str, Callable[[Any, float], Any]] = {
 
 
 @dataclass(frozen=True)
-class Rule:
+class MissingRule:
     """Output samples that do not count: those that compare so with a limit."""
 
     channel: str
@@ -48,7 +48,7 @@ class Rule:
 
 
 @dataclass(frozen=True)
-class Source:
+class RecordSource:
     """Which part of which files are the records."""
 
     files: Sequence[Path]
@@ -61,10 +61,10 @@ class Source:
     stop: float | None = None
     instants: Instants = "auto"
     units: Mapping[str, str] = field(default_factory=dict)
-    missing: tuple[Rule, ...] = ()
+    missing: tuple[MissingRule, ...] = ()
 
 
-def rules_from(given: Sequence[str]) -> tuple[Rule, ...]:
+def rules_from(given: Sequence[str]) -> tuple[MissingRule, ...]:
     """Read what ``--missing`` says.
 
     Parameters
@@ -74,7 +74,7 @@ def rules_from(given: Sequence[str]) -> tuple[Rule, ...]:
 
     Returns
     -------
-    tuple of Rule
+    tuple of MissingRule
 
     Raises
     ------
@@ -84,7 +84,7 @@ def rules_from(given: Sequence[str]) -> tuple[Rule, ...]:
     Examples
     --------
     >>> rules_from(["q >= 9.99"])
-    (Rule(channel='q', sign='>=', limit=9.99),)
+    (MissingRule(channel='q', sign='>=', limit=9.99),)
     """
     found = []
     for text in given:
@@ -94,7 +94,7 @@ def rules_from(given: Sequence[str]) -> tuple[Rule, ...]:
                 f"found --missing {shown(text)}; expected an output, a comparison and a number "
                 'such as "q>=9.99"; correct it, in quotation marks'
             )
-        found.append(Rule(match[1], match[2], float(match[3])))
+        found.append(MissingRule(match[1], match[2], float(match[3])))
     return tuple(found)
 
 
@@ -132,7 +132,7 @@ def units_from(given: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def load(source: Source, activity: Activity) -> list[Record]:
+def load(source: RecordSource, activity: Activity) -> list[Record]:
     """Read the records, one for each file.
 
     Raises
@@ -155,7 +155,7 @@ def _same(file: Path, other: Path) -> bool:
     return file == other or (file.exists() and other.exists() and file.samefile(other))
 
 
-def _load_one(source: Source, file: Path, activity: Activity) -> Record:
+def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
     """Read one record; without a stated sampling, look for a column of time by its name."""
     activity.stage(f"reading {file.name or file}")
     with opened(file) as table:
@@ -172,7 +172,7 @@ def _load_one(source: Source, file: Path, activity: Activity) -> Record:
     return without(record, source.missing, activity)
 
 
-def without(record: Record, rules: Sequence[Rule], activity: Activity) -> Record:
+def without(record: Record, rules: Sequence[MissingRule], activity: Activity) -> Record:
     """Mark the samples that do not count as missing, and say how many there are.
 
     Raises
@@ -199,7 +199,7 @@ def without(record: Record, rules: Sequence[Rule], activity: Activity) -> Record
     return record
 
 
-def _read(table: OpenFile, source: Source, time: str | None, file: Path) -> Record:
+def _read(table: OpenFile, source: RecordSource, time: str | None, file: Path) -> Record:
     wanted = Wanted(
         source.inputs,
         source.outputs,

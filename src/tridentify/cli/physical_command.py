@@ -14,7 +14,7 @@ from rich.table import Table
 
 from tridentify.cli import options, tables
 from tridentify.cli.ask import nested_delays
-from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.load import RecordSource, load, rules_from, units_from
 from tridentify.cli.physical_models import (
     Known,
     channels_of,
@@ -32,10 +32,10 @@ from tridentify.errors import (
     UndeterminedError,
     shown,
 )
-from tridentify.parameter import Parameter
+from tridentify.estimation.answer.parameter import Parameter
 from tridentify.physical import PhysicalEstimate, PhysicalModel, estimate_physical
-from tridentify.record import Record
-from tridentify.text import format_std, format_value
+from tridentify.record.record import Record
+from tridentify.writing.layout import format_std, format_value
 
 TITLES = ("parameter", "value", "std error", "95 % from", "to", "unit")
 
@@ -109,7 +109,7 @@ def physical(
         drift=None if drift is None else drift.answer,
         initial_state=initial_state.value,
     )
-    source = Source(
+    source = RecordSource(
         files or (),
         tuple(names[0]),
         tuple(names[1]),
@@ -137,7 +137,7 @@ def _known_delay(given: str | None) -> float:
 
 
 def _answer(
-    source: Source,
+    source: RecordSource,
     model: PhysicalModel,
     channels: Mapping[str, str],
     known: Known,

@@ -21,8 +21,8 @@ from tridentify.physical import (
     rcrc_circuit,
     short_period,
 )
-from tridentify.record import Record
-from tridentify.text import unit_factors, unit_product
+from tridentify.record.record import Record
+from tridentify.writing.layout import unit_factors, unit_product
 
 Known = dict[str, float | tuple[float, float]]
 

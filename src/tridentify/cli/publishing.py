@@ -18,10 +18,10 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from tridentify.files import PENDING, draft_ending, outdated, sync
+from tridentify.writing.files import PENDING, draft_ending, outdated, sync
 
 PREFIX = ".tridentify-"
-PATIENCE = 10.0
+LOCK_PATIENCE = 10.0
 """How long another run may take to put its files in their places [s]: a thousand times what it
 needs, so that one that was stopped holds up nobody for good."""
 _DRAFT = re.compile(re.escape(PREFIX) + "[a-z0-9_]{8}")
@@ -59,7 +59,7 @@ def clear_drafts(folder: Path) -> None:
 
 
 @contextlib.contextmanager
-def lock(folder: Path, patience: float = PATIENCE) -> Iterator[bool]:
+def lock(folder: Path, patience: float = LOCK_PATIENCE) -> Iterator[bool]:
     """Hold a folder for this process; the system lets go of it when the process ends.
 
     Parameters

@@ -12,7 +12,7 @@ from types import TracebackType
 
 from tridentify.cli import publishing
 from tridentify.errors import OutputPathError
-from tridentify.files import sync
+from tridentify.writing.files import sync
 
 
 class ResultFolder:

@@ -8,9 +8,9 @@ from pathlib import Path
 from tridentify.cli import tables
 from tridentify.cli.terminal import Activity, paragraph, show
 from tridentify.errors import ConvergenceError
-from tridentify.estimate import Estimate
-from tridentify.methods.base import Method
-from tridentify.record import Record
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.base import Method
+from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure
 
 

@@ -12,17 +12,17 @@ import typer
 
 from tridentify.cli import options
 from tridentify.cli.ask import chosen_method, nested_delays
-from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.load import RecordSource, load, rules_from, units_from
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import IdentifiabilityError, OrderError, shown
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.structure import Structure
 
 if TYPE_CHECKING:
-    from tridentify.selection import Selection
+    from tridentify.judgement.selection import Selection
 
 MOST = 200
 
@@ -106,7 +106,7 @@ def select(
     candidates = candidates_from(poles, zeros, template)
     chosen = chosen_method(method, noise)
     sources = [
-        Source(
+        RecordSource(
             some,
             tuple(inputs),
             tuple(outputs),
@@ -197,7 +197,7 @@ def _selected(
     activity: Activity,
 ) -> Selection:
     """Select; with several processes if that is asked for."""
-    from tridentify.selection import select_structure
+    from tridentify.judgement.selection import select_structure
     from tridentify.studies.processes import process_pool
 
     with nullcontext() if jobs == 1 else process_pool(jobs) as pool:

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from tridentify.checks.values import check_keys, checked, whole_number
-from tridentify.encoding import read_json
 from tridentify.errors import (
     DataError,
     OptionError,
@@ -24,8 +23,9 @@ from tridentify.errors import (
     UnreadableFileError,
     shown,
 )
-from tridentify.files import write_atomically
-from tridentify.formats.streams.sources import Mark
+from tridentify.estimation.answer.encoding import read_json
+from tridentify.record.formats.streams.sources import Mark
+from tridentify.writing.files import write_atomically
 
 if TYPE_CHECKING:
     from tridentify.online import State

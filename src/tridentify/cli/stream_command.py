@@ -26,7 +26,7 @@ from tridentify.cli.stream_checkpoint import (
     undamaged,
     write_checkpoint,
 )
-from tridentify.cli.stream_session import Question, Session, check_every
+from tridentify.cli.stream_session import Session, StreamQuestion, check_every
 from tridentify.cli.stream_show import LiveView
 from tridentify.cli.terminal import Activity, say, show_json_line
 from tridentify.errors import (
@@ -36,11 +36,11 @@ from tridentify.errors import (
     UnreadableFileError,
     shown,
 )
-from tridentify.formats.streams.header import Asked, split_columns
-from tridentify.formats.streams.lines import LineCutter
-from tridentify.formats.streams.sources import (
+from tridentify.record.formats.streams.header import Asked, split_columns
+from tridentify.record.formats.streams.lines import LineCutter
+from tridentify.record.formats.streams.sources import (
+    ByteSource,
     PipeSource,
-    Source,
     UdpSource,
     loopback_address,
     source_of_file,
@@ -56,7 +56,7 @@ def stream(
     source: own.SourceName = "-",
     time: own.Time = None,
     dt: own.Step = None,
-    intersample: own.Intersample = own.Held.ZOH,
+    intersample: own.Intersample = own.HeldInput.ZOH,
     columns: own.ColumnNames = None,
     form: own.LineForm = own.Form.AUTO,
     decimal: own.DecimalSign = own.Decimal.POINT,
@@ -128,15 +128,15 @@ def stream(
         )
         rules = rules_from(missing or ())
         _check_rules([rule.channel for rule in rules], outputs)
-        question = Question(asked, structure, chosen, dt, intersample.value, rules, every)
+        question = StreamQuestion(asked, structure, chosen, dt, intersample.value, rules, every)
         _try_out(question)
-        run = _Run(question, origin, checkpoint, idle)
+        run = _StreamRun(question, origin, checkpoint, idle)
         if resume:
             run.go_on()
         run.until_the_end(live, stack)
 
 
-def _source(text: str, follow: bool) -> Source:
+def _source(text: str, follow: bool) -> ByteSource:
     """Open the source that is named."""
     path = Path(text)
     if text == "-" or text.startswith("udp:"):
@@ -170,7 +170,7 @@ def _source(text: str, follow: bool) -> Source:
     return opened
 
 
-def _try_out(question: Question) -> None:
+def _try_out(question: StreamQuestion) -> None:
     """Let the method refuse what it cannot do, and compile its loops, before anything comes."""
     asked, method = question.asked, question.method
     state = method.init(
@@ -246,11 +246,11 @@ class _Stop:
 
 
 @dataclass
-class _Run:
+class _StreamRun:
     """From the source through the session to the lines and the checkpoint."""
 
-    question: Question
-    source: Source
+    question: StreamQuestion
+    source: ByteSource
     checkpoint: Path | None
     idle: float | None
 

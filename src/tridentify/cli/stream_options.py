@@ -15,7 +15,7 @@ import typer
 from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.options import record_option, result_option
 from tridentify.errors import OptionError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 
 if TYPE_CHECKING:
     from tridentify.online import Estimator
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 method_option = partial(typer.Option, rich_help_panel="The method")
 
 
-class Held(StrEnum):
+class HeldInput(StrEnum):
     """What the input does between samples; what comes next is not known yet."""
 
     ZOH = "zoh"
@@ -84,7 +84,7 @@ Step = Annotated[
     ),
 ]
 Intersample = Annotated[
-    Held,
+    HeldInput,
     record_option(metavar="HOW", help="What the input does between samples: zoh (held) or foh."),
 ]
 ColumnNames = Annotated[

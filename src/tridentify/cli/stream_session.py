@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.checks.values import check_keys, finite_number, whole_number
-from tridentify.cli.load import COMPARE, Rule
+from tridentify.cli.load import COMPARE, MissingRule
 from tridentify.cli.stream_show import Remarks, line_of
 from tridentify.errors import EmptyFileError, OptionError, TooFewSamplesError
-from tridentify.formats.streams.header import Asked
-from tridentify.formats.streams.lines import Lines
-from tridentify.formats.streams.rows import RowReader, Rows
-from tridentify.formats.streams.timeline import OPENING, Timeline, nominal_step
+from tridentify.record.formats.streams.header import Asked
+from tridentify.record.formats.streams.lines import WholeLines
+from tridentify.record.formats.streams.rows import RowReader, Rows
+from tridentify.record.formats.streams.timeline import OPENING, Timeline, nominal_step
 from tridentify.structure import Structure
 
 if TYPE_CHECKING:
-    from tridentify.estimate import Estimate
+    from tridentify.estimation.answer.estimate import Estimate
     from tridentify.online import Estimator, NotReadyError, State
 
 FloatArray = NDArray[np.float64]
@@ -43,7 +43,7 @@ MOSTLY = 8
 
 
 @dataclass(frozen=True)
-class Question:
+class StreamQuestion:
     """What is asked of a stream.
 
     Attributes
@@ -55,7 +55,7 @@ class Question:
     dt : float or None
         Nominal step [s]; None to take it from the first samples.
     intersample : str
-    rules : sequence of Rule
+    rules : sequence of MissingRule
         Output samples that do not count.
     every : float
         Time of the data between two lines [s].
@@ -66,7 +66,7 @@ class Question:
     method: Estimator
     dt: float | None
     intersample: str
-    rules: Sequence[Rule]
+    rules: Sequence[MissingRule]
     every: float
 
     def to_dict(self) -> dict[str, Any]:
@@ -85,7 +85,7 @@ class Question:
 
 
 @dataclass
-class Place:
+class StreamPlace:
     """How far a stream was read, in step with the estimator's state; what came out and was lost."""
 
     position: int = 0
@@ -117,7 +117,7 @@ class Session:
 
     Parameters
     ----------
-    question : Question
+    question : StreamQuestion
     emit : callable
         Takes each line as a mapping.
     tell : callable
@@ -126,13 +126,13 @@ class Session:
         Whether to stop.
     """
 
-    question: Question
+    question: StreamQuestion
     emit: Callable[[dict[str, Any]], None]
     tell: Callable[[str], None]
     stopped: Callable[[], bool] = lambda: False
     state: State | None = None
     timeline: Timeline | None = None
-    place: Place = field(default_factory=Place)
+    place: StreamPlace = field(default_factory=StreamPlace)
     refused: NotReadyError | None = None
 
     def __post_init__(self) -> None:
@@ -196,7 +196,7 @@ class Session:
             every |= flag
         self._flags = whole_number(counts["flags"], every.value)
         line = whole_number(counts["line"])
-        self.place = Place(
+        self.place = StreamPlace(
             position,
             line,
             whole_number(counts["malformed"], line),
@@ -228,7 +228,7 @@ class Session:
         """Note that another file, or part of it, follows."""
         self.place.position = position
 
-    def take(self, lines: Lines) -> None:
+    def take(self, lines: WholeLines) -> None:
         """Take in whole lines, unless stopped."""
         rows = self.reader.read(lines)
         if self.state is None:

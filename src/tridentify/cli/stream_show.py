@@ -13,10 +13,10 @@ from rich.live import Live
 
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import error_console, say
-from tridentify.text import format_std, format_value, printable
+from tridentify.writing.layout import format_std, format_value, printable
 
 if TYPE_CHECKING:
-    from tridentify.estimate import Estimate
+    from tridentify.estimation.answer.estimate import Estimate
     from tridentify.online import Flag, State
 
 AT_ONCE = 5

@@ -14,7 +14,7 @@ from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files
 from tridentify.cli.terminal import Activity, plain, show, show_json
 from tridentify.errors import OptionError, shown
-from tridentify.files import write_atomically
+from tridentify.writing.files import write_atomically
 
 
 def study(

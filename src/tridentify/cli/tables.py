@@ -12,10 +12,10 @@ from rich import box
 from rich.table import Table
 
 from tridentify.cli.terminal import paragraph
-from tridentify.estimate import Estimate, Parameter
-from tridentify.record import Record
-from tridentify.text import IN_TABLES, format_std, format_value, printable, short
+from tridentify.estimation.answer.estimate import Estimate, Parameter
+from tridentify.record.record import Record
 from tridentify.uncertainty import DerivedQuantity, derived
+from tridentify.writing.layout import IN_TABLES, format_std, format_value, printable, short
 
 HELD = {
     "zoh": "held between samples (zoh)",

@@ -25,12 +25,12 @@ from rich.progress import TimeElapsedColumn as Elapsed
 from rich.table import Table
 
 from tridentify.errors import DataWarning, OutputPathError
-from tridentify.text import printable
+from tridentify.writing.layout import printable
 
 PROGRAM = "tridentify"
 TEXT_WIDTH = 78
 UNLIMITED = 10_000
-PATIENCE = 1.0
+SILENCE = 1.0
 """How long a stage that is mostly over at once may take before a plain line names it [s]."""
 
 
@@ -337,7 +337,7 @@ class Activity:
             self.stage(text)
             yield
             return
-        timer = threading.Timer(PATIENCE, say, [text])
+        timer = threading.Timer(SILENCE, say, [text])
         timer.daemon = True
         timer.start()
         try:

@@ -11,16 +11,16 @@ import typer
 
 from tridentify.checks.samples import Intersample
 from tridentify.cli import options
-from tridentify.cli.load import Source, load, rules_from, units_from
+from tridentify.cli.load import RecordSource, load, rules_from, units_from
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import ChannelNameError, DataError
-from tridentify.estimate import Estimate
-from tridentify.files import write_atomically
-from tridentify.record import Record
-from tridentify.validation import Validation
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.validation import Validation
+from tridentify.record.record import Record
+from tridentify.writing.files import write_atomically
 
 NOT_TRUSTED = 1
 
@@ -111,7 +111,7 @@ def validate(
     """
     estimate = Estimate.load(model)
     between = estimate.intersample if intersample is None else intersample.value
-    source = Source(
+    source = RecordSource(
         files,
         _columns("input", inputs, estimate.input_names),
         _columns("output", outputs, estimate.output_names),
@@ -180,7 +180,7 @@ def _renamed(record: Record, estimate: Estimate) -> Record:
 def _validation(
     estimate: Estimate, records: Sequence[Record], experiment: int | None, level: float
 ) -> Validation:
-    from tridentify.validation import validate as judge
+    from tridentify.judgement.validation import validate as judge
 
     most = len(estimate.nuisance)
     if experiment is not None and (len(records) > 1 or not 1 <= experiment <= most):

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import UndeterminedError
-from tridentify.output_error.result import SINGULAR
+from tridentify.estimation.likelihood.answer import SINGULAR
 
 Array = NDArray[np.float64]
 Criterion = Literal["A", "D"]
@@ -43,7 +43,7 @@ NEGLIGIBLE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
-class Lines:
+class SpectralLines:
     """What each line tells, for one model or several.
 
     Attributes
@@ -107,13 +107,13 @@ class Design:
 
 
 def best_powers(
-    lines: Lines, criterion: Criterion, tolerance: float = 1e-3, most: int = 20_000
+    lines: SpectralLines, criterion: Criterion, tolerance: float = 1e-3, most: int = 20_000
 ) -> Design:
     """Powers that are optimal to within a tolerance.
 
     Parameters
     ----------
-    lines : Lines
+    lines : SpectralLines
     criterion : {"A", "D"}
     tolerance : float
         Of the efficiency: stop when at least ``1 - tolerance`` is reached.
@@ -134,7 +134,7 @@ def best_powers(
     Two lines that tell one coefficient each, equally well, get half of the power each.
 
     >>> rows = np.array([[[[1.0, 0.0]], [[0.0, 1.0]], [[0.5, 0.5]]]])
-    >>> found = best_powers(Lines(rows, np.zeros(3, int), np.eye(2)[None]), "D")
+    >>> found = best_powers(SpectralLines(rows, np.zeros(3, int), np.eye(2)[None]), "D")
     >>> found.power.round(3).tolist(), bool(found.efficiency > 0.999)
     ([0.5, 0.5, 0.0], True)
     """
@@ -162,7 +162,7 @@ def best_powers(
     return Design(power, value, efficiency, relative, iteration)
 
 
-def _slopes(lines: Lines, power: Array, criterion: Criterion) -> tuple[float, Array]:
+def _slopes(lines: SpectralLines, power: Array, criterion: Criterion) -> tuple[float, Array]:
     """The criterion, and what each line would lower it by per share of power."""
     inverse = lines.factor(power)
     outer = lines.wanted @ inverse

@@ -8,7 +8,7 @@ from __future__ import annotations
 from tridentify.excitation.pulses import pulse_train
 from tridentify.excitation.signal import Excitation
 
-PER_FREQUENCY = 2.3
+DOUBLET_WIDTH_TIMES_FREQUENCY = 2.3
 
 
 def doublet(
@@ -58,5 +58,13 @@ def doublet(
     Excitation(doublet of 2 x 0.5 s: 350 samples, 7 s, dt=0.02 s, zoh, u: 0.05)
     """
     return pulse_train(
-        (1, 1), amplitude, width, for_frequency, PER_FREQUENCY, dt, lead, tail, "doublet of 2 x"
+        (1, 1),
+        amplitude,
+        width,
+        for_frequency,
+        DOUBLET_WIDTH_TIMES_FREQUENCY,
+        dt,
+        lead,
+        tail,
+        "doublet of 2 x",
     )

@@ -5,9 +5,9 @@ all unknowns is ``sum_i J_i' J_i / sigma_i^2``, with ``J_i`` the derivatives of 
 those by offset, drift and initial state included (Kay 1993, section 3.9). What is not asked for is
 projected off: ``J_i`` minus its share along the nuisance columns. That is done with the very
 columns that the estimators use, at the true coefficients, for the output that the planned input
-gives without noise: `constraints.place` where all channels share one denominator (integrators
-and knowledge of coefficients included), `output_error.point` where they do not, or where a delay
-is estimated along. Only the triangle of the result is kept.
+gives without noise: `knowledge.fixed_denominator` where all channels share one denominator
+(integrators and knowledge of coefficients included), `likelihood.cost` where they do not, or where
+a delay is estimated along. Only the triangle of the result is kept.
 
 Coefficients move along the directions ``N`` that the structure leaves free, and priors bring
 information of their own: ``cov = N (N' F N + N' P N)^{-1} N'``. ``F`` is proportional to the square
@@ -22,19 +22,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.constraints.known import Known, known_of
-from tridentify.constraints.place import fit, place
-from tridentify.constraints.solve import problem_for
 from tridentify.errors import (
     OrderError,
     UndeterminedError,
     UnsupportedError,
 )
+from tridentify.estimation.knowledge.affine import Knowledge, known_of
+from tridentify.estimation.knowledge.fixed_denominator import fit, place
+from tridentify.estimation.knowledge.solve import problem_for
+from tridentify.estimation.likelihood.answer import SINGULAR, physical_transform
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.numerics.least_squares import triangle
-from tridentify.output_error.nuisance import Nuisances, build, candidates
-from tridentify.output_error.point import evaluate
-from tridentify.output_error.result import SINGULAR, physical_transform
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -227,7 +227,7 @@ def _of_place(
     structure: Structure,
     nuisances: Nuisances,
     noise_std: Array,
-    known: Known,
+    known: Knowledge,
     colour: tuple[Array, ...],
 ) -> Information:
     plans = [_flown(model, record, nuisances) for record in records]

@@ -30,11 +30,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tridentify.constraints.known import known_of
 from tridentify.errors import OptionError, ParameterNameError, TridentifyError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import freeze_arrays
+from tridentify.estimation.knowledge.affine import known_of
 from tridentify.excitation.checks import count, positive, samples_of, vector
-from tridentify.excitation.design import Criterion, Design, Lines, best_powers
+from tridentify.excitation.design import Criterion, Design, SpectralLines, best_powers
 from tridentify.excitation.frequency import candidates, response_gradient
 from tridentify.excitation.information import coefficients_of, model_from
 from tridentify.excitation.multisine import multisine
@@ -42,10 +43,9 @@ from tridentify.excitation.precise import Precision, asked, noise_of, precision
 from tridentify.excitation.signal import Excitation
 from tridentify.excitation.usual import usual_inputs
 from tridentify.structure import Structure
-from tridentify.text import format_table, html_table
-from tridentify.trace import freeze_arrays
 from tridentify.transfer_function import TransferFunction
 from tridentify.uncertainty.sampled import sample
+from tridentify.writing.layout import format_table, html_table
 
 Array = NDArray[np.float64]
 Shape = Literal["multisine", "binary"]
@@ -379,7 +379,7 @@ def optimal_spectrum(
 
 def _spectrum(
     design: Design,
-    points: Lines,
+    points: SpectralLines,
     omega: Array,
     limits: Array,
     criterion: Criterion,
@@ -473,7 +473,7 @@ def _points(
     limits: Array,
     noise: Array,
     wanted: list[int],
-) -> Lines:
+) -> SpectralLines:
     """What each line tells about each input, with each model."""
     rows, selectors = [], []
     for theta in models:
@@ -485,7 +485,7 @@ def _points(
         rows.append(own @ directions)
         selectors.append(directions[wanted])
     owner = np.tile(np.arange(limits.size), omega.size)
-    return Lines(np.array(rows), owner, np.array(selectors))
+    return SpectralLines(np.array(rows), owner, np.array(selectors))
 
 
 def _free(k: int, taken: set[int]) -> int:

@@ -34,7 +34,8 @@ from tridentify.errors import (
     UndeterminedError,
     shown,
 )
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.excitation.checks import count
 from tridentify.excitation.information import (
     Information,
@@ -45,12 +46,11 @@ from tridentify.excitation.information import (
 )
 from tridentify.excitation.signal import Excitation
 from tridentify.numerics.levinson import autocovariance
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.structure import Structure
-from tridentify.text import format_std, format_table, format_value, html_table
-from tridentify.trace import freeze_arrays
 from tridentify.transfer_function import TransferFunction
 from tridentify.uncertainty.sampled import sample
+from tridentify.writing.layout import format_std, format_table, format_value, html_table
 
 Array = NDArray[np.float64]
 Plan = Excitation | Record

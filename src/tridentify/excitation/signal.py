@@ -22,10 +22,10 @@ from tridentify.checks.names import check_units
 from tridentify.checks.samples import Intersample, channel_names
 from tridentify.errors import OptionError, ShapeError, shown
 from tridentify.excitation.checks import count, positive
-from tridentify.files import write_atomically
-from tridentify.markup import sparkline
-from tridentify.record import Record
-from tridentify.text import format_table, html_table
+from tridentify.record.record import Record
+from tridentify.writing.files import write_atomically
+from tridentify.writing.layout import format_table, html_table
+from tridentify.writing.notebook import sparkline
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from tridentify.excitation.pulses import pulse_train
 from tridentify.excitation.signal import Excitation
 
-PER_FREQUENCY = 1.6
+WIDTH_TIMES_FREQUENCY = 1.6
 
 
 def three_two_one_one(
@@ -59,5 +59,13 @@ def three_two_one_one(
     [1.0, 1.0, 1.0, -1.0, -1.0, 1.0, -1.0]
     """
     return pulse_train(
-        (3, 2, 1, 1), amplitude, width, for_frequency, PER_FREQUENCY, dt, lead, tail, "3-2-1-1 of"
+        (3, 2, 1, 1),
+        amplitude,
+        width,
+        for_frequency,
+        WIDTH_TIMES_FREQUENCY,
+        dt,
+        lead,
+        tail,
+        "3-2-1-1 of",
     )

@@ -26,11 +26,11 @@ import scipy.io
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.export.words import in_matlab_comment, matlab_string
-from tridentify.files import write_atomically
-from tridentify.text import format_std
 from tridentify.transfer_function import TransferFunction
+from tridentify.writing.files import write_atomically
+from tridentify.writing.layout import format_std
 
 Array = NDArray[np.float64]
 

@@ -6,12 +6,12 @@ import json
 import os
 from pathlib import Path
 
-from tridentify.encoding import one_line, plain_model
-from tridentify.encoding import read_json as read_document
 from tridentify.errors import DataError, StructureError, shown
-from tridentify.estimate import Estimate
-from tridentify.files import write_atomically
+from tridentify.estimation.answer.encoding import one_line, plain_model
+from tridentify.estimation.answer.encoding import read_json as read_document
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.transfer_function import TransferFunction
+from tridentify.writing.files import write_atomically
 
 SCHEMA = 1
 

@@ -27,9 +27,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.models.response import Columns, Response, nuisance_blocks, outputs_of
+from tridentify.models.regression import Regression
+from tridentify.models.response import ColumnBlocks, Response, nuisance_blocks, outputs_of
 from tridentify.numerics.least_squares import solve
-from tridentify.regression import Regression
 
 Array = NDArray[np.float64]
 
@@ -106,7 +106,7 @@ def fit_parallel(
     cost = np.zeros(n_outputs)
     condition = 1.0
     for i in range(n_outputs):
-        columns = Columns()
+        columns = ColumnBlocks()
         for e, regression in enumerate(regressions):
             blocks: dict[object, Array] = {}
             for j in range(n_inputs):

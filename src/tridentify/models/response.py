@@ -16,8 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.models.regression import Regression
 from tridentify.numerics.realization import Cascade, Complex, DegreeBasis, cascade, degree_basis
-from tridentify.regression import Regression
 
 Array = NDArray[np.float64]
 
@@ -184,7 +184,7 @@ class FilteredResponse:
 
 
 @dataclass(eq=False)
-class Columns:
+class ColumnBlocks:
     """Builds one least-squares problem over outputs and experiments from named blocks of columns.
 
     Blocks with the same key in several experiments or outputs share their unknowns; the others

@@ -25,8 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.models.regression import Regression
 from tridentify.models.response import (
-    Columns,
+    ColumnBlocks,
     FilteredResponse,
     Response,
     nuisance_blocks,
@@ -34,7 +35,6 @@ from tridentify.models.response import (
 )
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Cascade, filter_map
-from tridentify.regression import Regression
 
 Array = NDArray[np.float64]
 
@@ -126,7 +126,7 @@ def fit_series(
     together = weights is not None
     scale = np.ones(n_outputs) if weights is None else weights
     for group in [range(n_outputs)] if together else [[i] for i in range(n_outputs)]:
-        columns = Columns()
+        columns = ColumnBlocks()
         for i in group:
             for e, regression in enumerate(regressions):
                 y_0 = np.column_stack([head.signal(regression, e, i) for head in heads])

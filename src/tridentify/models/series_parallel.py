@@ -44,9 +44,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.models.regression import Regression
 from tridentify.models.response import (
     Branch,
-    Columns,
+    ColumnBlocks,
     FilteredResponse,
     Response,
     outputs_of,
@@ -64,7 +65,6 @@ from tridentify.numerics.realization import (
     roots_of,
     sort_poles,
 )
-from tridentify.regression import Regression
 
 Array = NDArray[np.float64]
 
@@ -225,18 +225,18 @@ def equation_error(
     filterings: Sequence[Filtering],
     n_zeros: Sequence[Sequence[int]],
     weights: Array,
-) -> tuple[Columns, Array, Array]:
+) -> tuple[ColumnBlocks, Array, Array]:
     """The linear least-squares problem that `fit_denominators` solves, with its arguments.
 
     Returns
     -------
-    columns : Columns
+    columns : ColumnBlocks
         ``("a", g)`` are the weights of ``a_g / c_g``, ``("b", i, j)`` those of the numerators.
     matrix : (m, n_unknowns) array
     target : (m,) array
     """
     q = regressions[0].layout.order
-    columns = Columns()
+    columns = ColumnBlocks()
     parts = [_part(one, response, q) for one in filterings]
     for e, regression in enumerate(regressions):
         for i in range(outputs_of(regressions)):

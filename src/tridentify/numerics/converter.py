@@ -10,7 +10,7 @@ a half, and the chance that all of them pass falls by ten with each further valu
 
 *Runs.* Continuous noise never gives the same value twice in a row. A run of one value is therefore
 a plateau without noise, a coarse converter, a limit of the sensor, or a sensor that hangs. Which of
-these is decided in `tridentify.cautions`, with the model at hand.
+these is decided in `tridentify.judgement.cautions`, with the model at hand.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ OFF_GRID = 0.05
 SAME = 1e-12
 PARTS = (1, 2, 3, 4)
 FEWEST_VALUES = 6
-MOST_STEPS = 1e7
+MOST_QUANTA = 1e7
 FEW_VALUES = 10_000
 
 
@@ -72,7 +72,7 @@ def quantum(values: Array) -> float:
         return 0.0
     steps = np.diff(levels)
     smallest = float(steps.min())
-    if span > MOST_STEPS * smallest:
+    if span > MOST_QUANTA * smallest:
         return 0.0
     for part in PARTS:
         found = _grid(levels, steps, smallest / part)
@@ -89,7 +89,7 @@ def _too_fine(seen: Array) -> bool:
     low, high = float(seen.min()), float(seen.max())
     steps = np.diff(few)
     steps = steps[steps > SAME * max(abs(low), abs(high), high - low)]
-    return bool(steps.size and high - low > MOST_STEPS * float(steps.min()))
+    return bool(steps.size and high - low > MOST_QUANTA * float(steps.min()))
 
 
 def _grid(levels: Array, steps: Array, trial: float) -> float:

@@ -34,7 +34,7 @@ from tridentify.numerics.exponential import step_states
 Real = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]
 
-ROUNDING = 1e-15
+LEAST_VARIANCE = 1e-15
 
 
 def standard_deviation(jacobian: Real, cov: Real) -> Real:
@@ -61,7 +61,7 @@ def standard_deviation(jacobian: Real, cov: Real) -> Real:
     with np.errstate(invalid="ignore", over="ignore"):
         variance = np.einsum("...i,ij,...j->...", jacobian, cov, jacobian, optimize=True)
         size = np.abs(jacobian) @ np.sqrt(np.maximum(np.diag(cov), 0.0))
-        std: Real = np.sqrt(np.where(variance <= ROUNDING * size**2, 0.0, variance))
+        std: Real = np.sqrt(np.where(variance <= LEAST_VARIANCE * size**2, 0.0, variance))
     return std
 
 

@@ -41,9 +41,9 @@ from tridentify.numerics.levinson import autocovariance
 Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 
-STILL = 1e-4
+GRADIENT_STILL = 1e-4
 """Of the derivative at the end, in units of the standard errors: the coefficients are as near."""
-MOST_STEPS = 60
+MOST_ITERATIONS = 60
 """From Burg's coefficients a handful is enough; many missing samples take some more."""
 FARTHEST = 1.0 - 1e-5
 """Largest reflection coefficient: beyond it no series tells a process from one that drifts."""
@@ -292,7 +292,7 @@ class Incomplete:
             np.zeros(start.size),
             jac=True,
             method="BFGS",
-            options={"gtol": STILL, "maxiter": MOST_STEPS},
+            options={"gtol": GRADIENT_STILL, "maxiter": MOST_ITERATIONS},
         )
         return np.clip(np.tanh(start + root @ found.x), -FARTHEST, FARTHEST)
 

@@ -27,7 +27,7 @@ from scipy.special import fdtrc
 
 Array = NDArray[np.float64]
 
-CUTOFF = 1e-6
+SPAN_CUTOFF = 1e-6
 
 
 class Added(NamedTuple):
@@ -51,7 +51,7 @@ class Added(NamedTuple):
     p_value: float
 
 
-def span(columns: Array, basis: Array | None = None, cutoff: float = CUTOFF) -> Array:
+def span(columns: Array, basis: Array | None = None, cutoff: float = SPAN_CUTOFF) -> Array:
     """Orthonormal basis of what columns hold beyond a basis.
 
     Parameters

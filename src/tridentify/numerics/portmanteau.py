@@ -40,7 +40,7 @@ from scipy.special import chdtrc
 Array = NDArray[np.float64]
 
 DRAWS = 1000
-SHORT, LONG = 500, 5_000
+SHORT, LONG_SERIES = 500, 5_000
 
 
 class Autocorrelation(NamedTuple):
@@ -197,7 +197,7 @@ def spread_of_statistics(
     (n_tests, 2) array or None
     """
     total = sum(one.size for one in seen)
-    if total > LONG:
+    if total > LONG_SERIES:
         return None
     e = _draws(DRAWS if total < SHORT else DRAWS // 4, total) * np.concatenate(
         seen, dtype=np.float32

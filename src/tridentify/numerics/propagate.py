@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-LONG = 5_000
+LONG_INPUT = 5_000
 MOST_BY_FOURS = 32
 PART = 512
 
@@ -252,7 +252,7 @@ def propagate(
     q = transition.shape[0]
     end = u.shape[0] if stop is None else stop
     few = upper is not None and upper <= 1 and not branches[1] and q <= MOST_BY_FOURS
-    if few and u.shape[0] > LONG and out.flags.c_contiguous:
+    if few and u.shape[0] > LONG_INPUT and out.flags.c_contiguous:
         _compiled_by_fours()(
             np.ascontiguousarray(transition),
             np.ascontiguousarray(from_current),

@@ -56,9 +56,9 @@ MAD_OF_NORMAL = 0.6744897501960817
 FEWEST_DEGREES, MOST_DEGREES = 1.0, 200.0
 LOOKED_AT = 20_000
 ROUNDS = 200
-STILL = 1e-10
+SCALE_STILL = 1e-10
 LEAST_SLOPE = 0.2
-ROUNDING = 1e-13
+LEAST_SCALE = 1e-13
 
 
 class Judged(NamedTuple):
@@ -119,7 +119,7 @@ def judge(residuals: Array, loss: Loss, unknowns: float, size: float, damping: f
     """
     seen = np.isfinite(residuals)
     r = residuals[seen]
-    least = max(ROUNDING * size, 1e-300)
+    least = max(LEAST_SCALE * size, 1e-300)
     degrees = math.inf
     spread = scale = huber_scale(r, unknowns, least)
     if loss == "huber":
@@ -157,7 +157,7 @@ def huber_scale(r: Array, unknowns: float, least: float) -> float:
         psi = np.clip(r / scale, -TUNING, TUNING)
         factor = math.sqrt(float(psi @ psi) / wanted)
         following = max(scale * factor, least)
-        done = abs(following - scale) <= STILL * scale
+        done = abs(following - scale) <= SCALE_STILL * scale
         scale = following
         if done:
             break
@@ -206,7 +206,7 @@ def _student_scale(r: Array, degrees: float, scale: float) -> float:
         before = scale
         weighted = float(((degrees + 1.0) * squares / (degrees * scale**2 + squares)).mean())
         scale *= weighted ** (0.5 * (degrees + 3.0) / degrees)
-        if scale <= ROUNDING or abs(scale - before) <= STILL * before:
+        if scale <= LEAST_SCALE or abs(scale - before) <= SCALE_STILL * before:
             break
     return scale
 

@@ -1,12 +1,12 @@
 """The three models while the data arrive: one sample at a time, or a record run through."""
 
+from tridentify.online.estimator import Estimator, NotReadyError
 from tridentify.online.flags import Flag
 from tridentify.online.gradient import Gradient
 from tridentify.online.kalman import Kalman
 from tridentify.online.recursive_least_squares import RecursiveLeastSquares
 from tridentify.online.registry import ESTIMATORS
 from tridentify.online.run import Run, run
-from tridentify.online.seam import Estimator, NotReadyError
 from tridentify.online.state import State
 from tridentify.online.three_model import ThreeModel
 

@@ -3,9 +3,9 @@
     eps = (a / c) y - (b / c) u - (c_0 / c) delta - const
 
 is linear in ``a``, ``b``, the initial state and the constant, with a fixed filter ``c``
-(`methods.filtered` derives it; the unknowns are the weights of the orthonormal functions of ``c``
-sorted by degree). One row a sample and output enters a triangle or a Kalman filter
-(`numerics.recursive`).
+(`methods.filtered.state_variable_filters` derives it; the unknowns are the weights of the
+orthonormal functions of ``c`` sorted by degree). One row a sample and output enters a triangle or a
+Kalman filter (`numerics.recursive`).
 
 *What it is for.* It needs no model to start from and takes few operations a sample. The noise of
 ``y`` stands in its regressors: it is biased, the more so the more noise there is (paper, eq.
@@ -42,12 +42,22 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, UnsupportedError
-from tridentify.estimate import Estimate, Status, Trace
+from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.numerics.realization import (
     Complex,
     sort_poles,
 )
-from tridentify.online.blueprint import (
+from tridentify.online.equation_plan import maps_of
+from tridentify.online.estimator import (
+    CompiledKernels,
+    check_owner,
+    check_state,
+    kept_samples,
+    not_ready,
+)
+from tridentify.online.findings import bias_finding, with_findings
+from tridentify.online.kernels import slots
+from tridentify.online.layout import (
     Blueprint,
     Setting,
     collecting,
@@ -56,20 +66,10 @@ from tridentify.online.blueprint import (
     fresh,
     watch_of,
 )
-from tridentify.online.equation_plan import maps_of
-from tridentify.online.findings import bias_finding, with_findings
-from tridentify.online.kernels import slots
 from tridentify.online.result import assembled
 from tridentify.online.scatter import widened, with_scatter
-from tridentify.online.seam import (
-    Kernels,
-    check_owner,
-    check_state,
-    kept_samples,
-    not_ready,
-)
 from tridentify.online.search import (
-    Found,
+    FoundPoles,
     clean_search,
     first_try,
     poles_of_start,
@@ -103,11 +103,11 @@ class EquationError(Suspecting):
 
     @staticmethod
     @cache
-    def kernels() -> Kernels:
+    def kernels() -> CompiledKernels:
         """The compiled sample loop."""
         from tridentify.online.kernels.equation import equation_step
 
-        return Kernels(equation_step, block_of_equation)
+        return CompiledKernels(equation_step, block_of_equation)
 
     @abstractmethod
     def plan(
@@ -203,11 +203,11 @@ class EquationError(Suspecting):
             return shortened(state, kept) if full else state
         return self._launched(state, found, np.vstack([samples, kept[count:]]), begun_anew)
 
-    def begun_again(self, state: State, found: Found, samples: Array) -> State:
+    def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change."""
         return self._launched(state, found, samples, True)
 
-    def _launched(self, state: State, found: Found, samples: Array, begun_anew: bool) -> State:
+    def _launched(self, state: State, found: FoundPoles, samples: Array, begun_anew: bool) -> State:
         """Kept samples on the filter that a model gives, or on that of the user."""
         x, stage = state
         setting = stage.setting

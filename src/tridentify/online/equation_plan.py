@@ -15,18 +15,18 @@ from tridentify.numerics.realization import (
     denominator,
     numerators,
 )
-from tridentify.online.blueprint import (
+from tridentify.online.kernels import slots
+from tridentify.online.kernels.slots import EXPONENTIAL, scatter_size, triangle_size
+from tridentify.online.layout import (
     CHUNK,
-    NEGLIGIBLE,
+    NEARLY_ZERO,
     Blueprint,
-    Nuisance,
-    Plan,
+    NuisanceColumns,
+    Places,
     Setting,
     discretize_each,
     fill_inputs,
 )
-from tridentify.online.kernels import slots
-from tridentify.online.kernels.slots import EXPONENTIAL, scatter_size, triangle_size
 
 Array = NDArray[np.float64]
 
@@ -113,9 +113,9 @@ def equation_blueprint(
         Whether samples are kept.
     """
     m, p, q = setting.n_inputs, setting.n_outputs, poles.size
-    wanted = Nuisance.of(setting.structure, restarted)
+    wanted = NuisanceColumns.of(setting.structure, restarted)
     # a constant comes with the transient of the filter that it begins with
-    nuisance = Nuisance(wanted.free or wanted.offset, wanted.offset, False)
+    nuisance = NuisanceColumns(wanted.free or wanted.offset, wanted.offset, False)
     coefficients = len(setting.names)
     columns = p * (q * nuisance.free + nuisance.offset) + coefficients
     ints = np.zeros(slots.N_INTS, dtype=np.int64)
@@ -130,7 +130,7 @@ def equation_blueprint(
     ints[slots.FILTERING], ints[slots.LEARNING] = filtering, LEARNING
     ints[slots.ALERT] = slots.LEVEL_OF_DOUBT
     ints[slots.WALKERS] = coefficients if filtering else 0
-    plan = Plan(slots.INBOX + m + p)
+    plan = Places(slots.INBOX + m + p)
     ints[slots.LINE] = max(whole for whole, _ in setting.shifts) + 3
     ints[slots.AT_LINE] = plan.take(m * int(ints[slots.LINE]))
     ints[slots.AT_REFERENCE] = plan.take(m)
@@ -156,7 +156,7 @@ def equation_blueprint(
     if filtering:
         ints[slots.AT_COVARIANCE] = plan.take(columns * (columns + 1) // 2)
         ints[slots.AT_GAIN] = plan.take(columns + columns * (columns + coefficients))
-    constants = Plan(slots.CONSTANTS)
+    constants = Places(slots.CONSTANTS)
     ints[slots.C_STEP] = constants.take(q * q)
     ints[slots.C_TAPS] = constants.take(3 * m * q)
     ints[slots.C_DIRECT] = constants.take(2 * m)
@@ -184,7 +184,7 @@ def _write_filter(
     for j, (whole, _) in enumerate(setting.shifts):
         c[ints[slots.C_EXTRA] + j] = whole
     at = int(ints[slots.C_START])
-    c[at] = NEGLIGIBLE * np.abs(bank.b).max()
+    c[at] = NEARLY_ZERO * np.abs(bank.b).max()
     c[at + 1 : at + 1 + q] = bank.b
     fill_inputs(c, ints, setting, bank, setting.dt)
     joined = discretize_each(bank, np.array([setting.dt]), "foh")

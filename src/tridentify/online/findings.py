@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.estimate import Estimate
-from tridentify.finding import Finding, ranked
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.online.flags import Flag
 from tridentify.online.kernels import slots
 from tridentify.online.state import State
 
 Array = NDArray[np.float64]
 
-WIDER = 1.05  # standard errors that differ by less tell nobody anything
+WORTH_TELLING = 1.05  # standard errors that differ by less tell nobody anything
 BIASED = 1.5  # times wider: an equation error that follows its own past
 LOOSE = 0.5  # of a coefficient, its standard error
 
@@ -43,7 +43,7 @@ def noise_finding(white: Array, cov: Array) -> tuple[Finding, ...]:
         Covariance for white noise, and as the scatter of the scores shows it.
     """
     ratio = _widest(white, cov)
-    if not ratio > WIDER:
+    if not ratio > WORTH_TELLING:
         return ()
     return (
         Finding(

@@ -10,16 +10,16 @@ from numpy.typing import NDArray
 from tridentify.errors import TridentifyError
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices
-from tridentify.online.blueprint import Blueprint, Setting, with_directions
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.kernels import slots
 from tridentify.online.launch import Launch, Planner, is_certain, launching, noise_std_of
+from tridentify.online.layout import Blueprint, Setting, with_directions
 from tridentify.online.scatter import turn_scatter
-from tridentify.online.search import Found, far_off, searching
+from tridentify.online.search import FoundPoles, far_off, searching
 from tridentify.online.starting import rearranged
 from tridentify.online.state import State
 from tridentify.online.steps import (
-    Solution,
+    StepsEnd,
     coefficients_of_directions,
     directions_of,
     solving,
@@ -131,8 +131,8 @@ def turned(state: State, turn: Turn) -> State:
 
 
 def _found_better(
-    setting: Setting, samples: Array, begun_anew: bool, solution: Solution
-) -> Slices[Found | None]:
+    setting: Setting, samples: Array, begun_anew: bool, solution: StepsEnd
+) -> Slices[FoundPoles | None]:
     """What a search of the kept samples finds, if it explains them clearly better.
 
     The poles of an early search or of ``start`` can lie in a valley of their own, which steps

@@ -72,23 +72,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, UnsupportedError, shown
-from tridentify.estimate import Estimate, Status, Trace
-from tridentify.methods.filtered import checked_filter
+from tridentify.estimation.answer.estimate import Estimate, Status, Trace
+from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
 from tridentify.numerics.realization import denominator, sort_poles
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.blueprint import (
-    Blueprint,
-    Nuisance,
-    Setting,
-    collecting,
-    constants_for,
-    fresh,
-    watch_of,
+from tridentify.online.estimator import (
+    CompiledKernels,
+    check_choice,
+    check_owner,
+    check_state,
+    kept_samples,
+    not_ready,
 )
 from tridentify.online.findings import noise_finding, with_findings
 from tridentify.online.gradient_periods import (
-    SURE,
+    PERIODS_TO_BE_SURE,
     as_scattered,
     average,
     begin_period,
@@ -121,17 +120,18 @@ from tridentify.online.gradient_vector import (
 )
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
-from tridentify.online.result import assembled
-from tridentify.online.seam import (
-    Kernels,
-    check_choice,
-    check_owner,
-    check_state,
-    kept_samples,
-    not_ready,
+from tridentify.online.layout import (
+    Blueprint,
+    NuisanceColumns,
+    Setting,
+    collecting,
+    constants_for,
+    fresh,
+    watch_of,
 )
+from tridentify.online.result import assembled
 from tridentify.online.search import (
-    Found,
+    FoundPoles,
     checked_start,
     far_off,
     first_try,
@@ -161,7 +161,7 @@ WARM_UP = 10
 MOST_PERIODS, FIXED_PERIODS = 16, 8
 SCATTERED = 10
 LINEAR = 0.1
-ROUNDS = 3
+REFIT_ROUNDS = 3
 SETTLING = 2
 
 
@@ -219,11 +219,11 @@ class Gradient(Suspecting):
 
     @staticmethod
     @cache
-    def kernels() -> Kernels:
+    def kernels() -> CompiledKernels:
         """The compiled sample loop."""
         from tridentify.online.kernels.gradient import gradient_step
 
-        return Kernels(gradient_step)
+        return CompiledKernels(gradient_step)
 
     def __post_init__(self) -> None:
         _check_above_zero("rate", self.rate, "1/s")
@@ -269,7 +269,7 @@ class Gradient(Suspecting):
         basis = Basis.on_model(setting, nuisance, poles)
         return self._begun(basis, basis.unknowns_of(coefficients_of(self.start, setting)))
 
-    def _paper_basis(self, setting: Setting, nuisance: Nuisance) -> Basis:
+    def _paper_basis(self, setting: Setting, nuisance: NuisanceColumns) -> Basis:
         n, gamma = setting.n_poles, self.gamma
         if self.filter is None:
             assert gamma is not None
@@ -371,7 +371,7 @@ class Gradient(Suspecting):
         return shortened(state, kept) if full else state
 
     def launched(
-        self, state: State, found: Found, samples: Array, begun_anew: bool, full: bool
+        self, state: State, found: FoundPoles, samples: Array, begun_anew: bool, full: bool
     ) -> tuple[State, NDArray[np.int64]] | None:
         """The models that begin at what was found, and the flags of the samples; None if unsure."""
         x, stage = state
@@ -468,7 +468,7 @@ class Gradient(Suspecting):
             row = np.concatenate([[x[places.SUMMED]], theta])[None, :]
             batches = np.vstack([batches.reshape(-1, row.size), row])
             batches, rate = self._joined(batches, rate)
-        target = theta if len(batches) < 2 * SURE else average(batches)
+        target = theta if len(batches) < 2 * PERIODS_TO_BE_SURE else average(batches)
         if not np.all(np.isfinite(target)):
             target = theta
         poles = stable_poles(target[: setting.n_poles], setting)
@@ -558,7 +558,7 @@ class Gradient(Suspecting):
             ),
         )
 
-    def begun_again(self, state: State, found: Found, samples: Array) -> State:
+    def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change."""
         launched = self.launched(state, found, samples, True, True)
         assert launched is not None
@@ -626,11 +626,11 @@ class Gradient(Suspecting):
 
 def _searching(
     method: Gradient, state: State, samples: Array, begun_anew: bool, full: bool
-) -> Slices[tuple[Found, Array] | None]:
+) -> Slices[tuple[FoundPoles, Array] | None]:
     """A model to begin with, and the kept samples without those that it finds doubtful."""
     setting, answer = state.stage.setting, None
     samples = yield from far_off(setting, samples)
-    for _ in range(ROUNDS):
+    for _ in range(REFIT_ROUNDS):
         found = yield from searching(setting, samples, begun_anew)
         if found is None or not (found.certain or full):
             break
@@ -662,14 +662,14 @@ def _read(stage: Stage) -> tuple[Array, float, int]:
 
 def _readiness(basis: Basis, before: Blueprint, batches: Array) -> float:
     """Whether samples may be doubted and changes told; what may be doubted stays so."""
-    if basis.adapted and len(batches) >= SURE:
+    if basis.adapted and len(batches) >= PERIODS_TO_BE_SURE:
         return places.TELLS
     return min(float(before.constants[places.READY]), places.DOUBTS)
 
 
-def _nuisance(setting: Setting, restarted: bool) -> Nuisance:
-    found = Nuisance.of(setting.structure, restarted)
-    return Nuisance(found.free, found.offset, False)
+def _nuisance(setting: Setting, restarted: bool) -> NuisanceColumns:
+    found = NuisanceColumns.of(setting.structure, restarted)
+    return NuisanceColumns(found.free, found.offset, False)
 
 
 def _check_above_zero(name: str, value: object, unit: str) -> None:

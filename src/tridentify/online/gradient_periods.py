@@ -8,19 +8,19 @@ from scipy.special import ndtri, stdtrit
 
 from tridentify.errors import OptionError
 from tridentify.numerics.realization import Complex, sort_poles
-from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.gradient_plan import Basis, inverse_of, without_constant
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.gradient_slots import MEMORY
+from tridentify.online.layout import Blueprint, Setting
 from tridentify.online.scatter import widened
 from tridentify.online.summary import transfer
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 
-PER_UNKNOWN, SLOWER = 10, 4.0
-SURE = 4
+STEPS_PER_UNKNOWN, SLOWER = 10, 4.0
+PERIODS_TO_BE_SURE = 4
 FIRST = 2
 SMALL = 0.1
 DEGENERATE = 1e-13
@@ -31,9 +31,9 @@ ROUNDING = 1e-12
 def first_rate(basis: Basis, searched: float) -> float:
     """Where the rate begins [1/s]: slower than the slowest pole, with samples for each unknown."""
     dt = basis.setting.dt
-    few = PER_UNKNOWN * basis.unknowns * dt
+    few = STEPS_PER_UNKNOWN * basis.unknowns * dt
     slow = SLOWER / float(np.min(np.abs(basis.filter_poles)))
-    most = max(searched, 2.0 * PER_UNKNOWN * basis.unknowns) * dt
+    most = max(searched, 2.0 * STEPS_PER_UNKNOWN * basis.unknowns) * dt
     return 1.0 / max(few, 0.25 * searched * dt, min(slow, most))
 
 
@@ -97,7 +97,7 @@ def near_enough(poles: Complex, basis: Basis, batches: Array) -> bool:
     if distance < ROUNDING:
         return True
     used = used_of(batches)
-    if len(used) < SURE:
+    if len(used) < PERIODS_TO_BE_SURE:
         return False
     n = basis.n_poles
     std = np.sqrt(np.diagonal(scatter(used)))[:n]

@@ -24,9 +24,9 @@ from tridentify.numerics.realization import (
     filter_map,
     numerators,
 )
-from tridentify.online.blueprint import Blueprint, Nuisance, Setting, parallel
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, parallel
 
 Array = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Basis:
     Attributes
     ----------
     setting : Setting
-    nuisance : Nuisance
+    nuisance : NuisanceColumns
     poles : (q,) complex array
         Of the bank.
     filter_poles : (n_c,) complex array
@@ -53,21 +53,26 @@ class Basis:
     """
 
     setting: Setting
-    nuisance: Nuisance
+    nuisance: NuisanceColumns
     poles: Complex
     filter_poles: Complex
     kept: int
     adapted: bool
 
     @classmethod
-    def on_model(cls, setting: Setting, nuisance: Nuisance, poles: Complex) -> Basis:
+    def on_model(cls, setting: Setting, nuisance: NuisanceColumns, poles: Complex) -> Basis:
         """The basis on the poles of a model."""
         bank = np.tile(poles, REPEATS)
         return cls(setting, nuisance, bank, poles, (REPEATS - 1) * poles.size, True)
 
     @classmethod
     def fixed(
-        cls, setting: Setting, nuisance: Nuisance, gamma: float, count: int, filter_poles: Complex
+        cls,
+        setting: Setting,
+        nuisance: NuisanceColumns,
+        gamma: float,
+        count: int,
+        filter_poles: Complex,
     ) -> Basis:
         """The basis of the paper."""
         laguerre = np.full(count, -gamma, dtype=np.complex128)
@@ -407,7 +412,7 @@ class Tables:
         at = int(ints[slots.C_MAPS])
         c[at : at + directions.size] = directions.ravel()
         c[places.RATE], c[places.KNOWN], c[places.READY] = self.rate, known, self.ready
-        c[places.PACE] = 0.0
+        c[places.GRADIENT_PACE] = 0.0
         return replace(blueprint, constants=c)
 
     def _gains(self, table: Array) -> Array:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.online.blueprint import Blueprint, watch_of
 from tridentify.online.gradient_plan import Basis
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
+from tridentify.online.layout import Blueprint, watch_of
 
 Array = NDArray[np.float64]
 

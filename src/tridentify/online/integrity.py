@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.realization import Complex, cascade
-from tridentify.online.blueprint import Blueprint, Nuisance, Setting
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import scatter_size, triangle_size
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -33,14 +33,14 @@ WHOLE = 2.0**53
 """Beyond this a float does not count any more."""
 HUGE = 1e250
 """Larger than any sum of products of samples, which are below 1e100; its square overflows."""
-AGREES, NEGLIGIBLE = 1e-6, 1e-9
+AGREES, AGREES_WITHIN = 1e-6, 1e-9
 """How far constants made by another library may be off: relative, and to the largest beside."""
 ALARM_LASTS = 200.0
 """Samples; the longest of the estimators."""
 EVERY_FLAG = 2 * slots.NOT_READY - 1
 
 
-class Beside(Protocol):
+class BesideVector(Protocol):
     """What stands beside the vector of an estimator (`online.state.Stage`)."""
 
     @property
@@ -72,7 +72,7 @@ class Beside(Protocol):
         """What else a method keeps."""
 
 
-class Rule(NamedTuple):
+class NumberRule(NamedTuple):
     """What numbers of a vector may be: from ``least`` to ``most``, no nan; ``whole``: counts."""
 
     what: str
@@ -126,7 +126,7 @@ def check_room(setting: Setting, blueprint: Blueprint, *, shared: bool) -> None:
         raise ValueError(f"a bank of {q} states; at most {MOST_ORDER} can be")
     if not q:
         return
-    wanted = Nuisance.of(setting.structure, blueprint.nuisance.free)
+    wanted = NuisanceColumns.of(setting.structure, blueprint.nuisance.free)
     free = wanted.free or (shared and wanted.offset)
     if shared:
         columns, judged = len(setting.names) + p * q * free, len(setting.names)
@@ -141,12 +141,12 @@ def check_room(setting: Setting, blueprint: Blueprint, *, shared: bool) -> None:
         )
 
 
-def check_sound(stage: Beside, values: Array, rebuilt: Blueprint) -> None:
+def check_sound(stage: BesideVector, values: Array, rebuilt: Blueprint) -> None:
     """Refuse a state that no estimator can have come to.
 
     Parameters
     ----------
-    stage : Beside
+    stage : BesideVector
         As the file has it.
     values : array
     rebuilt : Blueprint
@@ -178,7 +178,7 @@ def check_sound(stage: Beside, values: Array, rebuilt: Blueprint) -> None:
     _check_clocks(stage, values)
 
 
-def check_rule(values: Array, rule: Rule) -> None:
+def check_rule(values: Array, rule: NumberRule) -> None:
     """Refuse numbers that are not what they may be.
 
     Raises
@@ -208,7 +208,7 @@ def _check_constants(blueprint: Blueprint, rebuilt: Blueprint) -> None:
             raise ValueError("poles that lead to no finite constants")
         scale = float(np.abs(expected).max(initial=0.0))
         off = np.abs(c[begin:end] - expected)
-        if np.any(off > AGREES * np.abs(expected) + NEGLIGIBLE * scale):
+        if np.any(off > AGREES * np.abs(expected) + AGREES_WITHIN * scale):
             raise ValueError(f"constants from {begin} on that the settings do not lead to")
     # these are lengths and degrees
     m, p = int(ints[slots.INPUTS]), int(ints[slots.OUTPUTS])
@@ -239,17 +239,19 @@ def _regions(ints: Ints, size: int) -> Iterator[tuple[int, int]]:
             yield begin, end
 
 
-def _constant_rules(ints: Ints) -> Iterator[Rule]:
+def _constant_rules(ints: Ints) -> Iterator[NumberRule]:
     if _by_gradient(ints):
-        yield Rule("a rate", places.RATE, 1, 0.0)
-        yield Rule("a mark", places.KNOWN, 1, 0.0, 1.0, whole=True)
-        yield Rule("a readiness", places.READY, 1, 0.0, 1.0)
-        yield Rule("a pace", places.PACE, 1, 0.0, 0.0)
+        yield NumberRule("a rate", places.RATE, 1, 0.0)
+        yield NumberRule("a mark", places.KNOWN, 1, 0.0, 1.0, whole=True)
+        yield NumberRule("a readiness", places.READY, 1, 0.0, 1.0)
+        yield NumberRule("a pace", places.GRADIENT_PACE, 1, 0.0, 0.0)
     if _on_equation(ints):
         k, p = int(ints[slots.COEFFICIENTS]), int(ints[slots.OUTPUTS])
-        yield Rule("a weight", int(ints[slots.C_MONIC] + ints[slots.ORDER]) + 1, p, 1.0 / HUGE)
+        yield NumberRule(
+            "a weight", int(ints[slots.C_MONIC] + ints[slots.ORDER]) + 1, p, 1.0 / HUGE
+        )
         if ints[slots.FILTERING]:
-            yield Rule("a speed of drift", int(ints[slots.C_WIDTHS]), k, 0.0)
+            yield NumberRule("a speed of drift", int(ints[slots.C_WIDTHS]), k, 0.0)
 
 
 def _on_equation(ints: Ints) -> bool:
@@ -261,7 +263,7 @@ def _by_gradient(ints: Ints) -> bool:
 
 
 # -------------------------------------------------------------------------------------------- stage
-def _check_stage(stage: Beside, values: Array) -> None:
+def _check_stage(stage: BesideVector, values: Array) -> None:
     """What stands beside the vector."""
     blueprint, setting = stage.blueprint, stage.setting
     ints, bank = blueprint.ints, blueprint.poles
@@ -292,9 +294,9 @@ def _check_stage(stage: Beside, values: Array) -> None:
 def _check_samples(samples: Array, n_inputs: int) -> None:
     """Intervals and inputs; an output may be missing."""
     flat = np.ascontiguousarray(samples[:, 1 : 1 + n_inputs]).ravel()
-    check_rule(flat, Rule("an input", 0, flat.size, -slots.LARGEST, slots.LARGEST))
+    check_rule(flat, NumberRule("an input", 0, flat.size, -slots.LARGEST, slots.LARGEST))
     intervals = np.ascontiguousarray(samples[:, 0])
-    check_rule(intervals, Rule("an interval", 0, intervals.size, 1.0 / HUGE))
+    check_rule(intervals, NumberRule("an interval", 0, intervals.size, 1.0 / HUGE))
     if not len(samples):
         raise ValueError("no samples where some are kept")
 
@@ -307,7 +309,7 @@ def _check_changes(changes: Sequence[int], count: float) -> None:
         before = change
 
 
-def _check_extra(stage: Beside, values: Array) -> None:
+def _check_extra(stage: BesideVector, values: Array) -> None:
     """The periods of the gradient rule, its rate and their number; a vector as it was before."""
     ints = stage.blueprint.ints
     if not _by_gradient(ints) and not _on_equation(ints):
@@ -325,24 +327,24 @@ def _check_extra(stage: Beside, values: Array) -> None:
     if pair.size != 2 or flat.size % (len(stage.setting.names) + 1):
         raise ValueError("periods of another length")
     periods = flat.reshape(-1, len(stage.setting.names) + 1)
-    check_rule(flat, Rule("a coefficient", 0, flat.size))
+    check_rule(flat, NumberRule("a coefficient", 0, flat.size))
     lengths = np.ascontiguousarray(periods[:, 0])
-    check_rule(lengths, Rule("a length of a period", 0, lengths.size, 1.0 / HUGE, WHOLE))
-    check_rule(pair, Rule("a rate", 0, 1, 1.0 / HUGE))
-    check_rule(pair, Rule("a number of periods", 1, 1, 0.0, WHOLE, whole=True))
+    check_rule(lengths, NumberRule("a length of a period", 0, lengths.size, 1.0 / HUGE, WHOLE))
+    check_rule(pair, NumberRule("a rate", 0, 1, 1.0 / HUGE))
+    check_rule(pair, NumberRule("a number of periods", 1, 1, 0.0, WHOLE, whole=True))
 
 
 def _check_witness(theta: Array, cov: Array, n: int) -> None:
     """Coefficients and a covariance, or nothing (`online.suspecting`)."""
     if theta.size not in (0, n) or cov.size != theta.size**2:
         raise ValueError(f"{theta.size} coefficients of a witness in place of {n}")
-    check_rule(theta, Rule("a coefficient", 0, theta.size))
-    check_rule(cov, Rule("a covariance", 0, cov.size))
+    check_rule(theta, NumberRule("a coefficient", 0, theta.size))
+    check_rule(cov, NumberRule("a covariance", 0, cov.size))
     variances = np.ascontiguousarray(np.diagonal(cov.reshape(theta.size, theta.size)))
-    check_rule(variances, Rule("a variance", 0, theta.size, 0.0))
+    check_rule(variances, NumberRule("a variance", 0, theta.size, 0.0))
 
 
-def _check_snapshot(stage: Beside, values: Array) -> None:
+def _check_snapshot(stage: BesideVector, values: Array) -> None:
     """What work beside the stream began with: a vector of the same plan."""
     working = values[slots.WORK_DONE] > 0.0 and not stage.searching
     expected = int(working or values[slots.SUSPECT] > 0.0)
@@ -356,116 +358,122 @@ def _check_snapshot(stage: Beside, values: Array) -> None:
 
 
 # ------------------------------------------------------------------------------------------- vector
-def _rules(stage: Beside, values: Array) -> Iterator[Rule]:
+def _rules(stage: BesideVector, values: Array) -> Iterator[NumberRule]:
     """What the numbers of the vector may be; room for scratch numbers is left out."""
     ints, setting = stage.blueprint.ints, stage.setting
     m, p = setting.n_inputs, setting.n_outputs
     yield from _clock_rules(ints)
     line = int(ints[slots.AT_LARGEST] - ints[slots.AT_LINE])
-    yield Rule("an input", int(ints[slots.AT_LINE]), line, -2 * slots.LARGEST, 2 * slots.LARGEST)
+    yield NumberRule(
+        "an input", int(ints[slots.AT_LINE]), line, -2 * slots.LARGEST, 2 * slots.LARGEST
+    )
     for k in range(m + p):
         at = int(ints[slots.AT_LARGEST]) + 2 * k
-        yield Rule("a largest sample", at, 1, 0.0, slots.LARGEST)
-        yield Rule("a count", at + 1, 1, 0.0, WHOLE, whole=True)
+        yield NumberRule("a largest sample", at, 1, 0.0, slots.LARGEST)
+        yield NumberRule("a count", at + 1, 1, 0.0, WHOLE, whole=True)
     for i in range(p):
         yield from _watch_rules(ints, int(ints[slots.AT_WATCH] + i * ints[slots.WATCH]), values)
         if ints[slots.SCATTER]:
             at = int(ints[slots.AT_SCATTER] + i * ints[slots.SCATTER])
             yield from _scatter_rules(int(ints[slots.DIRECTIONS]), at)
-    yield Rule("a regressor", int(ints[slots.AT_ROW]), int(ints[slots.COLUMNS]))
+    yield NumberRule("a regressor", int(ints[slots.AT_ROW]), int(ints[slots.COLUMNS]))
     own = 1 if _on_equation(ints) else p
     for i in range(own if ints[slots.FACTOR] else 0):
         yield from _triangle_rules(ints, int(ints[slots.AT_FACTOR] + i * ints[slots.FACTOR]))
     if _on_equation(ints):
         begin, end = int(ints[slots.AT_IMPULSE]), int(ints[slots.AT_FACTOR])
-        yield Rule("a filtered signal or coefficient", begin, end - begin)
+        yield NumberRule("a filtered signal or coefficient", begin, end - begin)
         if ints[slots.FILTERING]:
             n, at = int(ints[slots.COLUMNS]), int(ints[slots.AT_COVARIANCE])
-            yield Rule("a variance", at, n, 0.0)
-            yield Rule("a covariance", at + n, n * (n - 1) // 2)
+            yield NumberRule("a variance", at, n, 0.0)
+            yield NumberRule("a covariance", at + n, n * (n - 1) // 2)
     if _by_gradient(ints):
         begin, end = int(ints[places.X_FITS]), int(ints[places.X_ROOM])
-        yield Rule("a weight of a model", begin, end - begin)
+        yield NumberRule("a weight of a model", begin, end - begin)
 
 
-def _clock_rules(ints: Ints) -> Iterator[Rule]:
+def _clock_rules(ints: Ints) -> Iterator[NumberRule]:
     for slot in (slots.COUNT, slots.SINCE, slots.ALARM):
-        yield Rule("a count of samples", slot, 1, 0.0, WHOLE, whole=True)
-    yield Rule("a time", slots.TIME, 1, 0.0)
-    yield Rule("a flag", slots.FLAGS, 1, 0.0, EVERY_FLAG, whole=True)
-    yield Rule("a flag", slots.SEEN, 1, 0.0, EVERY_FLAG, whole=True)
-    yield Rule("an event", slots.EVENT, 1, 0.0, 0.0)
-    yield Rule("a tick", slots.TICK, 1, 0.0, np.inf, whole=True)
+        yield NumberRule("a count of samples", slot, 1, 0.0, WHOLE, whole=True)
+    yield NumberRule("a time", slots.TIME, 1, 0.0)
+    yield NumberRule("a flag", slots.FLAGS, 1, 0.0, EVERY_FLAG, whole=True)
+    yield NumberRule("a flag", slots.SEEN, 1, 0.0, EVERY_FLAG, whole=True)
+    yield NumberRule("an event", slots.EVENT, 1, 0.0, 0.0)
+    yield NumberRule("a tick", slots.TICK, 1, 0.0, np.inf, whole=True)
     full = max(float(ints[slots.CHUNK]) - 1.0, 0.0)
-    yield Rule("a number of samples kept", slots.FILLED, 1, 0.0, full, whole=True)
-    yield Rule("a time", slots.BORN, 2)
+    yield NumberRule("a number of samples kept", slots.FILLED, 1, 0.0, full, whole=True)
+    yield NumberRule("a time", slots.BORN, 2)
     if _by_gradient(ints):
-        yield Rule("a count of samples", places.FROM, 1, 0.0, np.inf, whole=True)
-        yield Rule("a count of samples", places.MOMENTS, 2, 0.0, WHOLE, whole=True)
+        yield NumberRule("a count of samples", places.FROM, 1, 0.0, np.inf, whole=True)
+        yield NumberRule("a count of samples", places.MOMENTS, 2, 0.0, WHOLE, whole=True)
     else:
         at = slots.OWN_TICK + 1
-        yield Rule("a number in a place for none", at, slots.WORK_AT - at, 0.0, 0.0)
+        yield NumberRule("a number in a place for none", at, slots.WORK_AT - at, 0.0, 0.0)
     most = WHOLE if _by_gradient(ints) or _on_equation(ints) else 0.0
-    yield Rule("a tick", slots.OWN_TICK, 1, 0.0, most, whole=True)
-    yield Rule("a tick", slots.DUE, 1, 0.0, most, whole=True)
-    yield Rule("a count of work", slots.WORK_AT, 3, 0.0, WHOLE, whole=True)
+    yield NumberRule("a tick", slots.OWN_TICK, 1, 0.0, most, whole=True)
+    yield NumberRule("a tick", slots.DUE, 1, 0.0, most, whole=True)
+    yield NumberRule("a count of work", slots.WORK_AT, 3, 0.0, WHOLE, whole=True)
 
 
-def _watch_rules(ints: Ints, w: int, values: Array) -> Iterator[Rule]:
+def _watch_rules(ints: Ints, w: int, values: Array) -> Iterator[NumberRule]:
     """Of one output (`online.kernels.intake`)."""
     for slot in (slots.LAST, slots.AT_FIRST, slots.MEAN, slots.FITTED):
-        yield Rule("a value of an output", w + slot, 1)
+        yield NumberRule("a value of an output", w + slot, 1)
     for slot in (
         slots.SCALE, slots.SQUARES, slots.WEIGHT, slots.WEIGHT2, slots.SPREAD, slots.FLOOR,
     ):  # fmt: skip
-        yield Rule("a scale of an output", w + slot, 1, 0.0)
+        yield NumberRule("a scale of an output", w + slot, 1, 0.0)
     for slot, most in (
         (slots.REPEATS, WHOLE), (slots.TAKEN, WHOLE), (slots.REFUSED, WHOLE), (slots.STANDS, 1.0),
         (slots.LIMITS, 3.0), (slots.INSIDE, float(ints[slots.BLOCK]) - 1.0), (slots.IDLE, WHOLE),
         (slots.MOVED, 1.0), (slots.BLOCKS, WHOLE), (slots.DOUBLES, WHOLE),
         (slots.SCALED, slots.FIRST_SCALED),
     ):  # fmt: skip
-        yield Rule("a count of an output", w + slot, 1, 0.0, most, whole=True)
+        yield NumberRule("a count of an output", w + slot, 1, 0.0, most, whole=True)
     if not np.isnan(values[w + slots.INNOVATION]):
-        yield Rule("an innovation", w + slots.INNOVATION, 1)
+        yield NumberRule("an innovation", w + slots.INNOVATION, 1)
     if values[w + slots.HIGHEST] != -np.inf or values[w + slots.LOWEST] != np.inf:
-        yield Rule("a limit of an output", w + slots.HIGHEST, 2, -slots.LARGEST, slots.LARGEST)
+        yield NumberRule(
+            "a limit of an output", w + slots.HIGHEST, 2, -slots.LARGEST, slots.LARGEST
+        )
     k = int(ints[slots.DIRECTIONS])
     width = k + k * (k + 1) // 2
-    yield Rule("a sensitivity", w + slots.SCORES, k)
+    yield NumberRule("a sensitivity", w + slots.SCORES, k)
     for scale in range(slots.SCALES):
         own = w + slots.SCORES + k + scale * (width + slots.SUMS)
-        yield Rule("a score", own, width)
-        yield Rule("a sum of scores", own + width, 2, 0.0)
-        yield Rule("a count of blocks", own + width + 2, 1, 0.0, slots.PER_SCALE - 1.0, whole=True)
-        yield Rule("a count of blocks", own + width + 3, 1, 0.0, WHOLE, whole=True)
+        yield NumberRule("a score", own, width)
+        yield NumberRule("a sum of scores", own + width, 2, 0.0)
+        yield NumberRule(
+            "a count of blocks", own + width + 2, 1, 0.0, slots.PER_SCALE - 1.0, whole=True
+        )
+        yield NumberRule("a count of blocks", own + width + 3, 1, 0.0, WHOLE, whole=True)
     usual = w + slots.SCORES + k + slots.SCALES * (width + slots.SUMS)
-    yield Rule("a usual score", usual, k, 0.0)
+    yield NumberRule("a usual score", usual, k, 0.0)
 
 
-def _scatter_rules(k: int, at: int) -> Iterator[Rule]:
+def _scatter_rules(k: int, at: int) -> Iterator[NumberRule]:
     """Of one output (`online.scatter`)."""
     width = k * (k + 1) // 2
-    yield Rule("a sum of squares", at, slots.HEADER, 0.0)
-    yield Rule("a scatter", at + slots.HEADER, width)
+    yield NumberRule("a sum of squares", at, slots.HEADER, 0.0)
+    yield NumberRule("a scatter", at + slots.HEADER, width)
     for level in range(slots.LEVELS):
         own = at + slots.HEADER + width + level * (k + 2 + width)
-        yield Rule("a score", own, k)
-        yield Rule("a count of blocks", own + k, 1, 0.0, float(slots.PER_LEVEL), whole=True)
-        yield Rule("a number of blocks", own + k + 1, 1, 0.0, WHOLE)
-        yield Rule("a scatter", own + k + 2, width)
+        yield NumberRule("a score", own, k)
+        yield NumberRule("a count of blocks", own + k, 1, 0.0, float(slots.PER_LEVEL), whole=True)
+        yield NumberRule("a number of blocks", own + k + 1, 1, 0.0, WHOLE)
+        yield NumberRule("a scatter", own + k + 2, width)
 
 
-def _triangle_rules(ints: Ints, at: int) -> Iterator[Rule]:
+def _triangle_rules(ints: Ints, at: int) -> Iterator[NumberRule]:
     """Of one output, or of all (`numerics.recursive`)."""
     n = int(ints[slots.COLUMNS])
-    yield Rule("a diagonal", at, n, 0.0)
-    yield Rule("a target", at + n, n)
-    yield Rule("a largest regressor", at + 2 * n, 2 * n, 0.0)
-    yield Rule("a triangle", at + 4 * n, int(ints[slots.FACTOR]) - 4 * n)
+    yield NumberRule("a diagonal", at, n, 0.0)
+    yield NumberRule("a target", at + n, n)
+    yield NumberRule("a largest regressor", at + 2 * n, 2 * n, 0.0)
+    yield NumberRule("a triangle", at + 4 * n, int(ints[slots.FACTOR]) - 4 * n)
 
 
-def _check_clocks(stage: Beside, values: Array) -> None:
+def _check_clocks(stage: BesideVector, values: Array) -> None:
     """Whether counts, times and kept samples go together."""
     x, ints, dt = values, stage.blueprint.ints, stage.setting.dt
     count = float(x[slots.COUNT])
@@ -474,7 +482,7 @@ def _check_clocks(stage: Beside, values: Array) -> None:
     if x[slots.BORN] > x[slots.TIME] + 2.0 * dt or (count == 0.0 and x[slots.TIME] != 0.0):
         raise ValueError("times that are ahead of the samples")
     time = (count - 1.0) * dt + x[slots.EXTRA] if count > 1.0 else 0.0
-    if abs(time - x[slots.TIME]) > AGREES * dt + NEGLIGIBLE * abs(time):
+    if abs(time - x[slots.TIME]) > AGREES * dt + AGREES_WITHIN * abs(time):
         raise ValueError(f"a time of {x[slots.TIME]:g} s after {count:g} samples")
     order = int(ints[slots.ORDER])
     faded = order * int(ints[slots.OUTPUTS]) if _on_equation(ints) else order

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, shown
-from tridentify.methods.filtered import checked_filter
+from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
 from tridentify.numerics.realization import (
     Complex,
 )
-from tridentify.online.blueprint import (
-    Blueprint,
-    Setting,
-)
 from tridentify.online.equation import EquationError, unknowns_of
 from tridentify.online.equation_plan import equation_blueprint, maps_of
-from tridentify.online.kernels import slots
-from tridentify.online.seam import (
+from tridentify.online.estimator import (
     check_choice,
+)
+from tridentify.online.kernels import slots
+from tridentify.online.layout import (
+    Blueprint,
+    Setting,
 )
 from tridentify.online.search import (
     checked_start,
@@ -32,7 +32,7 @@ from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 
-PER_UNKNOWN = 10
+SAMPLES_PER_UNKNOWN = 10
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Kalman(EquationError):
 
     def wait(self, setting: Setting, blueprint: Blueprint) -> float:
         """Samples that least squares is given."""
-        return float(PER_UNKNOWN * blueprint.n_columns + setting.late)
+        return float(SAMPLES_PER_UNKNOWN * blueprint.n_columns + setting.late)
 
     def adapt(self, state: State) -> State:
         """Search for the filter, then take over from least squares."""

@@ -11,26 +11,26 @@ from numpy.typing import NDArray
 from tridentify.errors import TridentifyError
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices
-from tridentify.online.blueprint import (
+from tridentify.online.estimator import Estimator, kept_samples
+from tridentify.online.kernels import slots
+from tridentify.online.layout import (
     Blueprint,
-    Nuisance,
+    NuisanceColumns,
     Setting,
     fresh,
     watch_of,
     with_directions,
 )
-from tridentify.online.kernels import slots
 from tridentify.online.residual import is_driven
 from tridentify.online.scatter import FEWEST, expect_scatter, keep_expected, scatter_of
-from tridentify.online.seam import Estimator, kept_samples
 from tridentify.online.search import far_off, judged_poles, record_of, searching
 from tridentify.online.starting import admissible, calm, run_kept, take_clocks, without
 from tridentify.online.state import State
-from tridentify.online.steps import Solution, directions_of, estimate_of, solving
+from tridentify.online.steps import StepsEnd, directions_of, estimate_of, solving
 
 Array = NDArray[np.float64]
 
-ROUNDS = 3
+MOVE_ROUNDS = 3
 
 
 class Planner(Estimator):
@@ -39,7 +39,9 @@ class Planner(Estimator):
     samples: int
 
     @abstractmethod
-    def plan(self, setting: Setting, poles: Complex, nuisance: Nuisance, keep: bool) -> Blueprint:
+    def plan(
+        self, setting: Setting, poles: Complex, nuisance: NuisanceColumns, keep: bool
+    ) -> Blueprint:
         """Step 1 on poles, each as often as a move of them asks for; ``keep``: with the samples."""
 
     @abstractmethod
@@ -99,11 +101,11 @@ def searching_launch(
     yield
     if not is_driven(setting, record_of(setting, samples), found.estimate.theta):
         return None
-    nuisance = Nuisance.of(setting.structure, begun_anew)
+    nuisance = NuisanceColumns.of(setting.structure, begun_anew)
     launch, flags = yield from launching(
         method, setting, found.poles, nuisance, samples, found.noise_std, reference
     )
-    for _ in range(ROUNDS):
+    for _ in range(MOVE_ROUNDS):
         kept = without(samples, flags, setting.n_inputs)
         if kept is None:
             break
@@ -121,7 +123,7 @@ def launching(
     method: Planner,
     setting: Setting,
     poles: Complex,
-    nuisance: Nuisance,
+    nuisance: NuisanceColumns,
     samples: Array,
     noise_std: Array,
     reference: Array,
@@ -207,7 +209,7 @@ def noise_std_of(blueprint: Blueprint, x: Array) -> Array:
 
 
 def is_certain(
-    setting: Setting, blueprint: Blueprint, x: Array, solution: Solution, poles: Complex
+    setting: Setting, blueprint: Blueprint, x: Array, solution: StepsEnd, poles: Complex
 ) -> bool:
     """Whether the samples tell the poles; a bank on poles that are mostly noise loses more."""
     try:

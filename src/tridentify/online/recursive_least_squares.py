@@ -8,20 +8,20 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.methods.filtered import checked_filter
+from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
 from tridentify.numerics.realization import (
     Complex,
 )
-from tridentify.online.blueprint import (
-    Blueprint,
-    Setting,
-)
 from tridentify.online.equation import EquationError
 from tridentify.online.equation_plan import equation_blueprint
-from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL, RESETTING
-from tridentify.online.seam import (
+from tridentify.online.estimator import (
     check_choice,
     check_forgetting,
+)
+from tridentify.online.kernels.slots import DIRECTIONAL, EXPONENTIAL, RESETTING
+from tridentify.online.layout import (
+    Blueprint,
+    Setting,
 )
 from tridentify.online.search import (
     checked_start,

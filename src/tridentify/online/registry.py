@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
+from tridentify.online.estimator import Estimator
 from tridentify.online.gradient import Gradient
 from tridentify.online.kalman import Kalman
 from tridentify.online.recursive_least_squares import RecursiveLeastSquares
-from tridentify.online.seam import Estimator
 from tridentify.online.three_model import ThreeModel
 
 ESTIMATORS: Mapping[str, Callable[[], Estimator]] = MappingProxyType(

@@ -9,9 +9,9 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from tridentify.numerics.slices import Slices
-from tridentify.online.blueprint import Setting
+from tridentify.online.layout import Setting
 from tridentify.online.result import model_of
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.simulate import simulate
 
 Array = NDArray[np.float64]

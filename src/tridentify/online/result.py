@@ -7,9 +7,9 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.estimate import Estimate, Nuisance, Status, Trace
-from tridentify.online.blueprint import Blueprint, Setting, watch_of
+from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Trace
 from tridentify.online.kernels import slots
+from tridentify.online.layout import Blueprint, Setting, watch_of
 from tridentify.structure import InitialState, Structure
 from tridentify.transfer_function import TransferFunction
 

@@ -12,13 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import DataError, OptionError, SampleTypeError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import freeze_arrays
+from tridentify.online.estimator import Estimator, NotReadyError
 from tridentify.online.flags import Flag
-from tridentify.online.seam import Estimator, NotReadyError
 from tridentify.online.state import State
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.structure import Structure
-from tridentify.trace import freeze_arrays
 
 Array = NDArray[np.float64]
 

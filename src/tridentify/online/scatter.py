@@ -31,14 +31,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.online.blueprint import Blueprint, watch_of
 from tridentify.online.kernels import slots
+from tridentify.online.layout import Blueprint, watch_of
 
 Array = NDArray[np.float64]
 
 FEWEST, FEWEST_USUAL = 20.0, 2.0
 FEW = 6.0  # blocks that tell one number
-CLEAR, SURE = 3.0, 6.0  # standard deviations off: larger errors, and smaller ones
+CLEARLY_LARGER, CLEARLY_SMALLER = (
+    3.0,
+    6.0,
+)  # standard deviations off: larger errors, and smaller ones
 WONTED = 1.5  # by how much the scores that are usual grow with a false alarm
 
 
@@ -159,7 +162,7 @@ def expect_scatter(blueprint: Blueprint, x: Array) -> None:
                 sums = unit[:, None] * seen.products[level][np.ix_(live, live)] * unit
                 found = float(np.sum(inverse * sums)) / live.sum()
                 doubt = math.sqrt(2.0 / (live.sum() * seen.blocks[level]))
-                ratio = found if found > 1.0 + CLEAR * doubt else ratio
+                ratio = found if found > 1.0 + CLEARLY_LARGER * doubt else ratio
             x[mean_of_scores(blueprint, w, scale)] = max(ratio - 1.0, 0.0)
 
 
@@ -228,9 +231,9 @@ def with_scatter(
     ratios = np.einsum("ij,lji->l", inverse, sums) / size
     off = (ratios - 1.0) * np.sqrt(0.5 * size * blocks)
     last = int(np.flatnonzero(blocks >= FEW)[-1])
-    longest = float(ratios[last]) if off[last] > CLEAR else 1.0
+    longest = float(ratios[last]) if off[last] > CLEARLY_LARGER else 1.0
     many = np.flatnonzero(blocks >= FEWEST)
-    if not np.any((off[many] > CLEAR) | (off[many] < -SURE)):
+    if not np.any((off[many] > CLEARLY_LARGER) | (off[many] < -CLEARLY_SMALLER)):
         return cov * longest
     level = int(many[-1])
     first = np.cumsum(live)[:n] - 1

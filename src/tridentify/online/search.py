@@ -8,19 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError, shown
-from tridentify.estimate import Estimate, Status, Trace
-from tridentify.methods.base import check
-from tridentify.methods.three_model import ThreeModel
+from tridentify.estimation.answer.estimate import Estimate, Status, Trace
+from tridentify.estimation.likelihood.answer import estimate_from
+from tridentify.estimation.likelihood.choose_nuisance import deciding
+from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.methods.base import check
+from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.estimation.search.gross_outliers import outlier_slices
+from tridentify.estimation.search.search import Search
 from tridentify.numerics.realization import Complex, sort_poles
 from tridentify.numerics.slices import Slices
-from tridentify.online.blueprint import Setting
 from tridentify.online.kernels.slots import LARGEST
-from tridentify.output_error.decide import deciding
-from tridentify.output_error.question import Question
-from tridentify.output_error.result import estimate_from
-from tridentify.record import Record
-from tridentify.strategy.outliers import outlier_slices
-from tridentify.strategy.search import Search
+from tridentify.online.layout import Setting
+from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
@@ -34,7 +34,7 @@ STARTS, FEW_STARTS = 4, 2
 USABLE = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.POSTERIOR_MEAN)
 
 
-class Found(NamedTuple):
+class FoundPoles(NamedTuple):
     """Poles to begin with, the noise, and whether they are known well enough to go on."""
 
     poles: Complex
@@ -47,7 +47,7 @@ def far_off(setting: Setting, samples: Array) -> Slices[Array]:
     """The samples without outputs that are far from all others, before there is a model.
 
     Only where second differences are spread far beyond their median is a robust parallel model
-    asked (`strategy.outliers`). At both ends it cannot judge: there nothing is left out.
+    asked (`search.gross_outliers`). At both ends it cannot judge: there nothing is left out.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def next_try(count: int) -> int:
 
 def searching(
     setting: Setting, samples: Array, begun_anew: bool, *, thorough: bool = False
-) -> Slices[Found | None]:
+) -> Slices[FoundPoles | None]:
     """Identify the model from the samples that were kept; None if they do not tell.
 
     The off-line search and its end, for white noise, a slice at a time.
@@ -125,7 +125,7 @@ def searching(
 
 def clean_search(
     setting: Setting, samples: Array, begun_anew: bool
-) -> Slices[tuple[Found | None, Array]]:
+) -> Slices[tuple[FoundPoles | None, Array]]:
     """What is found in the samples without those that are far off, and the samples left."""
     kept = yield from far_off(setting, samples)
     found = yield from searching(setting, kept, begun_anew)
@@ -152,7 +152,7 @@ def _maximum(record: Record, structure: Structure, thorough: bool) -> Slices[Est
     )  # fmt: skip
 
 
-def judged_poles(found: Estimate, setting: Setting) -> Found | None:
+def judged_poles(found: Estimate, setting: Setting) -> FoundPoles | None:
     """The poles of an estimate, and whether they are certain; None if they are no numbers."""
     den = found.model.den[0][0]
     poles = np.roots(den).astype(np.complex128)
@@ -160,7 +160,7 @@ def judged_poles(found: Estimate, setting: Setting) -> Found | None:
         return None
     sizes = np.abs(found.theta[: setting.n_poles])
     certain = found.status in USABLE and bool(np.all(found.std[: setting.n_poles] < VAGUE * sizes))
-    return Found(sort_poles(poles), np.sqrt(found.noise_variance), certain, found)
+    return FoundPoles(sort_poles(poles), np.sqrt(found.noise_variance), certain, found)
 
 
 def record_of(setting: Setting, samples: Array) -> Record:

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.numerics.realization import Complex
-from tridentify.online.blueprint import CHUNK, Blueprint, Setting, watch_of
+from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import gradient_slots, slots
-from tridentify.online.seam import Estimator
+from tridentify.online.layout import CHUNK, Blueprint, Setting, watch_of
 from tridentify.online.search import next_try, record_of
 from tridentify.online.state import Stage, State
 from tridentify.online.task import Task
-from tridentify.output_error.nuisance import Nuisances, build
 
 Array = NDArray[np.float64]
 

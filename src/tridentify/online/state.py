@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.checks.values import check_keys, checked, texts
-from tridentify.encoding import load_document, save_document
 from tridentify.errors import TridentifyError, shown
+from tridentify.estimation.answer.encoding import load_document, save_document
 from tridentify.numerics.realization import Complex
-from tridentify.online.blueprint import Blueprint, Nuisance, Setting
 from tridentify.online.flags import Flag
 from tridentify.online.integrity import MOST_ORDER, check_orders, check_room, check_sound
 from tridentify.online.kernels import slots
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
 from tridentify.online.task import Task
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -312,7 +312,7 @@ def _build(document: Mapping[str, Any]) -> State:
     ints, values = np.array(_ints(document["ints"]), dtype=np.int64), unpacked(document["values"])
     if ints.size != slots.N_INTS:
         raise ValueError(f"{ints.size} numbers in the plan in place of {slots.N_INTS}")
-    nuisance = Nuisance(*(checked(one, bool) for one in checked(document["nuisance"], list)))
+    nuisance = NuisanceColumns(*(checked(one, bool) for one in checked(document["nuisance"], list)))
     bank = unpacked(document["bank"]).view(np.complex128)
     blueprint = Blueprint(ints, unpacked(document["constants"]), values.size, bank, nuisance)
     check_room(setting, blueprint, shared=method.one_triangle)

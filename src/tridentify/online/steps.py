@@ -8,24 +8,29 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.estimate import Estimate, Status, Step, Trace
+from tridentify.estimation.answer.estimate import Estimate, Status, Step, Trace
+from tridentify.estimation.likelihood.answer import estimate_from
+from tridentify.estimation.likelihood.choose_nuisance import TRUSTED
+from tridentify.estimation.likelihood.cost import Point, evaluate_variant, linear_blocks
+from tridentify.estimation.likelihood.levenberg_marquardt import (
+    SETTLED_LONG,
+    Recorder,
+    criterion,
+    finishing,
+)
+from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search.passes import adapting, series_model
+from tridentify.models.regression import Regression
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices, drain
-from tridentify.online.blueprint import Blueprint, Setting
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.findings import noise_finding
 from tridentify.online.kernels import slots
+from tridentify.online.layout import Blueprint, Setting
 from tridentify.online.scatter import with_scatter
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
-from tridentify.output_error.decide import TRUSTED
-from tridentify.output_error.finish import SETTLED_LONG, Recorder, criterion, finishing
-from tridentify.output_error.nuisance import Nuisances
-from tridentify.output_error.point import Point, evaluate_variant, linear_blocks
-from tridentify.output_error.problem import Problem, Variant
-from tridentify.output_error.result import estimate_from
-from tridentify.record import Record
-from tridentify.regression import Regression
-from tridentify.strategy.passes import adapting, series_model
+from tridentify.record.record import Record
 
 Array = NDArray[np.float64]
 
@@ -34,7 +39,7 @@ DOUBT = 1.0  # of AICc, by which a choice of nuisance terms may do better than i
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class StepsEnd:
     """Where the steps ended, with one choice of nuisance terms."""
 
     point: Point
@@ -61,7 +66,7 @@ def solve_steps(
     *,
     choose: bool,
     passes: int = PASSES,
-) -> Solution:
+) -> StepsEnd:
     """Steps 1 and 2 with filter and basis re-adapted, to the minimum of the output error.
 
     Parameters
@@ -93,7 +98,7 @@ def solving(
     *,
     choose: bool,
     passes: int = PASSES,
-) -> Slices[Solution]:
+) -> Slices[StepsEnd]:
     """`solve_steps` in slices."""
     base = problem_of(setting, blueprint, x)
     full = blueprint.nuisance
@@ -110,7 +115,7 @@ def solving(
         constants = -x[at : at + setting.n_inputs] if shifted else None
         variant = _variant(nuisances, constants)
         point = evaluate_variant(base, variant, best.point.poles)
-        # as off-line: what a step cannot promise is not followed (`output_error.decide`)
+        # as off-line: what a step cannot promise is not followed (`likelihood.choose_nuisance`)
         fall = min(point.step(0.0).decrease, TRUSTED * float(point.counts.sum()))
         promised.append((criterion(point, fall), nuisances, constants))
     for least, nuisances, constants in sorted(promised, key=lambda one: one[0]):
@@ -148,7 +153,7 @@ def _others(setting: Setting, full: Nuisances, begun_anew: bool) -> Sequence[Nui
 
 def _solved(
     base: Problem, nuisances: Nuisances, constants: Array | None, poles: Complex, passes: int
-) -> Slices[Solution]:
+) -> Slices[StepsEnd]:
     variant = _variant(nuisances, constants)
     recorder = Recorder()
     admissible, _ = base.admissible(poles)
@@ -161,17 +166,17 @@ def _solved(
     yield
     start = at(admissible)
     point, status, why = yield from finishing(at, start, recorder, settled=SETTLED_LONG)
-    return Solution(point, status, why, nuisances, recorder, criterion(point))
+    return StepsEnd(point, status, why, nuisances, recorder, criterion(point))
 
 
-def directions_of(setting: Setting, blueprint: Blueprint, solution: Solution) -> Array:
+def directions_of(setting: Setting, blueprint: Blueprint, solution: StepsEnd) -> Array:
     """Sensitivities of the outputs to the coefficients and a constant, on the running columns.
 
     Parameters
     ----------
     setting : Setting
     blueprint : Blueprint
-    solution : Solution
+    solution : StepsEnd
         With all nuisance terms of the blueprint.
 
     Returns
@@ -216,7 +221,7 @@ def estimate_of(
     setting: Setting,
     blueprint: Blueprint,
     x: Array,
-    solution: Solution,
+    solution: StepsEnd,
     method: str,
     poles: Complex,
 ) -> Estimate:

@@ -17,15 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.online.estimator import Estimator, NotReadyError, kept_samples
 from tridentify.online.kernels import slots
 from tridentify.online.scatter import wonted
-from tridentify.online.seam import Estimator, NotReadyError, kept_samples
-from tridentify.online.search import Found, first_try
+from tridentify.online.search import FoundPoles, first_try
 from tridentify.online.starting import advanced, calm, idle, rearranged, with_room
 from tridentify.online.state import Stage, State
 from tridentify.online.suspicion import DOUBTED, TRIED, Old
 from tridentify.online.task import Task
-from tridentify.online.witness import Verdict, looking
+from tridentify.online.witness import WitnessVerdict, looking
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Suspecting(Estimator):
         """What the method's own clock asks for, the search of the first samples included."""
 
     @abstractmethod
-    def begun_again(self, state: State, found: Found, samples: Array) -> State:
+    def begun_again(self, state: State, found: FoundPoles, samples: Array) -> State:
         """The estimator that goes on from the samples since a change, without a witness."""
 
     def tick(self, state: State) -> State:
@@ -138,7 +138,7 @@ class Suspecting(Estimator):
             _unpacked(witness), _unpacked(present),
         )  # fmt: skip
 
-    def _judged(self, state: State, verdict: Verdict) -> State:
+    def _judged(self, state: State, verdict: WitnessVerdict) -> State:
         x, stage = state
         since, count = self._parts(state)[1], int(x[slots.WORK_AT])
         state = idle(state)

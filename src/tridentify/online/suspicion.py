@@ -9,7 +9,7 @@ for coloured noise (`online.residual.refined`), go through the samples since, ea
 initial state and an offset. What they leave is whitened by an autoregression of its own: coloured
 noise is no longer evidence. The logarithm of the ratio of the two remaining sums of squares is
 summed over short pieces, each with a scale of its own, as the strength of gusts varies; the piece
-that speaks loudest is left out. The sum must be ``CLEAR``, and most pieces must agree.
+that speaks loudest is left out. The sum must be ``CLEAR_GAIN``, and most pieces must agree.
 
 *Standard errors.* The coefficients must differ by more than what the two covariances explain, that
 of the new ones made for coloured noise and ``LARGER``, as few samples tell little of its colour.
@@ -31,16 +31,16 @@ from scipy.special import chdtri
 from tridentify.errors import TridentifyError
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices
-from tridentify.online.blueprint import Blueprint, Nuisance, Setting
 from tridentify.online.launch import Launch, Planner, launching
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
 from tridentify.online.residual import Refined, gain_of, left_by, refined
-from tridentify.online.search import VAGUE, Found, far_off, record_of, searching
+from tridentify.online.search import VAGUE, FoundPoles, far_off, record_of, searching
 from tridentify.online.steps import estimate_of, solving
-from tridentify.record import Record
+from tridentify.record.record import Record
 
 Array = NDArray[np.float64]
 
-CLEAR = 30.0  # of -2 log L: one in a million for four coefficients, were the noise model true
+CLEAR_GAIN = 30.0  # of -2 log L: one in a million for four coefficients, were the noise model true
 AGREEING = 0.6  # of the pieces; of noise alone, half
 RARE = 1e-5
 LARGER = 2.0  # than by the noise model, the covariance of few samples
@@ -92,7 +92,7 @@ def trying(
     better = yield from _is_better(setting, samples, old, found)
     if not better:
         return None
-    nuisance = Nuisance.of(setting.structure, True)
+    nuisance = NuisanceColumns.of(setting.structure, True)
     return (
         yield from launching(
             method, setting, found.poles, nuisance, samples, found.noise_std, reference
@@ -100,7 +100,7 @@ def trying(
     )[0]
 
 
-def _is_better(setting: Setting, samples: Array, old: Old, found: Found) -> Slices[bool]:
+def _is_better(setting: Setting, samples: Array, old: Old, found: FoundPoles) -> Slices[bool]:
     """Whether the new coefficients explain the samples clearly better than the old ones."""
     record = record_of(setting, samples)
     new = yield from refined(setting, record, found.estimate.theta, found.estimate.std)
@@ -124,7 +124,7 @@ def explains_better(setting: Setting, record: Record, old: Old, new: Refined) ->
     before = left_by(setting, record, old.theta)
     after = left_by(setting, record, new.theta)
     gains = np.sum([gain_of(before[:, i], after[:, i]) for i in range(setting.n_outputs)], axis=0)
-    return bool(gains.sum() - gains.max() >= CLEAR and np.mean(gains > 0.0) >= AGREEING)
+    return bool(gains.sum() - gains.max() >= CLEAR_GAIN and np.mean(gains > 0.0) >= AGREEING)
 
 
 def is_determined(setting: Setting, new: Refined) -> bool:

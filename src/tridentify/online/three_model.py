@@ -36,7 +36,7 @@ until another one, found in those since the alarm, explains them clearly better
 (`online.suspicion`); then that takes its place, or, with ``on_change="flag"``, the flag is raised
 and no more.
 
-*Standard errors* are those of the minimum (`output_error.result`). With forgetting, the weights
+*Standard errors* are those of the minimum (`likelihood.answer`). With forgetting, the weights
 ``w`` of the samples make them larger by the square root of ``sum w^2 / sum w``, and the noise is
 that of the samples remembered. Where the scores say that the noise is not white, their scatter
 takes the place of the formula (`online.scatter`). They are right for coefficients that stand still
@@ -54,17 +54,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.online.blueprint import (
-    Blueprint,
-    Nuisance,
-    Setting,
-    collecting,
-    constants_for,
-    fresh,
-    parallel,
+from tridentify.online.estimator import (
+    CompiledKernels,
+    check_choice,
+    check_forgetting,
+    check_owner,
+    check_state,
+    is_number,
+    kept_samples,
+    not_ready,
 )
 from tridentify.online.findings import with_findings
 from tridentify.online.follow import Turn, following, turned
@@ -78,17 +79,16 @@ from tridentify.online.launch import (
     reference_of,
     searching_launch,
 )
-from tridentify.online.scatter import wonted
-from tridentify.online.seam import (
-    Kernels,
-    check_choice,
-    check_forgetting,
-    check_owner,
-    check_state,
-    is_number,
-    kept_samples,
-    not_ready,
+from tridentify.online.layout import (
+    Blueprint,
+    NuisanceColumns,
+    Setting,
+    collecting,
+    constants_for,
+    fresh,
+    parallel,
 )
+from tridentify.online.scatter import wonted
 from tridentify.online.search import checked_start, first_try, poles_of_start
 from tridentify.online.starting import advanced, again, calm, idle, rearranged, shortened, with_room
 from tridentify.online.state import Stage, State
@@ -160,11 +160,11 @@ class ThreeModel(Planner):
 
     @staticmethod
     @cache
-    def kernels() -> Kernels:
+    def kernels() -> CompiledKernels:
         """The compiled sample loop."""
         from tridentify.online.kernels.parallel import parallel_step
 
-        return Kernels(parallel_step, block_of_step_1)
+        return CompiledKernels(parallel_step, block_of_step_1)
 
     def __post_init__(self) -> None:
         check_forgetting(self.forgetting)
@@ -191,7 +191,7 @@ class ThreeModel(Planner):
             x[slots.TICK] = first_try(setting)
             return State(x, Stage(self, setting, blueprint, blueprint.poles))
         poles = poles_of_start(self.start, setting)
-        blueprint = self.plan(setting, poles, Nuisance.of(setting.structure, False), True)
+        blueprint = self.plan(setting, poles, NuisanceColumns.of(setting.structure, False), True)
         x = fresh(blueprint)
         x[slots.TICK] = first_try(setting)
         return State(x, Stage(self, setting, blueprint, poles, searching=False))
@@ -203,7 +203,7 @@ class ThreeModel(Planner):
         poles = blueprint.poles[: setting.n_poles]
         if not np.array_equal(blueprint.poles, np.tile(poles, REPEATS)):
             raise ValueError(f"a bank that is not {setting.n_poles} poles {REPEATS} times")
-        nuisance = Nuisance.of(setting.structure, blueprint.nuisance.free)
+        nuisance = NuisanceColumns.of(setting.structure, blueprint.nuisance.free)
         return self.plan(setting, poles, nuisance, bool(blueprint.ints[slots.CHUNK]))
 
     def is_ready(self, state: State) -> bool:
@@ -368,7 +368,9 @@ class ThreeModel(Planner):
         raise not_ready(int(x[slots.COUNT]), "are still searched for a model")
 
     # ---------------------------------------------------------------------------- the slow clock
-    def plan(self, setting: Setting, poles: Complex, nuisance: Nuisance, keep: bool) -> Blueprint:
+    def plan(
+        self, setting: Setting, poles: Complex, nuisance: NuisanceColumns, keep: bool
+    ) -> Blueprint:
         """Step 1 on poles, each as often as a move of them asks for; ``keep``: with the samples."""
         return parallel(
             setting, np.tile(poles, REPEATS), nuisance, keep, self.forgetting, KINDS[self.forget]

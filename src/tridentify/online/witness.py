@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
 from tridentify.numerics.slices import Slices
-from tridentify.online.blueprint import Setting
+from tridentify.online.layout import Setting
 from tridentify.online.residual import Refined, is_driven, refined
-from tridentify.online.search import Found, clean_search, first_try, record_of
+from tridentify.online.search import FoundPoles, clean_search, first_try, record_of
 from tridentify.online.suspicion import LARGER, Old, differ, explains_better, is_determined
-from tridentify.record import Record
+from tridentify.record.record import Record
 
 Array = NDArray[np.float64]
 
 
-class Verdict(NamedTuple):
+class WitnessVerdict(NamedTuple):
     """What a look at the samples since an alarm has come to.
 
     Attributes
@@ -42,7 +42,7 @@ class Verdict(NamedTuple):
         Before they are counted in.
     after : Old or None
         With them.
-    found : Found or None
+    found : FoundPoles or None
         The model of the samples.
     samples : (k, n_inputs + n_outputs + 1) array
         Without those that are far off.
@@ -51,14 +51,14 @@ class Verdict(NamedTuple):
     changed: bool
     witness: Old | None
     after: Old | None
-    found: Found | None
+    found: FoundPoles | None
     samples: Array
 
 
 class _Model(NamedTuple):
     """A model of kept samples, also for coloured noise."""
 
-    found: Found
+    found: FoundPoles
     new: Refined
     record: Record
     samples: Array
@@ -71,7 +71,7 @@ def looking(
     samples: Array,
     witness: Old | None,
     present: Old | None,
-) -> Slices[Verdict]:
+) -> Slices[WitnessVerdict]:
     """Whether the samples since an alarm are of another plant.
 
     Parameters
@@ -93,17 +93,17 @@ def looking(
             witness = Old(first.new.theta, LARGER * first.new.cov)
     now = yield from _model_of(setting, samples, True)
     if now is None:
-        return Verdict(False, witness, witness, None, samples)
+        return WitnessVerdict(False, witness, witness, None, samples)
     taken = Old(now.new.theta, LARGER * now.new.cov)
     changed, others = True, [one for one in (witness, present) if one is not None]
     for old in others:
         yield
         changed = changed and explains_better(setting, now.record, old, now.new)
     if not others:
-        return Verdict(False, None, taken, now.found, now.samples)
+        return WitnessVerdict(False, None, taken, now.found, now.samples)
     moved = differ(others[0], now.new)
     after = taken if moved or witness is None else together(witness, taken)
-    return Verdict(changed and moved, witness, after, now.found, now.samples)
+    return WitnessVerdict(changed and moved, witness, after, now.found, now.samples)
 
 
 def _model_of(setting: Setting, samples: Array, begun_anew: bool) -> Slices[_Model | None]:

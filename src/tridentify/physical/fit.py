@@ -25,12 +25,12 @@ from tridentify.errors import (
     UnsupportedError,
     shown,
 )
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.parameter import Parameter
+from tridentify.estimation.methods.base import Method, Progress
+from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.identify import identify
-from tridentify.methods.base import Method, Progress
-from tridentify.methods.three_model import ThreeModel
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.parameter import Parameter
 from tridentify.physical.distance import Known, Nearest, Restriction, nearest, weight_of
 from tridentify.physical.identifiability import (
     Identifiability,
@@ -38,11 +38,11 @@ from tridentify.physical.identifiability import (
     identifiability,
     product_text,
 )
-from tridentify.physical.likelihood import Maximum, directions, maximum
+from tridentify.physical.likelihood import PhysicalMaximum, directions, maximum
 from tridentify.physical.model import PhysicalModel
 from tridentify.physical.profile import Profile
 from tridentify.physical.result import PhysicalEstimate
-from tridentify.record import Record
+from tridentify.record.record import Record
 
 Array = NDArray[np.float64]
 Fit = Literal["likelihood", "distance"]
@@ -202,7 +202,7 @@ def _from_coefficients(
     said = identifiability(model, model.at(closest.z), tuple(known))
     rank = restriction.rank(said.rank)
     profile = Profile.of(records, estimate)
-    best: Maximum | None = None
+    best: PhysicalMaximum | None = None
     if fit == "likelihood" and estimate.loss == "squared":
         say("physical parameters of greatest likelihood")
         best = maximum(restriction, profile, closest.z, rank)
@@ -284,7 +284,7 @@ def _combinations(
 def _other_notes(
     model: PhysicalModel,
     closest: Nearest,
-    best: Maximum | None,
+    best: PhysicalMaximum | None,
     fit: Fit,
     values: Array,
     cov: Array,

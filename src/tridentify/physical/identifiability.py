@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import CoefficientMapError
-from tridentify.physical.model import STEP, PhysicalModel, differences
+from tridentify.physical.model import DIFFERENCE_STEP, PhysicalModel, differences
 
 Array = NDArray[np.float64]
 Powers = tuple[tuple[str, Fraction], ...]
@@ -259,7 +259,7 @@ def _declared(
 def combination_gradient(model: PhysicalModel, name: str, z: Array) -> Array:
     """(n_parameters,) derivatives of a declared combination by log|phi|."""
     function = model.combinations[name]
-    step = STEP * np.where(model.positive, 1.0, np.maximum(np.abs(z), 1.0))
+    step = DIFFERENCE_STEP * np.where(model.positive, 1.0, np.maximum(np.abs(z), 1.0))
     slope = differences(lambda w: np.array([function(model.at(w))]), z, step)[0]
     return np.asarray(slope / model.slope(z) * model.values(z))
 

@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tridentify.physical.distance import Restriction
-from tridentify.physical.profile import Held, Profile
+from tridentify.physical.profile import HeldResidual, Profile
 
 Array = NDArray[np.float64]
 
-STEP = 1e-2
+PROFILE_STEP = 1e-2
 LEAST_MOVE = 1e-6
 MOST_MOVE = 1e-3
 MOST_ROUNDS = 12
@@ -39,7 +39,7 @@ NEGLIGIBLE = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Maximum:
+class PhysicalMaximum:
     """The parameters of greatest likelihood.
 
     Attributes
@@ -48,7 +48,7 @@ class Maximum:
         Coordinates.
     root : (n_parameters, rank) array
         ``root root'`` is the covariance of the coordinates.
-    held : Held
+    held : HeldResidual
         What is left of the outputs.
     ratio : float
         Likelihood ratio of the restriction, ``nan`` where the residual is no more than rounding.
@@ -57,7 +57,7 @@ class Maximum:
 
     z: Array
     root: Array
-    held: Held
+    held: HeldResidual
     ratio: float
     converged: bool
 
@@ -77,7 +77,9 @@ def directions(restriction: Restriction, z: Array, rank: int) -> Array:
     return root
 
 
-def maximum(restriction: Restriction, profile: Profile, start: Array, rank: int) -> Maximum | None:
+def maximum(
+    restriction: Restriction, profile: Profile, start: Array, rank: int
+) -> PhysicalMaximum | None:
     """Search the maximum from the parameters of least distance.
 
     Parameters
@@ -91,7 +93,7 @@ def maximum(restriction: Restriction, profile: Profile, start: Array, rank: int)
 
     Returns
     -------
-    Maximum or None
+    PhysicalMaximum or None
         None where the model at the start has no finite response.
     """
     root = directions(restriction, start, rank)
@@ -117,7 +119,7 @@ def maximum(restriction: Restriction, profile: Profile, start: Array, rank: int)
     ratio = float(freedom @ np.log(np.maximum(held.rss, floor) / unrestricted.rss))
     prior = restriction.prior(z)
     ratio += float(prior @ prior)
-    return Maximum(
+    return PhysicalMaximum(
         z, root @ _inverse_root(table), held, np.nan if exact else max(ratio, 0.0), converged
     )
 
@@ -164,7 +166,7 @@ def _steps(root: Array) -> list[float]:
     """A hundredth of a standard error, within what rounding and curvature allow."""
     largest = np.abs(root).max(axis=0)
     low, high = LEAST_MOVE / largest, MOST_MOVE / largest
-    steps: list[float] = np.clip(STEP, low, np.maximum(high, low)).tolist()
+    steps: list[float] = np.clip(PROFILE_STEP, low, np.maximum(high, low)).tolist()
     return steps
 
 

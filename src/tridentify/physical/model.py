@@ -32,7 +32,7 @@ Values = Mapping[str, float]
 CoefficientMap = Callable[[Values], Values]
 Derivatives = Callable[[Values], Mapping[str, Values]]
 
-STEP = 2e-3
+DIFFERENCE_STEP = 2e-3
 AGREES = 1e-5
 
 
@@ -285,7 +285,7 @@ class PhysicalModel:
         return np.array(table, dtype=np.float64) * self.slope(z)
 
     def _differences(self, z: Array) -> Array:
-        step = STEP * np.where(self.positive, 1.0, np.maximum(np.abs(z), 1.0))
+        step = DIFFERENCE_STEP * np.where(self.positive, 1.0, np.maximum(np.abs(z), 1.0))
         return differences(self.theta_at, z, step)
 
     def _check_derivatives(self) -> None:

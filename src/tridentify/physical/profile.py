@@ -5,7 +5,7 @@ free response, the offset and the drift of each experiment. ``x`` is eliminated 
 what is left, ``r(theta) = (I - Q Q') W (y - G u)``, is a function of ``theta`` alone whose sum of
 squares is the likelihood's reduced cost (variable projection; Golub & Pereyra 1973). ``W`` turns
 the samples into innovations where the noise has a model; it is that of the free estimate and held,
-which costs nothing asymptotically (see `output_error.colour`).
+which costs nothing asymptotically (see `likelihood.noise_model`).
 
 Only `simulate` is asked for responses, so every model that can be simulated can be held.
 """
@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import solve
 from tridentify.physical.model import model_of
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
 
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Held:
+class HeldResidual:
     """What is left of the outputs at held coefficients.
 
     Attributes
@@ -102,7 +102,7 @@ class Profile:
         each = free * (structure.initial_state == "free") + bool(structure.offset)
         return (each + bool(structure.drift)) * len(self.records)
 
-    def at(self, theta: Array) -> Held | None:
+    def at(self, theta: Array) -> HeldResidual | None:
         """What is left at coefficients; None where the model's response is not finite.
 
         Parameters
@@ -111,7 +111,7 @@ class Profile:
 
         Returns
         -------
-        Held or None
+        HeldResidual or None
         """
         if not np.all(np.isfinite(theta)):
             return None
@@ -137,7 +137,7 @@ class Profile:
         joined = tuple(np.concatenate(parts) for parts in residuals)
         if not all(np.all(np.isfinite(r)) for r in joined):
             return None
-        return Held(joined, raw)
+        return HeldResidual(joined, raw)
 
     def _columns(
         self,

@@ -13,14 +13,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.encoding import check_covariance, decode, load_document, save_document
 from tridentify.errors import PhysicalParameterError, ShapeError, UndeterminedError
-from tridentify.estimate import Estimate
-from tridentify.parameter import Parameter
+from tridentify.estimation.answer.encoding import (
+    check_covariance,
+    decode,
+    load_document,
+    save_document,
+)
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.parameter import Parameter
+from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.physical.model import PhysicalParameter, model_of
-from tridentify.text import format_std, format_table, format_value, html_table
-from tridentify.trace import freeze_arrays
 from tridentify.transfer_function import TransferFunction
+from tridentify.writing.layout import format_std, format_table, format_value, html_table
 
 Array = NDArray[np.float64]
 

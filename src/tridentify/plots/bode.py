@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.advice import FrequencyResponse
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.advice import FrequencyResponse
 from tridentify.plots.measured import draw_measured
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import BLUE, channel, dress, legend, literal, make_axes
-from tridentify.text import IN_PICTURES, short, unit_ratio
 from tridentify.uncertainty import response_band, sample, sampled_response_band
+from tridentify.writing.layout import IN_PICTURES, short, unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -42,8 +42,9 @@ def plot_bode(
         Probability that the band holds at each frequency. Of a posterior mean the band lies
         between quantiles of its draws.
     measured : FrequencyResponse, optional
-        What the record shows without a model (`tridentify.advice.frequency_response`): points with
-        95 % error bars where the coherence is good, faded elsewhere, and the excited band shaded.
+        What the record shows without a model (`tridentify.judgement.advice.frequency_response`):
+        points with 95 % error bars where the coherence is good, faded elsewhere, and the excited
+        band shaded.
     axes : sequence of matplotlib Axes, optional
         Two per channel (magnitude, phase), outputs in the outer loop. A figure is made when left
         out.

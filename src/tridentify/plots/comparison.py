@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import OptionError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import BLACK, CYCLE, dress, literal, make_axes
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 Real = npt.NDArray[np.float64]
 
 MARKERS = "osD^vP*X"
-FAR = 3.0
+FAR_END = 3.0
 """Intervals that reach further than so many times the typical one are cut."""
 
 
@@ -165,9 +165,9 @@ def _reach(centre: Real, half: Real) -> float:
     if not ends.size:
         return 1.0
     typical = float(np.quantile(ends, 0.75))
-    kept = ends[ends <= FAR * typical]
+    kept = ends[ends <= FAR_END * typical]
     middle = np.abs(centre[np.isfinite(centre)])
-    needed = float(np.max(middle[middle <= 2 * FAR * typical], initial=0.0))
+    needed = float(np.max(middle[middle <= 2 * FAR_END * typical], initial=0.0))
     return 1.1 * max(float(kept.max()), needed)
 
 

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.style import BLUE, CYCLE, GREEN, ORANGE, dress, literal, make_axes
-from tridentify.text import short
+from tridentify.writing.layout import short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 MARKERS = "osD^vP*"
 COLUMNS = 3
 """Of the legend."""
-LONGEST = 18
+LONGEST_NAME = 18
 """Name of a coefficient in it, in characters."""
 
 
@@ -79,7 +79,7 @@ def _draw_distances(
         scale = std if known else (abs(estimate.theta[k]) or 1.0)
         distance = np.abs(path[:, k] - estimate.theta[k]) / scale
         colour, marker = CYCLE[k % len(CYCLE)], MARKERS[(k + k // len(CYCLE)) % len(MARKERS)]
-        label = short(name, LONGEST if known else LONGEST - 11)
+        label = short(name, LONGEST_NAME if known else LONGEST_NAME - 11)
         label = literal(label if known else f"{label} (relative)")
         _log_line(ax, numbers, distance, colour, marker, label)
     if ax.get_yscale() == "log":

@@ -9,9 +9,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import OptionError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.style import BLACK, ORANGE, dress, labelled, make_axes
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.uncertainty.checks import checked_count
 from tridentify.uncertainty.cost_surface import Bowl, CostSurface, cost_surface, step_2_bowl
 

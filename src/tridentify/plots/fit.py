@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.record import draw_inputs
 from tridentify.plots.style import (
     BLUE,
@@ -19,7 +19,7 @@ from tridentify.plots.style import (
     make_axes,
     outliers_of,
 )
-from tridentify.record import Record
+from tridentify.record.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tridentify.judgement.selection import Hankel, Selection
 from tridentify.plots.style import BLUE, GREY, ORANGE, dress, make_axes
-from tridentify.selection import Hankel, Selection
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-DECADES = 4.0
+DECADES_BELOW = 4.0
 """Values farther than this below the floor are drawn at the foot: they are rounding."""
 
 
@@ -46,7 +46,7 @@ def plot_hankel(selection: Selection | Hankel, *, ax: Axes | None = None) -> Axe
     (ax,) = make_axes(None if ax is None else [ax], [2.6])
     numbers = np.arange(1, hankel.values.size + 1)
     largest = max(float(hankel.values.max()), hankel.floor)
-    foot = (hankel.floor if hankel.floor > 0 else largest * 1e-12) / 10.0**DECADES
+    foot = (hankel.floor if hankel.floor > 0 else largest * 1e-12) / 10.0**DECADES_BELOW
     values = np.maximum(hankel.values, foot)
     above = hankel.values > hankel.floor
     ax.set_yscale("log")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.over_time import default_times, draw_band, name_channel, trimmed
 from tridentify.plots.style import legend, make_axes
 from tridentify.uncertainty import ImpulseBand, impulse_band, sample, sampled_impulse_band

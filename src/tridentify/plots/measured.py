@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.advice import FrequencyResponse
+from tridentify.judgement.advice import FrequencyResponse
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import GREY, ORANGE, SKY, dress, legend, literal, make_axes
-from tridentify.text import IN_PICTURES, short
+from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

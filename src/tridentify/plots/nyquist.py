@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.delta_method import confidence_ellipse
 from tridentify.plots.bode import default_frequencies
 from tridentify.plots.over_time import wrapped
@@ -24,10 +24,10 @@ from tridentify.plots.style import (
     literal,
     make_axes,
 )
-from tridentify.text import unit_ratio
 from tridentify.uncertainty import response_covariance
 from tridentify.uncertainty.checks import checked_level
 from tridentify.uncertainty.draws import frequency_values
+from tridentify.writing.layout import unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,7 +43,7 @@ BETWEEN = 3
 """Ellipses filled from one frequency to the next."""
 CURVES = 60
 """Curves drawn of a posterior mean."""
-FAR = 8.0
+FAR_POINT = 8.0
 """How many times the typical gain an unbounded curve is followed."""
 PALE = "#cfe2f0"
 
@@ -122,7 +122,7 @@ def _frequencies(estimate: Estimate) -> Real:
 def _frame(ax: Axes, curve: Complex) -> float:
     """Scale both axes alike; half the height of the frame."""
     sizes = np.abs(curve[np.isfinite(curve)])
-    limit = FAR * float(np.median(sizes)) if sizes.size else 1.0
+    limit = FAR_POINT * float(np.median(sizes)) if sizes.size else 1.0
     bounded = sizes.size == curve.size and (
         sizes[0] < 4.0 * np.median(sizes) or sizes[0] < 1.2 * sizes[min(20, sizes.size - 1)]
     )

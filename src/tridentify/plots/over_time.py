@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.style import BLUE, channel, dress, in_brackets, literal
-from tridentify.text import unit_ratio
+from tridentify.writing.layout import unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

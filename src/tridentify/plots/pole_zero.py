@@ -6,22 +6,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.root_draws import stacked_roots
 from tridentify.plots.style import BLACK, CYCLE, WIDTH, dress, literal, make_axes
-from tridentify.text import format_std, short
 from tridentify.uncertainty import RootUncertainty, poles, zeros
+from tridentify.writing.layout import format_std, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FAR = 6.0
+FAR_ROOT = 6.0
 """Zeros beyond this multiple of the largest pole would squeeze all else into a dot."""
 REACH = 2.45
 """Of a 95 % ellipse, in standard errors."""
 DOTS = 500
 """Models whose poles are drawn of a posterior mean."""
-LONGEST = 30
+LONGEST_CHANNEL = 30
 """Name of a channel, in characters."""
 ASPECT = 1.5
 """Width over height of the frame."""
@@ -53,7 +53,7 @@ def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None =
     regions: list[tuple[str, RootUncertainty]] = []
     for k, (i, j) in enumerate(channels):
         pair = estimate.output_names[i], estimate.input_names[j]
-        name = literal(" / ".join(short(one, LONGEST) for one in pair))
+        name = literal(" / ".join(short(one, LONGEST_CHANNEL) for one in pair))
         colour = CYCLE[k % len(CYCLE)]
         if not shared or k == 0:
             style = (BLACK, "poles") if shared else (colour, f"poles of {name}")
@@ -61,7 +61,7 @@ def plot_pole_zero(estimate: Estimate, *, level: float = 0.95, ax: Axes | None =
             _draw(drawn, all_poles[k], "x", *style, level, ellipses=not len(estimate.draws))
             _draw_cloud(drawn, estimate, (i, j), style[0])
         found = zeros(estimate, i, j)
-        near = np.abs(found.roots) < FAR * size
+        near = np.abs(found.roots) < FAR_ROOT * size
         regions.append((f"zero of {name}", found))
         inside = RootUncertainty(found.roots[near], found.cov[near])
         _draw(drawn, inside, "o", colour, f"zeros of {name}", level)
@@ -160,7 +160,7 @@ def _draw_cloud(ax: Axes, estimate: Estimate, channel: tuple[int, int], colour: 
 
 def _frame(ax: Axes, regions: list[tuple[str, RootUncertainty]], size: float) -> list[str]:
     """Scale equally around the poles and what is not far from them; say what lies outside."""
-    near = [region.roots[np.abs(region.roots) < FAR * size] for _, region in regions]
+    near = [region.roots[np.abs(region.roots) < FAR_ROOT * size] for _, region in regions]
     edges = [_edge(region, size) for _, region in regions]
     shown = np.concatenate([*near, *edges, np.zeros(1)])
     left, right = float(shown.real.min()), float(shown.real.max())
@@ -174,7 +174,7 @@ def _frame(ax: Axes, regions: list[tuple[str, RootUncertainty]], size: float) ->
     lines = []
     for kind, region in regions:
         for root, cov in zip(region.roots, region.cov, strict=True):
-            if abs(root) >= FAR * size and root.imag >= 0:
+            if abs(root) >= FAR_ROOT * size and root.imag >= 0:
                 std = format_std(float(np.sqrt(cov[0, 0])))
                 imaginary = f" + {root.imag:.4g}j" if root.imag else ""
                 lines.append(f"{kind}: {root.real:.4g} ({std}){imaginary}")
@@ -185,7 +185,7 @@ def _edge(region: RootUncertainty, size: float) -> np.ndarray[tuple[int], np.dty
     """Corners of the regions of roots, as far as they do not squeeze the picture."""
     with np.errstate(invalid="ignore"):
         spread = REACH * np.sqrt(np.diagonal(region.cov, axis1=1, axis2=2))
-    sound = np.all(np.isfinite(spread), axis=1) & (np.abs(region.roots) < FAR * size)
+    sound = np.all(np.isfinite(spread), axis=1) & (np.abs(region.roots) < FAR_ROOT * size)
     half = np.minimum(spread[sound], size)
     roots = region.roots[sound]
     corners = [roots + a * half[:, 0] + 1j * b * half[:, 1] for a in (-1, 1) for b in (-1, 1)]

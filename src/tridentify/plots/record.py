@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tridentify.plots.style import BLUE, GREEN, course, dress, labelled, literal, make_axes, shorten
-from tridentify.record import Record
+from tridentify.record.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

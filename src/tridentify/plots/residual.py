@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.correlation import autocorrelation
 from tridentify.plots.style import (
     BLUE,
@@ -23,8 +23,8 @@ from tridentify.plots.style import (
     make_axes,
     outliers_of,
 )
-from tridentify.record import Record
-from tridentify.text import short
+from tridentify.record.record import Record
+from tridentify.writing.layout import short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import ndtri
 
+from tridentify.judgement.validation.result import CrossCorrelation, Validation, Whiteness
 from tridentify.plots.style import (
     BLUE,
     GREY,
@@ -20,7 +21,6 @@ from tridentify.plots.style import (
     literal,
     make_axes,
 )
-from tridentify.validation.result import CrossCorrelation, Validation, Whiteness
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.judgement.selection import Selection, SelectionRow
 from tridentify.plots.style import (
     AMBER,
     BLUE,
@@ -21,7 +22,6 @@ from tridentify.plots.style import (
     literal,
     make_axes,
 )
-from tridentify.selection import Selection, SelectionRow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.excitation import Excitation, Spectrum
 from tridentify.plots.style import (
     BLUE,
@@ -31,7 +31,7 @@ Real = npt.NDArray[np.float64]
 
 VISIBLE = 1e-3
 """Lines below this share of the largest are not drawn."""
-LONGEST = 56
+LONGEST_TITLE = 56
 """Characters of a list of coefficients."""
 
 
@@ -115,7 +115,7 @@ def plot_spectrum(
     inputs = spectrum.power.shape[1]
     drawn = make_axes(axes, [2.1, 1.5] * inputs)
     wanted = ", ".join(spectrum.coefficients)
-    if len(wanted) > LONGEST:
+    if len(wanted) > LONGEST_TITLE:
         wanted = f"{len(spectrum.coefficients)} coefficients"
     for j, name in enumerate(spectrum.model.input_names):
         power, slope = drawn[2 * j : 2 * j + 2]

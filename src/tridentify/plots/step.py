@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.over_time import default_times, draw_band, name_channel, trimmed
 from tridentify.plots.style import GREY, legend, make_axes
 from tridentify.uncertainty import StepBand, sample, sampled_step_band, step_band

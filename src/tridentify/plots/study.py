@@ -7,11 +7,11 @@ import os
 from pathlib import Path
 from typing import Any
 
-from tridentify.files import write_atomically
 from tridentify.plots.study_fig5 import plot_step_responses
 from tridentify.plots.study_fig6 import plot_noise_levels
 from tridentify.studies.aircraft_result import AircraftResult
 from tridentify.studies.base import StudyResult
+from tridentify.writing.files import write_atomically
 
 RESOLUTION = 150
 """Of the pixels in saved figures [1/inch]."""

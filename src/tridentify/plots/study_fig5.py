@@ -18,7 +18,7 @@ from tridentify.plots.style import (
     legend,
     make_axes,
 )
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.studies.aircraft import PLANT
 from tridentify.studies.aircraft_numbers import ESTIMATORS, Condition

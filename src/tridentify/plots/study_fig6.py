@@ -14,14 +14,14 @@ from tridentify.studies.aircraft_numbers import (
     PRINTED,
     TRUTH,
     Condition,
-    Summary,
+    EstimatorSummary,
 )
 from tridentify.studies.aircraft_result import AircraftResult
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-SHOWN = ((0, "a1 / true a1 [-]"), (1, "a0 / true a0 [-]"))
+ROWS = ((0, "a1 / true a1 [-]"), (1, "a0 / true a0 [-]"))
 MARKERS = ("s", "o", "^")
 PAPERS_SAMPLES = 100
 SHIFT = 0.05
@@ -48,7 +48,7 @@ def plot_noise_levels(result: AircraftResult, *, axes: Sequence[Axes] | None = N
     """
     groups = result.by_length()
     drawn = _make_axes(axes, len(groups))
-    for row, (k, label) in enumerate(SHOWN):
+    for row, (k, label) in enumerate(ROWS):
         low, high = _limits(result.conditions, k)
         for column, group in enumerate(groups):
             ax = drawn[row * len(groups) + column]
@@ -70,7 +70,7 @@ def plot_noise_levels(result: AircraftResult, *, axes: Sequence[Axes] | None = N
 
 
 def _make_axes(axes: Sequence[Axes] | None, n_lengths: int) -> list[Axes]:
-    count = len(SHOWN) * n_lengths
+    count = len(ROWS) * n_lengths
     if axes is not None:
         given = list(np.ravel(np.asarray(axes, dtype=object)))
         if len(given) != count:
@@ -79,7 +79,7 @@ def _make_axes(axes: Sequence[Axes] | None, n_lengths: int) -> list[Axes]:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(max(4.4 * n_lengths, 5.6), 7.2), layout="constrained")
-    return list(figure.subplots(len(SHOWN), n_lengths, squeeze=False, sharex=True).flat)
+    return list(figure.subplots(len(ROWS), n_lengths, squeeze=False, sharex=True).flat)
 
 
 def _limits(conditions: Sequence[Condition], k: int) -> tuple[float, float]:
@@ -120,7 +120,7 @@ def _draw_estimator(ax: Axes, group: Sequence[Condition], j: int, k: int) -> Non
     _note_outside(ax, places, median, j)
 
 
-def _relative(summaries: Sequence[Summary], which: str, k: int) -> Real:
+def _relative(summaries: Sequence[EstimatorSummary], which: str, k: int) -> Real:
     return np.array([getattr(summary, which)[k] for summary in summaries]) / TRUTH[k]
 
 

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimate import Estimate
-from tridentify.record import Record
-from tridentify.text import IN_PICTURES, short
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.record.record import Record
+from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

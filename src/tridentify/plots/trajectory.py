@@ -34,7 +34,7 @@ SPAN = 1.959964
 """Standard errors in a 95 % band."""
 SHOWN = 0.9
 """Share of the points that the vertical scale holds; the wild beginning may leave it."""
-AIR = 0.25
+TRAJECTORY_AIR = 0.25
 
 
 def plot_trajectory(
@@ -131,7 +131,7 @@ def _limits(theta: Real, half: Real, truth: Real | None) -> tuple[float, float] 
     low, high = float(low) - typical, float(high) + typical
     if truth is not None:
         low, high = min(low, float(np.min(truth))), max(high, float(np.max(truth)))
-    air = AIR * (high - low) or 0.05 * abs(high) or 1.0
+    air = TRAJECTORY_AIR * (high - low) or 0.05 * abs(high) or 1.0
     return low - air, high + air
 
 

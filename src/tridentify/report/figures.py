@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tridentify.advice import FrequencyResponse, frequency_response
-from tridentify.causes.first_samples import beginning
 from tridentify.errors import OptionError, StepNotTakenError, TridentifyError
-from tridentify.estimate import Estimate
-from tridentify.files import write_atomically
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.advice import FrequencyResponse, frequency_response
+from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.validation import Validation
 from tridentify.plots import (
     plot_bode,
     plot_convergence,
@@ -33,8 +33,8 @@ from tridentify.plots.diagrams import (
     draw_series,
     draw_series_parallel,
 )
-from tridentify.record import Record
-from tridentify.validation import Validation
+from tridentify.record.record import Record
+from tridentify.writing.files import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -9,12 +9,12 @@ from collections.abc import Callable, Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from tridentify.encoding import document_text
 from tridentify.errors import TridentifyError
-from tridentify.estimate import SCHEMA, Estimate, Status
-from tridentify.files import write_atomically
-from tridentify.finding import joined
-from tridentify.record import Record
+from tridentify.estimation.answer.encoding import document_text
+from tridentify.estimation.answer.estimate import SCHEMA, Estimate, Status
+from tridentify.estimation.answer.finding import joined
+from tridentify.judgement.validation import Validation, validate
+from tridentify.record.record import Record
 from tridentify.report.figures import (
     Drawing,
     draw_diagrams,
@@ -24,8 +24,8 @@ from tridentify.report.figures import (
 )
 from tridentify.report.settings import code_again, settings_table
 from tridentify.report.tables import course_tables, result_tables, validation_tables
-from tridentify.text import IN_TABLES, short
-from tridentify.validation import Validation, validate
+from tridentify.writing.files import write_atomically
+from tridentify.writing.layout import IN_TABLES, short
 
 
 def write_report(

@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.identify import METHODS
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.report.tables import measured
-from tridentify.text import as_call, format_std, format_sum, format_value
+from tridentify.writing.layout import as_call, format_std, format_sum, format_value
 
 _ESTIMATED = {True: "estimated", False: "none", "auto": "chosen by AICc"}
 _BETWEEN = {
@@ -145,7 +145,7 @@ def code_again(estimate: Estimate, records: Sequence[Record]) -> str:
     if method and not known:
         module = next(
             (m.__module__ for m in METHODS.values() if getattr(m, "__name__", "") == method),
-            "tridentify.methods.paper",
+            "tridentify.estimation.methods.paper",
         )
         lines.append(f"from {module} import {method}")
     channels = f"inputs={list(estimate.input_names)}, outputs={list(estimate.output_names)}"

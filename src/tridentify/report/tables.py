@@ -8,16 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.estimate import Estimate, Parameter, Start
-from tridentify.text import IN_TABLES, format_std, format_value, short
+from tridentify.estimation.answer.estimate import Estimate, Parameter, Start
+from tridentify.judgement.validation import Validation
 from tridentify.uncertainty import DerivedQuantity, derived
-from tridentify.validation import Validation
+from tridentify.writing.layout import IN_TABLES, format_std, format_value, short
 
 Row = Sequence[str]
 
 
 @dataclass(frozen=True)
-class Table:
+class ReportTable:
     """Heading, column titles and cells; the first ``n_left`` and last columns hold text."""
 
     heading: str
@@ -33,7 +33,7 @@ def _along_note(estimate: Estimate) -> str:
     return "Offset and drift of the record, not part of the model" + (f"; {note}." if note else ".")
 
 
-def result_tables(estimate: Estimate) -> list[Table]:
+def result_tables(estimate: Estimate) -> list[ReportTable]:
     """Coefficients, derived quantities, nuisance terms and fit."""
     along = [DerivedQuantity(*row) for row in estimate.nuisance_rows()]
     titles = ("", "value", "std error", "rel. error", "95 % from", "95 % to", "unit")
@@ -44,7 +44,7 @@ def result_tables(estimate: Estimate) -> list[Table]:
         ("Estimated along", along, _along_note(estimate)),
     )
     tables = [
-        Table(heading, titles, [_quantity_row(estimate, item) for item in items], note=note)
+        ReportTable(heading, titles, [_quantity_row(estimate, item) for item in items], note=note)
         for heading, items, note in groups
         if items
     ]
@@ -55,7 +55,7 @@ def result_tables(estimate: Estimate) -> list[Table]:
         for n, f, s in outputs
     ]
     note = "Fit 100 % is a residual of zero, 0 % is no better than the mean of the output."
-    tables.append(Table("Fit", ("output", "fit [%]", "noise std", "unit"), rows, note=note))
+    tables.append(ReportTable("Fit", ("output", "fit [%]", "noise std", "unit"), rows, note=note))
     return tables
 
 
@@ -70,7 +70,7 @@ def _quantity_row(estimate: Estimate, item: Parameter) -> Row:
     return (name, format_value(value, std), format_std(std), relative, *ends, unit)
 
 
-def course_tables(estimate: Estimate) -> list[Table]:
+def course_tables(estimate: Estimate) -> list[ReportTable]:
     """Passes with their steps, coefficients after each pass, and starts."""
     steps, after = [], []
     for item in estimate.trace.passes:
@@ -86,9 +86,9 @@ def course_tables(estimate: Estimate) -> list[Table]:
         (s.name, f"{s.cost:.6g}", *_filled(s.theta.tolist(), len(names))) for s in _ranked(estimate)
     ]
     tables = (
-        Table("Passes", ("pass", "step", *measures, "note"), steps, n_left=2),
-        Table("Coefficients after each pass", ("pass", *names, ""), after),
-        Table("Starts tried", ("start", "cost", *names, ""), starts),
+        ReportTable("Passes", ("pass", "step", *measures, "note"), steps, n_left=2),
+        ReportTable("Coefficients after each pass", ("pass", *names, ""), after),
+        ReportTable("Starts tried", ("start", "cost", *names, ""), starts),
     )
     return [table for table in tables if table.rows]
 
@@ -103,7 +103,7 @@ def _ranked(estimate: Estimate) -> list[Start]:
     return sorted(estimate.trace.starts, key=lambda start: start.cost)
 
 
-def validation_tables(checked: Validation) -> list[Table]:
+def validation_tables(checked: Validation) -> list[ReportTable]:
     """The tests of the residual; fit and R2_T, beside what is to be expected of another record."""
     found = [
         (
@@ -118,12 +118,14 @@ def validation_tables(checked: Validation) -> list[Table]:
         "A p-value is the probability of so large a deviation if model and noise are right; "
         f"together they reject {1 - checked.level:.0%} of right models (Holm)."
     )
-    tables = [Table("Tests of the residual", ("test", "output", "p-value", ""), found, 2, note)]
+    tables = [
+        ReportTable("Tests of the residual", ("test", "output", "p-value", ""), found, 2, note)
+    ]
     if checked.transfer is not None:
         fits = zip(checked.output_names, checked.fit, checked.transfer.expected_fit, strict=True)
         rows = [(short(n, IN_TABLES), f"{fit:.2f}", f"{best:.2f}", "") for n, fit, best in fits]
         titles = ("output", "fit [%]", "as good as can be [%]", "")
-        tables.append(Table("Carried over to this record", titles, rows))
+        tables.append(ReportTable("Carried over to this record", titles, rows))
     return tables
 
 

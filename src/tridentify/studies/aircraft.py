@@ -41,10 +41,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError
+from tridentify.estimation.answer.trace import Status
+from tridentify.estimation.methods.base import Method
+from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.identify import identify
-from tridentify.methods.base import Method
-from tridentify.methods.three_model import ThreeModel
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.structure import Structure
 from tridentify.studies.aircraft_numbers import (
@@ -60,7 +61,6 @@ from tridentify.studies.base import Count
 from tridentify.studies.cramer_rao import information_factor, output_sensitivities
 from tridentify.studies.processes import run_batches
 from tridentify.studies.step_2_alone import step_2_alone
-from tridentify.trace import Status
 from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ class _Batch:
 
 
 @dataclass(frozen=True)
-class _Outcome:
+class _AircraftOutcome:
     """Coefficients (n_estimators, n_draws, 3), ``nan`` where an estimator failed, and events."""
 
     theta: Array
@@ -196,7 +196,7 @@ class AircraftStudy:
         return [draws if ratio else 1 for ratio in self.ratios]
 
     def _result(
-        self, draws: int, seed: int, batches: list[_Batch], outcomes: list[_Outcome]
+        self, draws: int, seed: int, batches: list[_Batch], outcomes: list[_AircraftOutcome]
     ) -> AircraftResult:
         conditions = []
         for length, (n_samples, dt) in enumerate(self.lengths):
@@ -273,7 +273,7 @@ def root_mean_square(record: Record) -> float:
     return float(np.sqrt(np.mean(record.y**2)))
 
 
-def _estimate(batch: _Batch) -> _Outcome:
+def _estimate(batch: _Batch) -> _AircraftOutcome:
     """All estimators on all records of a batch."""
     numbers = range(batch.first, batch.last)
     theta = np.full((len(ESTIMATORS), len(numbers), len(COEFFICIENTS)), np.nan)
@@ -287,7 +287,7 @@ def _estimate(batch: _Batch) -> _Outcome:
                 theta[j, k], event = _attempt(batch.study, j, record, draw)
             if event is not None:
                 events.append(event)
-    return _Outcome(theta, tuple(events))
+    return _AircraftOutcome(theta, tuple(events))
 
 
 def _attempt(

@@ -13,7 +13,7 @@ import scipy.linalg
 import scipy.special
 from numpy.typing import NDArray
 
-from tridentify.record import Record
+from tridentify.record.record import Record
 
 Array = NDArray[np.float64]
 
@@ -61,7 +61,7 @@ class Event:
 
 
 @dataclass(frozen=True, eq=False)
-class Summary:
+class EstimatorSummary:
     """One estimator at one condition.
 
     ``median``, ``low``, ``high`` (16 and 84 % quantiles) and ``rmse`` are (3,) arrays over the
@@ -148,7 +148,7 @@ class Condition:
         scaled = error @ self.information.T / self.noise_std
         return np.asarray(np.sqrt(np.sum(scaled**2, axis=-1)))
 
-    def summary(self, estimator: int) -> Summary:
+    def summary(self, estimator: int) -> EstimatorSummary:
         """Summarise one estimator.
 
         Parameters
@@ -158,7 +158,7 @@ class Condition:
 
         Returns
         -------
-        Summary
+        EstimatorSummary
         """
         name, every = ESTIMATORS[estimator], self.theta[estimator]
         found = every[np.all(np.isfinite(every), axis=1)]
@@ -166,7 +166,7 @@ class Condition:
         rows = found if found.size else np.full((1, truth.size), np.nan)
         low, median, high = np.quantile(rows, [0.16, 0.5, 0.84], axis=0)
         far = np.abs(found - truth) > FAR * self.bound
-        return Summary(
+        return EstimatorSummary(
             name,
             median,
             low,
@@ -178,7 +178,7 @@ class Condition:
             flagged=sum(event.estimator == name and event.kind == FLAGGED for event in self.events),
         )
 
-    def summaries(self) -> tuple[Summary, ...]:
+    def summaries(self) -> tuple[EstimatorSummary, ...]:
         """One for each estimator."""
         return tuple(self.summary(j) for j in range(len(ESTIMATORS)))
 

@@ -20,7 +20,7 @@ from tridentify.studies.aircraft_numbers import (
     UNITS,
     AircraftNumbers,
     Condition,
-    Summary,
+    EstimatorSummary,
     closer_by_chance,
 )
 
@@ -302,7 +302,7 @@ def _intersample(result: AircraftNumbers) -> str:
     )
 
 
-def _relative_error(summary: Summary) -> float:
+def _relative_error(summary: EstimatorSummary) -> float:
     return float(np.max(np.abs(summary.median / np.array(TRUTH) - 1.0)))
 
 

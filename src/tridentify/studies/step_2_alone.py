@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.numerics.least_squares import triangle
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
 

@@ -40,7 +40,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics import delta_method
 from tridentify.numerics.root_draws import matched, stacked_roots
 from tridentify.uncertainty.draws import channel_draws, denominators

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import OptionError, UnsupportedError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 
 Real = npt.NDArray[np.float64]
 

@@ -1,13 +1,13 @@
 r"""The cost over two coefficients: the ravine of the output error, and the bowl of Step 2.
 
 *Output error.* At given poles all else is linear, and eliminated by least squares
-(`tridentify.output_error.point`). A numerator coefficient that is held at ``v`` instead raises an
-output's residual sum of squares by the quadratic ``(v - T x)' (T (M' M)^{-1} T')^{-1} (v - T x)``,
-with the fit ``x`` of the columns ``M`` and the map ``T`` from them to the coefficient. Both are
-exact, so that every number is the cost itself and no model of it. Further denominator coefficients,
-of models of higher than second order, follow the two along the plane of their conditional means,
-``a_r = \hat a_r + C_{r,12} C_{12}^{-1} (a_{12} - \hat a_{12})``, where they would go if the cost
-were a paraboloid; where there is no covariance they stay.
+(`tridentify.estimation.likelihood.cost`). A numerator coefficient that is held at ``v`` instead
+raises an output's residual sum of squares by the quadratic ``(v - T x)' (T (M' M)^{-1} T')^{-1} (v
+- T x)``, with the fit ``x`` of the columns ``M`` and the map ``T`` from them to the coefficient.
+Both are exact, so that every number is the cost itself and no model of it. Further denominator
+coefficients, of models of higher than second order, follow the two along the plane of their
+conditional means, ``a_r = \hat a_r + C_{r,12} C_{12}^{-1} (a_{12} - \hat a_{12})``, where they
+would go if the cost were a paraboloid; where there is no covariance they stay.
 
 *Step 2.* With the filter ``1 / c`` on the denominator ``c`` of one pass, and the output ``y_M`` of
 its parallel model, the equation error ``(a / c) y_M - (b / c) x`` is linear in all coefficients
@@ -24,15 +24,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import ChannelCountError, OptionError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.likelihood.cost import Point, evaluate
+from tridentify.estimation.likelihood.nuisance import build, candidates
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.search.passes import parallel_model
 from tridentify.models.series_parallel import Filtering, equation_error, polynomial
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Cascade, DegreeBasis, denominator, numerators
-from tridentify.output_error.nuisance import build, candidates
-from tridentify.output_error.point import Point, evaluate
-from tridentify.output_error.problem import Problem
-from tridentify.record import Record
-from tridentify.strategy.passes import parallel_model
+from tridentify.record.record import Record
 
 Real = npt.NDArray[np.float64]
 Complex = npt.NDArray[np.complex128]

@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import UnsupportedError
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.exponential import step_states
 from tridentify.numerics.root_draws import matched, stacked_roots
 from tridentify.uncertainty.step import powers_of

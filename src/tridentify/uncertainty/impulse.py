@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics import delta_method
 from tridentify.uncertainty.checks import checked_times, factor_of
 from tridentify.uncertainty.step import over_time

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import scipy.linalg
 
 from tridentify.errors import UnsupportedError
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 
 Real = npt.NDArray[np.float64]
 

@@ -28,9 +28,9 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, Protocol
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -43,31 +43,25 @@ from tridentify.errors import (
     TridentifyError,
     shown,
 )
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import freeze_arrays
+from tridentify.estimation.likelihood.answer import fingerprint
+from tridentify.estimation.methods.base import Method, Progress
 from tridentify.identify import METHODS
-from tridentify.methods.base import Method, Progress
+from tridentify.numerics.executor import Executor
 from tridentify.numerics.threads import one_blas_thread
-from tridentify.output_error.result import fingerprint
-from tridentify.record import Record
+from tridentify.record.record import Record
 from tridentify.structure import Structure
-from tridentify.text import format_std, format_table, format_value
-from tridentify.trace import freeze_arrays
 from tridentify.uncertainty.bias import corrected
 from tridentify.uncertainty.checks import checked_count
 from tridentify.uncertainty.draws import unstable
 from tridentify.uncertainty.intervals import Kind, intervals, quantiles
 from tridentify.uncertainty.noise import NoiseModel
 from tridentify.uncertainty.sampled import ONE_SIGMA, Sample
+from tridentify.writing.layout import format_std, format_table, format_value
 
 Real = npt.NDArray[np.float64]
 Array = Real
-
-
-class Executor(Protocol):
-    """What runs the copies: any executor of `concurrent.futures`."""
-
-    def map(self, function: Callable[[Any], Any], /, *iterables: Iterable[Any]) -> Iterable[Any]:
-        """Results in the order of the arguments."""
 
 
 @dataclass(frozen=True)

@@ -27,10 +27,10 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import OptionError, shown
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics import delta_method
 from tridentify.numerics.root_draws import stacked_roots
-from tridentify.trace import freeze_arrays
 from tridentify.uncertainty.checks import checked_count, checked_times, need_covariance
 from tridentify.uncertainty.draws import (
     channel_draws,

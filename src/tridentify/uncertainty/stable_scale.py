@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import UnsupportedError
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 
 Real = npt.NDArray[np.float64]
 Table = list[tuple[list[int], list[list[int]]]]

@@ -29,12 +29,12 @@ from tridentify.online.kernels.gradient_slots import (
     C_SECOND,
     DOUBTS,
     FROM,
+    GRADIENT_PACE,
     KEPT,
     KNOWN,
     MEMORY,
     MOMENTS,
     OWN,
-    PACE,
     PARALLEL_UNKNOWNS,
     POLES,
     RATE,
@@ -302,7 +302,7 @@ def moments(ints: Ints, c: Array, x: Array, n: int) -> None:
     """Running mean of ``z z'``, its lower triangle."""
     row, at = ints[AT_ROW], ints[X_MOMENTS]
     x[MOMENTS] += 1.0
-    pace = max(1.0 / x[MOMENTS], c[PACE])
+    pace = max(1.0 / x[MOMENTS], c[GRADIENT_PACE])
     for i in range(n):
         zi = x[row + i]
         if abs(zi) < 1e100:

@@ -14,7 +14,7 @@ from tridentify.online.kernels.slots import COLUMNS
 ) = range(56, 69)  # fmt: skip
 
 # places in c
-RATE, KNOWN, READY, PACE = range(4, 8)
+RATE, KNOWN, READY, GRADIENT_PACE = range(4, 8)
 
 # slots of x
 FROM, MOMENTS, SUMMED = 13, 14, 15

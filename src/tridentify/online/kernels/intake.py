@@ -2,7 +2,7 @@
 
 A whole estimator is one vector ``x`` of numbers. It begins with the slots named here, then come the
 inbox for one sample, the delay line of the inputs, a watch for each output, and what the estimator
-itself needs (`online.blueprint`). ``ints`` says where things stand and ``c`` holds the matrices;
+itself needs (`online.layout`). ``ints`` says where things stand and ``c`` holds the matrices;
 both are fixed between two events.
 
 *Doubt.* An innovation divided by its own standard deviation, ``v / sigma``, is of variance one

@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from tridentify.files import write_atomically
+from tridentify.writing.files import write_atomically
 
 FONT = "'DejaVu Sans', Verdana, 'Segoe UI', Arial, sans-serif"
 INK, SOFT, ADJUST = "#1a1a1a", "#4d4d4d", "#a83c00"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import Pass, Step
 from tridentify.plots.diagrams.drawing import (
     JUDGE,
     LINE,
@@ -19,8 +20,7 @@ from tridentify.plots.diagrams.drawing import (
     wrapped,
 )
 from tridentify.plots.diagrams.words import FINE, elided, number
-from tridentify.text import IN_PICTURES, format_std, format_value, short
-from tridentify.trace import Pass, Step
+from tridentify.writing.layout import IN_PICTURES, format_std, format_value, short
 
 MOST_PASSES = 12
 MOST_STARTS = 4

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.diagrams.blocks import (
     add_up,
     adjusts,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.diagrams.blocks import (
     add_up,
     adjusts,

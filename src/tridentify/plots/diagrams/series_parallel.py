@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.diagrams.blocks import adjusts, enters, heading, judge
 from tridentify.plots.diagrams.drawing import MODEL, OBJECT, SOFT, Board, Diagram, wrapped
 from tridentify.plots.diagrams.steps import Taken, taken, took

@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import OptionError, StepNotTakenError, shown
-from tridentify.estimate import Estimate
-from tridentify.text import IN_PICTURES, short
-from tridentify.trace import Pass, Step
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import Pass, Step
+from tridentify.writing.layout import IN_PICTURES, short
 
 Real = npt.NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from tridentify.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.plots.diagrams.drawing import Board, Diagram
 from tridentify.plots.diagrams.parallel import parallel_board
 from tridentify.plots.diagrams.series import series_board

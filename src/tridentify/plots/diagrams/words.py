@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.text import format_std, format_value
+from tridentify.writing.layout import format_std, format_value
 
 Real = npt.NDArray[np.float64]
 

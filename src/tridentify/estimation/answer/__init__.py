@@ -1,0 +1,1 @@
+"""The answer: coefficients with uncertainty, what was estimated along, trace, findings, file."""

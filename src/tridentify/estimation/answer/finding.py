@@ -1,0 +1,173 @@
+"""One finding: what stands between an estimate and trust, how much it matters, and what to do.
+
+Findings are values that estimates, validations and advice carry. They are ranked so that what has
+to be mended first comes first: a cause that explains others (bad samples, the input between the
+samples, a delay) before what it would make of the residual (an order too low, coloured noise).
+"""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal
+
+Severity = Literal["error", "warning", "note"]
+
+SEVERITIES: tuple[Severity, ...] = ("error", "warning", "note")
+
+CODES: Mapping[str, str] = MappingProxyType(
+    {
+        "no-response": "the output shows no response to the input",
+        "not-excited": "the input does not move the system enough to tell its coefficients",
+        "constant-input": "an input never changes",
+        "stuck-sensor": "a sensor or the recording hung, or repeats its values",
+        "bad-samples": "samples that noise does not explain",
+        "missing-samples": "samples that are not there",
+        "lost-rows": "rows that were lost without a trace in the time stamps",
+        "another-system": "the record is not of the system that was identified",
+        "intersample": "another behaviour of the input between its samples explains the record",
+        "delay": "an input acts later than the model says",
+        "feedback": "the input reacts to the output",
+        "saturation": "values at a limit of the sensor, its converter or the actuator",
+        "nonlinear": "the system is not linear over this range",
+        "varying": "the system changes during the record",
+        "disagreeing-experiments": "the experiments are not of one system",
+        "drift": "a slow disturbance or a drift is missing",
+        "order-low": "more poles or zeros are needed",
+        "order-high": "the record does not support so many poles and zeros",
+        "not-determined": "coefficients that the record does not tell",
+        "unmodelled-response": "part of the response is missing, by no cause that was tried",
+        "outside-the-record": "a time constant or a gain that the record cannot show",
+        "unstable": "a model that is not stable",
+        "at-bound": "a coefficient that a bound holds",
+        "contradiction": "what is known contradicts the record",
+        "quantisation": "steps of a converter that are coarse against the noise",
+        "noise-model": "noise that the standard errors do not allow for",
+        "noise-changes": "noise that changes its size over the record",
+        "noise-size": "a residual of another size than the estimate leads to expect",
+        "distribution": "a residual that is not Gaussian",
+        "samples-left-out": "samples that the estimate had to leave out",
+    }
+)
+"""Code -> what it means, in the order in which findings of one severity are shown."""
+
+_RANK = {code: k for k, code in enumerate(CODES)}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found, how much it matters, and what to do.
+
+    Attributes
+    ----------
+    code : str
+        One of `CODES`; stable, for programs.
+    severity : {"error", "warning", "note"}
+        The numbers are wrong; they are to be used with care; to be known.
+    message : str
+        What was found, a sentence.
+    remedy : str
+        What to do, a sentence; empty where nothing needs doing.
+    outputs : tuple of str
+        Those that are concerned; empty where all are.
+    experiment : int or None
+        Position of the experiment, from 0; None where it is all of them, or the only one.
+    times : tuple of float
+        When [s]: instants of single samples, or first and last of a stretch.
+    effect : str
+        How much it matters: what the remedy brought when it was tried, or by how much the
+        coefficients move.
+
+    Examples
+    --------
+    >>> found = Finding("delay", "error", "The input acts later.", "Use delay=0.1.")
+    >>> found.text
+    'The input acts later. Use delay=0.1.'
+    """
+
+    code: str
+    severity: Severity
+    message: str
+    remedy: str = ""
+    outputs: tuple[str, ...] = ()
+    experiment: int | None = None
+    times: tuple[float, ...] = ()
+    effect: str = ""
+
+    def __post_init__(self) -> None:
+        if self.code not in CODES:
+            raise ValueError(f"found code {self.code!r}; expected one of {', '.join(CODES)}")
+        if self.severity not in SEVERITIES:
+            raise ValueError(f"found severity {self.severity!r}; expected one of {SEVERITIES}")
+        object.__setattr__(self, "outputs", tuple(self.outputs))
+        object.__setattr__(self, "times", tuple(float(t) for t in self.times))
+
+    @property
+    def matters(self) -> bool:
+        """Whether it is more than a note."""
+        return self.severity != "note"
+
+    @property
+    def text(self) -> str:
+        """Message, effect and remedy, one after the other."""
+        return " ".join(part for part in (self.message, self.effect, self.remedy) if part)
+
+    def lines(self, width: int) -> list[str]:
+        """Message, effect and remedy, wrapped for a terminal.
+
+        Parameters
+        ----------
+        width : int
+            Most characters a line.
+        """
+        mark = {"error": "! ", "warning": "! ", "note": "- "}[self.severity]
+        said = " ".join(part for part in (self.message, self.effect) if part)
+        rows = textwrap.wrap(said, width, initial_indent=mark, subsequent_indent="  ")
+        if self.remedy:
+            rows += textwrap.wrap(
+                f"what to do: {self.remedy}",
+                width,
+                initial_indent="  ",
+                subsequent_indent="    ",
+            )
+        return rows
+
+
+def ranked(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Each once, the most severe first, causes before what follows from them.
+
+    Examples
+    --------
+    >>> found = [Finding("noise-model", "warning", "b"), Finding("delay", "warning", "a")]
+    >>> [f.code for f in ranked(found)]
+    ['delay', 'noise-model']
+    """
+    once = dict.fromkeys(findings)
+    return tuple(sorted(once, key=lambda f: (SEVERITIES.index(f.severity), _RANK[f.code])))
+
+
+def joined(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Ranked, without what a later group says again of the same outputs and experiment.
+
+    An estimate and a validation of it look at one record: what both find is told once.
+
+    Examples
+    --------
+    >>> once = joined([Finding("delay", "error", "a")], [Finding("delay", "warning", "b")])
+    >>> [f.message for f in once]
+    ['a']
+    """
+    known: list[Finding] = []
+    for group in groups:
+        before = tuple(known)
+        known += [one for one in group if not any(same_thing(one, other) for other in before)]
+    return ranked(known)
+
+
+def same_thing(one: Finding, other: Finding) -> bool:
+    """Whether two findings say the same of outputs that they share."""
+    shared = not (one.outputs and other.outputs) or set(one.outputs) & set(other.outputs)
+    places = {one.experiment, other.experiment}
+    return one.code == other.code and (None in places or len(places) == 1) and bool(shared)

@@ -1,0 +1,88 @@
+"""One coefficient with its uncertainty, and what was estimated along with the coefficients."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from statistics import NormalDist
+
+import numpy as np
+import numpy.typing as npt
+
+from tridentify.estimation.answer.trace import freeze_arrays
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Parameter:
+    """One coefficient with its standard error.
+
+    Examples
+    --------
+    >>> a0 = Parameter("a0", 3.0, 0.1, "1/s^2")
+    >>> [round(end, 3) for end in a0.interval(0.95)]
+    [2.804, 3.196]
+    """
+
+    name: str
+    value: float
+    std: float
+    unit: str = ""
+    draws: Array = dataclasses.field(default_factory=lambda: np.zeros(0), repr=False)
+
+    def interval(self, level: float = 0.95) -> tuple[float, float]:
+        """Interval that holds the probability ``level``.
+
+        Gaussian; between quantiles of the draws where the estimate is a posterior mean, drawn out
+        to the mean where that lies in their tail. That of a delay begins at zero at the earliest.
+        """
+        if self.draws.size:
+            low, high = np.quantile(self.draws, ((1 - level) / 2, (1 + level) / 2)).tolist()
+            return min(low, self.value), max(high, self.value)
+        half = NormalDist().inv_cdf((1 + level) / 2) * self.std
+        low = self.value - half
+        return max(low, 0.0) if self.name.startswith("delay") else low, self.value + half
+
+    @property
+    def relative_std(self) -> float:
+        """``std / |value|``; infinite for a value of zero."""
+        return self.std / abs(self.value) if self.value else math.inf
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Nuisance:
+    """What was estimated along for one experiment.
+
+    Attributes
+    ----------
+    input_reference : ndarray, shape (n_inputs,)
+        Subtracted from the input before the model [input units].
+    offset, drift : ndarray, shape (n_outputs,)
+        Added to the model response [output units], [output units/s]; drift counts from ``t0`` [s].
+    free_response : ndarray, shape (n_outputs, n) or (n_outputs, n_inputs, n)
+        Numerators c(p) of the response c(p)/a(p) delta(t) to the initial state, descending powers;
+        of every channel where denominators are separate, zeros in front of the shorter ones.
+    offset_std, drift_std : ndarray, shape (n_outputs,)
+        Zero where not estimated.
+    initial_state : str
+        "rest", "equilibrium" or "free".
+    t0 : float
+        First instant of the record [s].
+    free_after : float
+        How long after ``t0`` the free response begins [s]: with delays, when the last of the
+        inputs has arrived. What came before is not explained.
+    """
+
+    input_reference: Array
+    offset: Array
+    drift: Array
+    free_response: Array
+    offset_std: Array
+    drift_std: Array
+    initial_state: str = "rest"
+    t0: float = 0.0
+    free_after: float = 0.0
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)

@@ -1,0 +1,492 @@
+"""A constrained estimate from a free one.
+
+A method searches as it always does, without the constraints (`seen` gives the problem it is to
+look at: with integrators the inputs are integrated and the poles at the origin left out). Its end
+is one of the starts of the constrained steps (`starts`), beside the seeds it had. The nuisance
+terms are those of the lowest AICc, each choice followed to its own constrained maximum; a noise
+model is fitted to the constrained residual anew, in turn with the coefficients, until these stand
+still (`likelihood.noise_model`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import ContradictoryConstraintsError
+from tridentify.estimation.answer.estimate import Estimate, Start, Status, Trace
+from tridentify.estimation.knowledge.affine import (
+    Knowledge,
+    equalities_of,
+    known_of,
+    refuse_structure,
+)
+from tridentify.estimation.knowledge.answer import (
+    criterion,
+    described,
+    estimate_of,
+    passes_of,
+    reference,
+    standard_errors,
+)
+from tridentify.estimation.knowledge.contradiction import disagreement
+from tridentify.estimation.knowledge.descend import (
+    ConstrainedEnd,
+    descend,
+    fit_at,
+    is_exact,
+    is_stable,
+    step,
+)
+from tridentify.estimation.knowledge.reach import check_reach
+from tridentify.estimation.knowledge.starts import further_points, starting_points
+from tridentify.estimation.likelihood.choose_nuisance import TRUSTED
+from tridentify.estimation.likelihood.noise_model import NoiseChoice
+from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
+from tridentify.numerics.whiteness import is_white
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+
+MOST_ROUNDS = 8
+STILL = 0.01
+PER_UNKNOWN = 2.0
+MOST_PLAIN = 6
+MOST_SEEDS = 3
+APART = 0.05
+OF_FREE_SEARCH = ("initial state", "noise white", "noise taken as white", "noise model")
+
+
+@dataclass(frozen=True, eq=False)
+class Seeds:
+    """What a free search found.
+
+    Attributes
+    ----------
+    coefficients : tuple of (p',) arrays
+        Of models of the problem it looked at, the best first; may be empty.
+    noise : tuple of arrays
+        Its model of the noise; the empty tuple for white.
+    trace : Trace
+        Its way.
+    """
+
+    coefficients: tuple[Array, ...]
+    noise: tuple[Array, ...]
+    trace: Trace
+
+
+def resolve(records: Sequence[Record], structure: Structure) -> Knowledge:
+    """What is known, for the channels of the records.
+
+    Raises
+    ------
+    ContradictoryConstraintsError, UnsupportedError
+        If it contradicts itself, or is for what cannot be constrained.
+    ScaleError
+        If numbers are out of all proportion to the record.
+    """
+    refuse_structure(structure)
+    inputs, outputs = records[0].input_names, records[0].output_names
+    scale, spread = _scale(records, structure), _spread(records, structure)
+    rows = equalities_of(structure, inputs, outputs)
+    check_reach(structure, structure.names(inputs, outputs), rows, scale, spread)
+    return known_of(structure, inputs, outputs, scale)
+
+
+def seen(
+    records: Sequence[Record], structure: Structure, known: Knowledge
+) -> tuple[list[Record], Structure] | None:
+    """The free problem that a search is to look at; None where there is no pole to be found.
+
+    With ``k`` integrators ``b / (p^k a') u`` is ``b / a'`` driven by the ``k``-fold integral of the
+    input, joined by straight lines here: exact for one integrator of a held input, and near enough
+    for a start otherwise.
+    """
+    k = known.integrators
+    plain = replace(
+        structure, fixed=None, bounds=None, equalities=None, priors=None, static_gain=None
+    )
+    if not k:
+        return list(records), plain
+    n = known.n_poles - k
+    if n == 0:
+        return None
+    zeros = structure.zeros_matrix(records[0].n_outputs, records[0].n_inputs)
+    fewer = [[min(m, n) for m in row] for row in zeros]
+    integrated = [_integrated(record, k, structure) for record in records]
+    trim = structure.initial_state == "equilibrium"
+    offset = True if trim else structure.offset
+    state = "rest" if trim else structure.initial_state
+    return integrated, replace(plain, poles=n, zeros=fewer, offset=offset, initial_state=state)
+
+
+def _integrated(record: Record, count: int, structure: Structure) -> Record:
+    """The record with its inputs integrated over time."""
+    u, steps = np.array(record.u), np.diff(record.t)[:, None]
+    if structure.initial_state == "equilibrium":
+        u = u - u[0]
+    held = record.behaviour == "zoh"
+    for _ in range(count):
+        areas = u[:-1] if held else 0.5 * (u[:-1] + u[1:])
+        u = np.vstack([np.zeros(u.shape[1]), np.cumsum(areas * steps, axis=0)])
+        held = False
+    return Record(
+        u,
+        record.y,
+        dt=record.dt,
+        t=record.t if record.dt is None else None,
+        intersample="foh",
+        input_names=record.input_names,
+        output_names=record.output_names,
+    )
+
+
+def unmoved(structure: Structure, estimate: Estimate) -> Estimate | None:
+    """A free estimate that lies within the bounds, where bounds are all that is known; else None.
+
+    It is the constrained one then, a posterior mean too if no draw lies beyond.
+    """
+    bounds = structure.bounds or {}
+    if replace(structure, bounds=None).constrained or not estimate.status.ok:
+        return None
+    draws = np.vstack([estimate.theta, estimate.draws])
+    for name, (low, high) in bounds.items():
+        values = draws[:, estimate.names.index(name)]
+        if (low is not None and values.min() <= low) or (high is not None and values.max() >= high):
+            return None
+    trace = estimate.trace
+    told = (*trace.decisions, "constraints: the free estimate lies within all bounds, none active")
+    return replace(
+        estimate,
+        structure=replace(estimate.structure, bounds=structure.bounds),
+        trace=replace(trace, decisions=told),
+    )
+
+
+def constrain(
+    records: Sequence[Record],
+    structure: Structure,
+    known: Knowledge,
+    seeds: Seeds,
+    method: str,
+    say: Callable[[str], None],
+    most: int,
+    noise: NoiseChoice,
+) -> Estimate:
+    """The constrained maximum and its covariance.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : Structure
+        With its constraints.
+    known : Knowledge
+        From `resolve`.
+    seeds : Seeds
+        What the free search found.
+    method : str
+        Its name.
+    say : callable
+        Is told what is going on.
+    most : int
+        Most steps.
+    noise : {"white", "ar", "auto"}
+        What the noise is taken for.
+
+    Raises
+    ------
+    ContradictoryConstraintsError
+        If no stable model meets the constraints.
+    UnsupportedOrderError
+        If the data cannot tell the free coefficients apart.
+    """
+    say("the constraints")
+    choices = _choices(records, structure, known)
+    starts = _distinct(
+        [_widened(one, records, structure, known) for one in seeds.coefficients], known
+    )
+    scale = _scale(records, structure, starts[0] if starts else None, known)
+    first = records[0]
+    known = known_of(structure, first.input_names, first.output_names, scale)
+    fullest = choices[-1]
+    problem = problem_for(records, structure, fullest, known).whitened(seeds.noise)
+    reached, tried = _from_all(problem, known, starts, scale, most)
+    doubts = disagreement(problem, reached, starts, structure, first, scale, most)
+    best, nuisances, told = _decided(records, structure, choices, reached, most)
+    model = seeds.noise
+    if not seeds.coefficients and noise != "white":
+        # no search has tested the residual
+        best, nuisances = _tinted(records, structure, choices, best, nuisances, noise)
+        model = best.fit.problem.noise
+    if any(a.size for a in model):
+        say("coloured noise, within the constraints")
+        best, nuisances, told = _coloured(records, structure, choices, best, nuisances, told, most)
+    told += _whiteness(best, noise)
+    trace = _trace(seeds.trace, best, tried, told)
+    estimate = estimate_of(best, records, structure, nuisances, trace, method)
+    return replace(estimate, findings=doubts)
+
+
+def _from_all(
+    problem: Problem, known: Knowledge, seeds: Sequence[Array], scale: Array, most: int
+) -> tuple[ConstrainedEnd, tuple[Start, ...]]:
+    """The best end over all starts."""
+    found: list[ConstrainedEnd] = []
+    tried: list[Start] = []
+
+    def follow(name: str, theta: Array) -> None:
+        here = fit_at(problem, known, theta)
+        tried.append(
+            Start(f"constrained: {name}", theta, float(here.rss.sum() / here.counts.sum()))
+        )
+        found.append(descend(problem, known, theta, most))
+
+    for name, theta in starting_points(problem, known, seeds, scale):
+        follow(name, theta)
+    if not found and known.n_poles == known.integrators:
+        follow("no pole to be found", known.origin)
+    if not any(one.status is Status.CONVERGED for one in found):
+        for name, theta in further_points(problem, known, seeds, scale, MOST_PLAIN):
+            follow(name, theta)
+    if not found:
+        raise ContradictoryConstraintsError(
+            "found no stable denominator that meets the constraints; expected one at least; "
+            "correct or drop a constraint"
+        )
+    usable = [one for one in found if one.status.ok] or found
+    return min(usable, key=lambda one: one.cost), tuple(tried)
+
+
+def _decided(
+    records: Sequence[Record],
+    structure: Structure,
+    choices: Sequence[Nuisances],
+    reached: ConstrainedEnd,
+    most: int,
+) -> tuple[ConstrainedEnd, Nuisances, tuple[str, ...]]:
+    """The choice of nuisance terms with the lowest AICc at its constrained maximum.
+
+    A Gauss-Newton step says what each promises; the most promising is followed to its end, then the
+    next one, as long as its promise is below the lowest AICc reached
+    (`likelihood.choose_nuisance`).
+    """
+    known, noise = reached.known, reached.fit.problem.noise
+    if len(choices) == 1:
+        return reached, choices[0], ()
+    ends = {len(choices) - 1: reached}
+    table = [np.inf] * len(choices)
+    table[-1] = criterion(reached.fit, known)
+    problems = [problem_for(records, structure, c, known).whitened(noise) for c in choices[:-1]]
+    for k, problem in enumerate(problems):
+        here = fit_at(problem, known, reached.fit.theta)
+        trusted = np.inf if is_exact(here) else TRUSTED * float(here.counts.sum())
+        table[k] = criterion(here, known, min(step(here, known, 0.0).fall, trusted))
+    for k in np.argsort(table).tolist():
+        if k in ends:
+            continue
+        if table[k] >= min(table[j] for j in ends):
+            break
+        ends[k] = descend(problems[k], known, reached.fit.theta, most)
+        table[k] = criterion(ends[k].fit, known)
+    k = min(ends, key=lambda j: table[j])
+    listed = "; ".join(
+        f"{choices[j].label} {table[j] - table[k]:+.1f}" for j in np.argsort(table) if j != k
+    )
+    told = f"{choices[k].label}: lowest AICc within the constraints ({listed})"
+    return ends[k], choices[k], (told,)
+
+
+def _coloured(
+    records: Sequence[Record],
+    structure: Structure,
+    choices: Sequence[Nuisances],
+    best: ConstrainedEnd,
+    nuisances: Nuisances,
+    told: tuple[str, ...],
+    most: int,
+) -> tuple[ConstrainedEnd, Nuisances, tuple[str, ...]]:
+    """Noise model and constrained coefficients in turn, until the coefficients stand still."""
+    orders: list[int] | None = None
+    for count in range(MOST_ROUNDS):
+        noise = _noise_model(best, orders)
+        orders = [a.size for a in noise] if count else None
+        before = best
+        problem = problem_for(records, structure, choices[-1], best.known).whitened(noise)
+        again = descend(problem, best.known, best.fit.theta, most)
+        best, nuisances, told = _decided(records, structure, choices, again, most)
+        moved = np.abs(best.fit.theta - before.fit.theta)
+        if np.all(moved <= STILL * standard_errors(best)):
+            break
+    orders_found = ", ".join(str(a.size) for a in best.fit.problem.noise)
+    return best, nuisances, (*told, f"noise model within the constraints: order {orders_found}")
+
+
+def _tinted(
+    records: Sequence[Record],
+    structure: Structure,
+    choices: Sequence[Nuisances],
+    best: ConstrainedEnd,
+    nuisances: Nuisances,
+    noise: NoiseChoice,
+) -> tuple[ConstrainedEnd, Nuisances]:
+    """With a first model of the noise where it is asked for, or the residual is not white."""
+    if is_exact(best.fit):
+        return best, nuisances
+    found = []
+    for i in range(best.fit.problem.n_outputs):
+        series = [one[:, i] for one in best.fit.over_time()]
+        coloured = noise == "ar" or not is_white(series)
+        room = int(best.fit.counts[i] - PER_UNKNOWN * best.fit.theta.size)
+        most = most_coefficients(room) if coloured else 0
+        found.append(fit_autoregression(series, most, fewest=1) if most else np.zeros(0))
+    if not any(a.size for a in found):
+        return best, nuisances
+    problem = problem_for(records, structure, nuisances, best.known).whitened(tuple(found))
+    return descend(problem, best.known, best.fit.theta), nuisances
+
+
+def _whiteness(best: ConstrainedEnd, noise: NoiseChoice) -> tuple[str, ...]:
+    """What the residual within the constraints says of noise taken for white."""
+    if noise == "white" or any(a.size for a in best.fit.problem.noise) or is_exact(best.fit):
+        return ()
+    residuals = best.fit.over_time()
+    outputs = range(best.fit.problem.n_outputs)
+    if all(is_white([one[:, i] for one in residuals]) for i in outputs):
+        return ("noise white: the residual within the constraints passes the portmanteau test",)
+    return (
+        "noise taken as white: the residual within the constraints does not pass the portmanteau "
+        "test",
+    )
+
+
+def _distinct(seeds: Sequence[Array], known: Knowledge) -> list[Array]:
+    """Seeds with stable poles that are not near copies of one another."""
+    kept: list[Array] = []
+    for seed in seeds:
+        moving = seed[known.moving]
+        if not is_stable(moving):
+            continue
+        if all(np.any(np.abs(np.log(moving / k[known.moving])) > APART) for k in kept):
+            kept.append(seed)
+    return kept[:MOST_SEEDS] if known.n_poles > known.integrators else []
+
+
+def _noise_model(reached: ConstrainedEnd, orders: list[int] | None) -> tuple[Array, ...]:
+    here = reached.fit
+    residuals = here.over_time()
+    found = []
+    for i, old in enumerate(here.problem.noise):
+        if not old.size:
+            found.append(np.zeros(0))
+            continue
+        own = sum(t.size for (_, output), t in here.terms.items() if output == i)
+        room = int(here.counts[i] - PER_UNKNOWN * (own + reached.known.n_free))
+        series = [one[:, i] for one in residuals]
+        order = None if orders is None else orders[i]
+        found.append(fit_autoregression(series, most_coefficients(room), order, fewest=1))
+    return tuple(found)
+
+
+def _choices(
+    records: Sequence[Record], structure: Structure, known: Knowledge
+) -> tuple[Nuisances, ...]:
+    """The choices of nuisance terms, the fullest last.
+
+    With an integrator the free response holds a constant, so an offset beside it says nothing new.
+    """
+    found = candidates(records, structure)
+    if known.integrators and structure.offset == "auto":
+        lean = [c for c in found if not (c.initial_state == "free" and c.offset and not c.drift)]
+        found = tuple(lean) or found
+    return found
+
+
+def problem_for(
+    records: Sequence[Record], structure: Structure, nuisances: Nuisances, known: Knowledge
+) -> Problem:
+    """The problem for one choice of nuisance terms; its input counts from `reference`."""
+    problem = build(records, structure, nuisances, shift=False)
+    experiments = []
+    for e, record in zip(problem.experiments, records, strict=True):
+        start = reference(record, nuisances, known)
+        shifted = np.ascontiguousarray(e.u - start) if np.any(start) else e.u
+        experiments.append(replace(e, u=shifted))
+    return replace(problem, experiments=tuple(experiments))
+
+
+def _widened(
+    theta: Array, records: Sequence[Record], structure: Structure, known: Knowledge
+) -> Array:
+    """Coefficients of the free problem as coefficients of the structure."""
+    k = known.integrators
+    if not k:
+        return theta
+    n = known.n_poles - k
+    parts, at = [theta[:n], np.zeros(k)], n
+    for row in structure.zeros_matrix(records[0].n_outputs, records[0].n_inputs):
+        for m in row:
+            own = min(m, n) + 1
+            parts += [np.zeros(m + 1 - own), theta[at : at + own]]
+            at += own
+    return np.concatenate(parts)
+
+
+def _scale(
+    records: Sequence[Record],
+    structure: Structure,
+    theta: Array | None = None,
+    known: Knowledge | None = None,
+) -> Array:
+    """(p,) sizes of the coefficients: powers of a typical rate, and ratios of the signals."""
+    n = structure.common_poles
+    rate = (_shortest(records) * _longest(records)) ** -0.5
+    if theta is not None and known is not None and known.n_poles > known.integrators:
+        moving = theta[known.moving]
+        rate = abs(float(moving[-1])) ** (1.0 / moving.size) or rate
+    parts = [rate ** np.arange(1.0, n + 1.0)]
+    zeros = structure.zeros_matrix(records[0].n_outputs, records[0].n_inputs)
+    for i, row in enumerate(zeros):
+        y = np.concatenate([record.y[:, i] for record in records])
+        size = float(np.nanstd(y)) or 1.0
+        for j, m in enumerate(row):
+            u = float(np.sqrt(np.mean(np.concatenate([r.u[:, j] for r in records]) ** 2))) or 1.0
+            parts.append(size / u * rate ** np.arange(n - m, n + 1.0))
+    return np.concatenate(parts)
+
+
+def _shortest(records: Sequence[Record]) -> float:
+    return min(float(np.median(np.diff(record.t))) for record in records)
+
+
+def _longest(records: Sequence[Record]) -> float:
+    return max(record.duration for record in records)
+
+
+def _spread(records: Sequence[Record], structure: Structure) -> Array:
+    """(p,) how far from `_scale` the slowest and the quickest poles of the records lead."""
+    n = structure.common_poles
+    factor = (_longest(records) / _shortest(records)) ** 0.5
+    zeros = structure.zeros_matrix(records[0].n_outputs, records[0].n_inputs)
+    powers = [np.arange(n - m, n + 1.0) for row in zeros for m in row]
+    return np.asarray(factor ** np.concatenate([np.arange(1.0, n + 1.0), *powers]))
+
+
+def _trace(
+    trace: Trace, reached: ConstrainedEnd, tried: tuple[Start, ...], told: tuple[str, ...]
+) -> Trace:
+    """The way of the free search, then that within the constraints."""
+    p = reached.fit.theta.size
+    passes = [one for one in trace.passes if one.theta.size == p]
+    for one in passes_of(reached):
+        passes.append(replace(one, number=len(passes) + 1))
+    starts = tuple(one for one in trace.starts if one.theta.size == p) + tried
+    # what the free search says of initial state and noise is not true of this residual
+    kept = tuple(line for line in trace.decisions if line and not line.startswith(OF_FREE_SEARCH))
+    return Trace(tuple(passes), starts, (*kept, *told, *described(reached)), reached.why)

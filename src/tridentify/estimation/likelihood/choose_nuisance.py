@@ -1,0 +1,190 @@
+"""Which nuisance terms a record needs: every serious choice is finished, and AICc decides.
+
+At given poles one pass over the samples serves all choices (`likelihood.nuisance`), and a
+Gauss-Newton step predicts how far each would still fall. The most promising is finished on the
+output error; then the next one, as long as its prediction is below the lowest AICc reached.
+Predictions that turn out wrong are made anew at the poles just found. So the choice that is
+reported has the lowest AICc of all that were finished, and none that was not finished promised
+a lower one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from types import MappingProxyType
+
+import numpy as np
+
+from tridentify.estimation.answer.estimate import Status
+from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import (
+    Recorder,
+    at_rounding,
+    criterion,
+    finishing,
+)
+from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.question import Question
+from tridentify.models.regression import Regression, regress
+from tridentify.numerics.realization import Complex
+from tridentify.numerics.slices import Slices, drain
+
+TRUSTED = np.log(4.0)
+SURPRISE = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Finished:
+    """One choice of nuisance terms on its stationary point.
+
+    Attributes
+    ----------
+    nuisances : Nuisances
+    point : Point
+    status : Status
+    why : str
+        How it ended.
+    criterion : float
+        AICc.
+    recorder : Recorder
+        Its passes.
+    """
+
+    nuisances: Nuisances
+    point: Point
+    status: Status
+    why: str
+    criterion: float
+    recorder: Recorder
+
+
+@dataclass(frozen=True, eq=False)
+class Decided:
+    """The choice of lowest AICc.
+
+    Attributes
+    ----------
+    best : Finished
+    decisions : tuple of str
+        What was decided and why; empty where there was nothing to decide.
+    seed : int
+        Position of the seed that was followed.
+    """
+
+    best: Finished
+    decisions: tuple[str, ...]
+    seed: int
+
+
+@dataclass(frozen=True, eq=False)
+class Predicted:
+    """One choice at given poles, and the AICc it promises."""
+
+    point: Point
+    criterion: float
+
+
+def decide(
+    question: Question,
+    seeds: Sequence[Complex],
+    known: Mapping[bytes, tuple[Regression, ...]] = MappingProxyType({}),
+) -> Decided:
+    """Finish what is worth finishing and choose.
+
+    Parameters
+    ----------
+    question : Question
+    seeds : sequence of (n,) complex arrays
+        Poles to begin with.
+    known : mapping
+        Triangles of the question's base that exist already, by the bytes of the seed.
+    """
+    return drain(deciding(question, seeds, known))
+
+
+def deciding(
+    question: Question,
+    seeds: Sequence[Complex],
+    known: Mapping[bytes, tuple[Regression, ...]] = MappingProxyType({}),
+) -> Slices[Decided]:
+    """`decide` in slices."""
+    base, variants, choices = question.base, question.variants, question.choices
+    promised, seed = yield from _predict(base, variants, seeds, known)
+    done: dict[int, Finished] = {}
+    while len(done) < len(choices):
+        k = min(
+            (k for k in range(len(choices)) if k not in done), key=lambda k: promised[k].criterion
+        )
+        best = min(done.values(), key=lambda one: one.criterion, default=None)
+        if best is not None and best.criterion <= promised[k].criterion:
+            break
+        question.say(f"output error ({choices[k].label})")
+        yield
+        problem = question.chosen(choices[k])
+        at = partial(evaluate, problem)
+        same = _same_input(problem, base, variants[k])
+        # the variant holds the inputs of the base: what is simulated later needs its own
+        start = replace(promised[k].point, problem=problem) if same else at(promised[k].point.poles)
+        recorder = Recorder()
+        point, status, why = yield from finishing(at, start, recorder, question.most)
+        done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
+        surprised = abs(done[k].criterion - promised[k].criterion) > SURPRISE
+        if len(done) < len(choices) and (surprised or at_rounding(point)):
+            promised, _ = yield from _predict(base, variants, [point.poles], known)
+    best = min(done.values(), key=lambda one: one.criterion)
+    table = [done[k].criterion if k in done else promised[k].criterion for k in range(len(choices))]
+    return Decided(best, _decisions(choices, best, table), seed)
+
+
+def _predict(
+    base: Problem,
+    variants: Sequence[Variant],
+    seeds: Sequence[Complex],
+    known: Mapping[bytes, tuple[Regression, ...]],
+) -> Slices[tuple[list[Predicted], int]]:
+    """Every choice one Gauss-Newton step ahead of the best seed; and which seed that is."""
+    found = []
+    for poles in seeds:
+        bank = bank_of(base, poles, 2)[0]
+        whole = known.get(poles.tobytes()) or tuple(regress(e, bank) for e in base.experiments)
+        own = []
+        for v in variants:
+            yield
+            own.append(evaluate(v.problem(base), poles, 2, v.regressions(whole, bank)))
+        found.append(own)
+    lowest = [min(point.objective for point in points) for points in found]
+    seed = lowest.index(min(lowest))
+    points = found[seed]
+    exact = any(at_rounding(point) for point in points)
+    trusted = np.inf if exact else TRUSTED * float(points[0].counts.sum())
+    promised = []
+    for point in points:
+        yield
+        promised.append(Predicted(point, criterion(point, min(point.step(0.0)[1], trusted))))
+    return promised, seed
+
+
+def _same_input(problem: Problem, base: Problem, variant: Variant) -> bool:
+    """Whether the variant's points are the problem's: both count the input from one value."""
+    for own, whole, constants in zip(
+        problem.experiments, base.experiments, variant.constants, strict=True
+    ):
+        shift = np.zeros(own.u.shape[1]) if constants is None else constants
+        if not np.array_equal(own.u[0], whole.u[0] + shift):
+            return False
+    return True
+
+
+def _decisions(
+    choices: Sequence[Nuisances], best: Finished, table: Sequence[float]
+) -> tuple[str, ...]:
+    if len(choices) == 1:
+        return ()
+    others = sorted(
+        (k for k in range(len(choices)) if choices[k] is not best.nuisances), key=lambda k: table[k]
+    )
+    listed = "; ".join(f"{choices[k].label} {table[k] - best.criterion:+.1f}" for k in others)
+    return (f"{best.nuisances.label}: lowest AICc ({listed})",)

@@ -1,0 +1,541 @@
+"""The output-error cost at one denominator, with everything that can be said about it there.
+
+For a denominator ``a`` the output ``y_0 = sum (b / a) u + (c_0 / a) delta + offset + drift`` is
+linear in all else, so ``b`` and the nuisance terms are eliminated by least squares (variable
+projection; Golub & Pereyra 1973). With the orthonormal functions ``X`` on the poles of ``a``,
+moving ``a -> a (1 + alpha X)`` changes the output by ``- X y_0`` per unit of ``alpha``.
+Projecting these scores off the columns of ``b`` and the nuisance terms gives the Jacobian of
+the reduced cost (Kaufman 1975), whose Gauss-Newton step is that of the full problem.
+
+Where channels have denominators of their own, ``y_0 = sum_g y_g`` with the part ``y_g`` of the
+channels (and of the free response) of denominator ``g``. Each has scores of its own, ``- X_g y_g``,
+and its own branch of the bank; all else is as with one.
+
+A delay ``tau_j`` of an input that is estimated along has the score ``dy_0 / dtau_j = - dy_j / dt``
+with ``y_j`` what that input makes of the output. With ``x' = A x + B u_j`` and ``y_j = C x`` this
+is ``- C A x - C B u_j``, a combination of columns that are there: one more column of the Jacobian.
+Where the input jumps and ``C B`` is not zero the derivative jumps too: the cost has a kink where a
+jump meets a sample, for a held input at every whole number of steps.
+
+The bank holds the poles of ``a`` several times over: twice is enough for ``y_0`` and all its
+scores, since both are polynomials of degree below ``2 n`` over ``a^2``; a third time lets Step
+2 filter the parallel model's output once more.
+
+Several outputs are weighted by their own noise levels: for independent Gaussian noise of
+unknown variance the concentrated likelihood is ``sum_i N_i log RSS_i``, whose gradient is that
+of ``sum_i (N_i / RSS_i) RSS_i`` with the weights held. Where the noise has a model, the samples
+are those of its innovations (`regression`), and so are ``RSS`` and everything made of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.models.regression import LONG, Regression, regress, response_of
+from tridentify.models.response import (
+    Branch,
+    ColumnBlocks,
+    FilteredResponse,
+    Response,
+    nuisance_blocks,
+)
+from tridentify.numerics.least_squares import Solution, solve
+from tridentify.numerics.realization import (
+    Cascade,
+    Complex,
+    filter_map,
+    roots_of,
+    side_by_side,
+)
+
+Array = NDArray[np.float64]
+
+FLOOR = 1e-30
+LEAST_VARIANCE = 1e-300
+"""A residual of nothing counts as this: its logarithm is a number."""
+
+
+@dataclass(frozen=True, eq=False)
+class OutputFit:
+    """One output's linear fit at a fixed denominator."""
+
+    columns: ColumnBlocks
+    matrix: Array
+    solution: Solution
+    residual: Array
+
+
+class Proposal(NamedTuple):
+    """A step: where it leads, and what it promises.
+
+    Attributes
+    ----------
+    poles : (n,) complex array
+        Not necessarily admissible.
+    decrease : float
+        Predicted fall of `Point.objective`.
+    delays : (n_inputs,) array or None
+        Where they are estimated along [s].
+    """
+
+    poles: Complex
+    decrease: float
+    delays: Array | None
+
+
+class _Decomposition(NamedTuple):
+    """SVD of the scores that count, scaled; the residual on them, and its norm."""
+
+    kept: NDArray[np.intp]
+    s: Array
+    vt: Array
+    scale: Array
+    projection: Array
+    total: float
+    n_scores: int
+
+    def gain(self, damping: float) -> Array:
+        """Of every singular value."""
+        kept = self.s > 1e-13 * self.s[0]
+        s = np.where(kept, self.s, 1.0)
+        return np.where(kept, s / (s**2 + damping), 0.0)
+
+    def step(self, damping: float) -> Array:
+        """(n_scores,) change of ``alpha`` and the delays."""
+        found = np.zeros(self.n_scores)
+        found[self.kept] = -(self.vt.T @ (self.gain(damping) * self.projection)) / self.scale
+        return found
+
+
+def _decomposed(scores: Array, residual: Array, kept: NDArray[np.intp]) -> _Decomposition:
+    own = scores[:, kept]
+    norms = np.sqrt(np.einsum("ij,ij->j", own, own))
+    scale = np.where(norms > 0, norms, 1.0)
+    u, s, vt = np.linalg.svd(own / scale, full_matrices=False)
+    total = float(np.sqrt(residual @ residual))
+    return _Decomposition(kept, s, vt, scale, u.T @ residual, total, scores.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """A denominator and the best fit there.
+
+    Attributes
+    ----------
+    problem : Problem
+    poles : (n,) complex array
+    bank : Cascade
+        The poles repeated.
+    branches : tuple of Branch
+        The part of the bank that belongs to each denominator.
+    regressions : tuple of Regression
+    fits : tuple of OutputFit
+    response : Response
+        ``y_0`` on ``bank``, without offset and drift.
+    """
+
+    problem: Problem
+    poles: Complex
+    bank: Cascade
+    branches: tuple[Branch, ...]
+    regressions: tuple[Regression, ...]
+    fits: tuple[OutputFit, ...]
+    response: Response
+
+    @cached_property
+    def counts(self) -> Array:
+        """(n_outputs,) samples used."""
+        return np.array(
+            [sum(r.counts[i] for r in self.regressions) for i in range(self.problem.n_outputs)],
+            dtype=np.float64,
+        )
+
+    @cached_property
+    def rss(self) -> Array:
+        """(n_outputs,) residual sums of squares."""
+        return np.array([fit.solution.cost for fit in self.fits])
+
+    @cached_property
+    def variance(self) -> Array:
+        """(n_outputs,) residual mean squares, kept above rounding."""
+        return self.rss / self.counts + FLOOR * self.problem.power
+
+    @cached_property
+    def objective(self) -> float:
+        """Minus two log likelihood, up to a constant: ``sum_i N_i log variance_i``."""
+        return float(self.counts @ np.log(np.maximum(self.variance, LEAST_VARIANCE)))
+
+    @property
+    def weights(self) -> Array:
+        """(n_outputs,) one over the residual standard deviations."""
+        return np.asarray(1.0 / np.sqrt(np.maximum(self.variance, LEAST_VARIANCE)))
+
+    @property
+    def inner(self) -> Cascade:
+        """The poles once, where all channels share them."""
+        (branch,) = self.branches
+        return branch.inner
+
+    @cached_property
+    def parts(self) -> tuple[Response, ...]:
+        """What each denominator contributes, on the states of its branch."""
+        return tuple(self.response.part(one.states, one.channels) for one in self.branches)
+
+    @cached_property
+    def score_states(self) -> FilteredResponse:
+        """``X y_0`` on the bank: minus the derivatives of the outputs with respect to ``alpha``."""
+        found = [
+            part.filtered(one.bank, filter_map(one.inner, one.bank)).spread(
+                one.states, self.bank.order
+            )
+            for one, part in zip(self.branches, self.parts, strict=True)
+        ]
+        return FilteredResponse.joined(found)
+
+    def slopes(self, regression: Regression, output: int) -> Array:
+        """(r, n_delays) time derivatives of what each input makes of an output."""
+        found = [
+            regression.input_signal(output, j, row @ self.bank.a, float(row @ self.bank.b))
+            for j, row in enumerate(self.response.rows[output][: self.problem.n_delays])
+        ]
+        return np.stack(found, axis=1) if found else np.zeros((regression.targets[output].size, 0))
+
+    @cached_property
+    def _scores(self) -> tuple[Array, Array]:
+        """Minus the derivatives by ``alpha`` and the delays, projected, and the residual."""
+        projected, residuals = [], []
+        for i, fit in enumerate(self.fits):
+            raw = np.vstack(
+                [
+                    np.hstack([self.score_states.signals(r, e, i), self.slopes(r, i)])
+                    for e, r in enumerate(self.regressions)
+                ]
+            )
+            q = fit.solution.basis
+            projected.append(self.weights[i] * (raw - q @ (q.T @ raw)))
+            residuals.append(self.weights[i] * fit.residual)
+        return np.vstack(projected), np.concatenate(residuals)
+
+    @cached_property
+    def _decomposition(self) -> _Decomposition:
+        """Of all scores but those of delays that lie at an end of their range and pull outward."""
+        scores, residual = self._scores
+        kept = np.arange(scores.shape[1])
+        while True:
+            found = _decomposed(scores, residual, kept)
+            outward = self._outward(found.step(0.0)[self.problem.n_poles :])
+            if not np.isin(self.problem.n_poles + outward, kept).any():
+                return found
+            kept = np.setdiff1d(kept, self.problem.n_poles + outward)
+
+    def _outward(self, change: Array) -> NDArray[np.intp]:
+        """Delays that are pinned, or that a change would take beyond an end of their range."""
+        if self.problem.limits is None:
+            return np.zeros(0, dtype=np.intp)
+        if self.problem.pinned is not None:
+            change = np.where(self.problem.pinned, np.inf, change)
+        delays = self.problem.delays
+        floors = 0.0 if self.problem.floors is None else self.problem.floors
+        low = (delays <= floors) & (change < 0)
+        high = (delays >= self.problem.limits) & (change > 0)
+        return np.flatnonzero(low | high | np.isinf(change))
+
+    @property
+    def delay_slopes(self) -> Array:
+        """(n_delays,) derivatives of `objective`, all else eliminated or at its best [1/s]."""
+        scores, residual = self._scores
+        return np.asarray(2.0 * residual @ scores[:, self.problem.n_poles :])
+
+    @cached_property
+    def gradient(self) -> float:
+        """The residual's share along the scores: 0 at a stationary point, at most 1."""
+        _, s, _, _, projection, total, _ = self._decomposition
+        kept = projection[s > 1e-13 * s[0]]
+        return float(np.sqrt(kept @ kept)) / total if total else 0.0
+
+    def step(self, damping: float) -> Proposal:
+        """A Levenberg-Marquardt step.
+
+        Parameters
+        ----------
+        damping : float
+            Relative to the squared length of each score.
+
+        Returns
+        -------
+        Proposal
+        """
+        found = self._decomposition
+        s, projection, total = found.s, found.projection, found.total
+        gain = found.gain(damping)
+        change = found.step(damping)
+        alpha = change[: self.problem.n_poles]
+        shrink = s * gain
+        share = float(np.sum(projection**2 * shrink * (2.0 - shrink)))
+        n = float(self.counts.sum())
+        fraction = min(share / total**2, 1.0) if total else 0.0
+        decrease = -n * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
+        roots = [roots_of(one.inner, alpha[one.poles]) for one in self.branches]
+        delays = None
+        if self.problem.limits is not None:
+            moved = self.problem.delays + change[self.problem.n_poles :]
+            floors = 0.0 if self.problem.floors is None else self.problem.floors
+            delays = np.clip(moved, floors, self.problem.limits)
+        return Proposal(np.concatenate(roots), decrease, delays)
+
+    @property
+    def looseness(self) -> float:
+        """The largest standard error of a pole over the pole's own decay rate.
+
+        With ``A r = z r``, ``l A = z l`` and ``l r = 1`` a change of ``alpha`` moves the pole ``z``
+        by ``- (l B) (alpha r)``. Poles that nearly meet are loose, and those that only follow the
+        noise.
+        """
+        found = self._decomposition
+        if not found.s[-1] > 0:
+            return float("inf")
+        root = np.zeros((found.n_scores, found.s.size))
+        root[found.kept] = found.vt.T / found.s / found.scale[:, None]
+        worst = 0.0
+        for one in self.branches:
+            z, right = np.linalg.eig(one.inner.a)
+            try:
+                drive = np.linalg.solve(right, one.inner.b.astype(np.complex128))
+            except np.linalg.LinAlgError:
+                return float("inf")
+            moved = drive[:, None] * (right.T @ root[one.poles])
+            errors = np.sqrt(np.sum(np.abs(moved) ** 2, axis=1))
+            worst = max(worst, float(np.max(errors / np.abs(z.real))))
+        return worst
+
+    def residuals(self, most: int | None = None) -> tuple[Array, ...]:
+        """Recorded minus fitted outputs over time, (n_samples, n_outputs) per experiment.
+
+        Not whitened; ``nan`` where a sample is missing.
+        """
+        pairs = zip(self.problem.experiments, self.outputs(most), strict=True)
+        return tuple(experiment.y[:most] - fitted for experiment, fitted in pairs)
+
+    def outputs(self, most: int | None = None) -> tuple[Array, ...]:
+        """Fitted outputs over time, nuisance terms along, where samples are missing too.
+
+        Parameters
+        ----------
+        most : int, optional
+            Samples of each experiment; all where it is left out.
+
+        Returns
+        -------
+        tuple of (n_samples, n_outputs) arrays
+        """
+        found = []
+        for e, experiment in enumerate(self.problem.experiments):
+            layout, bank = self.regressions[e].layout, self.bank
+            if experiment.n_samples > LONG and len(self.branches) == 1:
+                # the outputs use the poles once
+                bank = self.branches[0].inner
+                layout = replace(layout, order=bank.order)
+            rows = np.zeros((self.problem.n_outputs, layout.n_signals))
+            for i, fit in enumerate(self.fits):
+                for j in range(layout.n_inputs):
+                    rows[i, layout.input_states(j)] = self.response.rows[i, j, : bank.order]
+                    rows[i, layout.direct(j)] = self.response.direct[i, j]
+                if layout.free:
+                    rows[i, : layout.order] = self.response.free[e, i, : bank.order]
+                terms = fit.columns.pick(fit.solution.x, ("nuisance", e, i))
+                rows[i, layout.nuisance] = terms
+            found.append(response_of(experiment, bank, rows, most))
+        return tuple(found)
+
+    def sensitivities(self, combinations: Array, output: int) -> tuple[Array, ...]:
+        """Derivatives of one output over time, (n_samples, k) per experiment.
+
+        Parameters
+        ----------
+        combinations : (n_unknowns, k) array
+            Of the unknowns, in the order of `jacobian`.
+        output : int
+        """
+        width, found = self.jacobian()[0].width, []
+        for e, experiment in enumerate(self.problem.experiments):
+            layout = self.regressions[e].layout
+            n = layout.n_signals
+            unit = Regression(
+                layout,
+                (np.eye(n),) * self.problem.n_outputs,
+                (np.zeros(n),) * self.problem.n_outputs,
+                (n,) * self.problem.n_outputs,
+            )
+            blocks: dict[object, Array] = {"a": -self.score_states.signals(unit, e, output)}
+            if self.problem.n_delays:
+                blocks["delay"] = -self.slopes(unit, output)
+            linear = linear_blocks(self.problem, self.branches, unit, e, output)
+            blocks |= {(output, key): block for key, block in linear.items()}
+            rows = np.zeros((n, combinations.shape[1]))
+            for key, block in blocks.items():
+                rows += block @ combinations[width[key]]
+            owners = [output] * rows.shape[1]
+            signals = response_of(experiment, self.bank, rows.T, outputs=owners)
+            found.append(np.where(np.isnan(experiment.y[:, [output]]), np.nan, signals))
+        return tuple(found)
+
+    def jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
+        """Derivatives of all outputs by alpha, free delays, b and every nuisance term.
+
+        Returns
+        -------
+        columns : ColumnBlocks
+            Which unknown stands where.
+        matrix : (rows, n_unknowns) array
+        output : (rows,) int array
+            The output that a row belongs to.
+        """
+        columns = ColumnBlocks()
+        owner = []
+        for i in range(self.problem.n_outputs):
+            for e, regression in enumerate(self.regressions):
+                blocks: dict[object, Array] = {"a": -self.score_states.signals(regression, e, i)}
+                if self.problem.n_delays:
+                    blocks["delay"] = -self.slopes(regression, i)
+                linear = linear_blocks(self.problem, self.branches, regression, e, i)
+                blocks |= {(i, key): block for key, block in linear.items()}
+                columns.add(blocks, regression.targets[i])
+                owner.append(np.full(regression.targets[i].size, i))
+        return columns, columns.assemble()[0], np.concatenate(owner)
+
+
+def linear_blocks(
+    problem: Problem,
+    branches: Sequence[Branch],
+    regression: Regression,
+    experiment: int,
+    output: int,
+) -> dict[object, Array]:
+    """Columns of ``b``, the free response, offset and drift at fixed denominators."""
+    q = regression.layout.order
+    blocks: dict[object, Array] = {}
+    for j, m in enumerate(problem.n_zeros[output]):
+        branch = next(one for one in branches if one.channels[output, j])
+        n = branch.inner.order
+        rows = np.zeros((q, min(m + 1, n)))
+        rows[branch.own] = branch.basis.rows[: min(m + 1, n)].T
+        block = regression.input_signal(output, j, rows)
+        if m == n:
+            direct = regression.signals[output][:, regression.layout.direct(j)]
+            block = np.column_stack([block, direct])
+        blocks["b", j] = block
+    if regression.layout.free:
+        blocks["free", experiment] = regression.signals[output][:, free_states(branches, output)]
+    return blocks | nuisance_blocks(regression, experiment, output)
+
+
+def free_states(branches: Sequence[Branch], output: int) -> NDArray[np.intp]:
+    """States of the bank that span the free response of one output."""
+    used = [one.own for one in branches if one.channels[output].any()]
+    return np.concatenate([np.arange(own.start, own.stop) for own in used])
+
+
+def bank_of(problem: Problem, poles: Complex, repeats: int) -> tuple[Cascade, tuple[Branch, ...]]:
+    """The poles repeated, a branch for each denominator.
+
+    Parameters
+    ----------
+    problem : Problem
+    poles : (n,) complex array
+        Admissible poles.
+    repeats : int
+
+    Returns
+    -------
+    bank : Cascade
+    branches : tuple of Branch
+    """
+    branches = []
+    for group in problem.groups:
+        channels = np.zeros((problem.n_outputs, problem.n_inputs), dtype=bool)
+        channels[tuple(np.transpose(group.channels))] = True
+        own = poles[group.poles]
+        branches.append(Branch.of(own, repeats, repeats * group.first, group.first, channels))
+    return side_by_side([branch.bank for branch in branches]), tuple(branches)
+
+
+def evaluate(
+    problem: Problem,
+    poles: Complex,
+    repeats: int = 2,
+    regressions: tuple[Regression, ...] | None = None,
+    delays: Array | None = None,
+    pinned: NDArray[np.bool_] | None = None,
+) -> Point:
+    """Filter the records on the poles (repeated) and fit all that is linear.
+
+    Parameters
+    ----------
+    problem : Problem
+    poles : (n,) complex array
+        Admissible poles.
+    repeats : int
+        2 for the cost and its derivatives, 3 when Step 2 follows.
+    regressions : tuple of Regression, optional
+        The triangles, where they are known already.
+    delays : (n_inputs,) array, optional
+        Of the inputs [s], in place of the problem's.
+    pinned : (n_inputs,) bool array, optional
+        Delays that are to stay there.
+
+    Returns
+    -------
+    Point
+    """
+    if delays is not None:
+        problem = replace(problem.delayed(delays), pinned=pinned)
+    bank, branches = bank_of(problem, poles, repeats)
+    if regressions is None:
+        regressions = tuple(regress(e, bank) for e in problem.experiments)
+    q = bank.order
+    rows = np.zeros((problem.n_outputs, problem.n_inputs, q))
+    direct = np.zeros((problem.n_outputs, problem.n_inputs))
+    free = np.zeros((len(problem.experiments), problem.n_outputs, q))
+    fits = []
+    for i in range(problem.n_outputs):
+        columns = ColumnBlocks()
+        for e, regression in enumerate(regressions):
+            blocks = linear_blocks(problem, branches, regression, e, i)
+            columns.add(blocks, regression.targets[i])
+        matrix, target = columns.assemble()
+        solution = solve(matrix, target)
+        fits.append(OutputFit(columns, matrix, solution, target - matrix @ solution.x))
+        for j, m in enumerate(problem.n_zeros[i]):
+            branch = next(one for one in branches if one.channels[i, j])
+            n = branch.inner.order
+            beta = columns.pick(solution.x, ("b", j))
+            rows[i, j, branch.own] = beta[:n] @ branch.basis.rows[: min(m + 1, n)]
+            direct[i, j] = beta[n] if m == n else 0.0
+        started = free_states(branches, i)
+        for e, regression in enumerate(regressions):
+            if regression.layout.free:
+                free[e, i, started] = columns.pick(solution.x, ("free", e))
+    response = Response(rows, direct, free)
+    return Point(problem, poles, bank, branches, regressions, tuple(fits), response)
+
+
+def evaluate_variant(
+    base: Problem,
+    variant: Variant,
+    poles: Complex,
+    repeats: int = 2,
+    delays: Array | None = None,
+) -> Point:
+    """As `evaluate`, for a choice of nuisance terms of a problem that has more of them."""
+    if delays is not None:
+        base = base.delayed(delays)
+    bank = bank_of(base, poles, repeats)[0]
+    whole = tuple(regress(e, bank) for e in base.experiments)
+    return evaluate(variant.problem(base), poles, repeats, variant.regressions(whole, bank))

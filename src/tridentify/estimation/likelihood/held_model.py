@@ -1,0 +1,113 @@
+"""A model that a linear step found, and the output error it leaves when it is held.
+
+Methods that do not minimise the output error are judged by it all the same: the model's
+coefficients stay as they are, free responses, offsets and drifts are fitted to what remains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.likelihood.answer import Rests, fit_rests
+from tridentify.estimation.likelihood.levenberg_marquardt import INDISTINGUISHABLE
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.models.regression import regress
+from tridentify.models.response import Response
+from tridentify.numerics.realization import Complex, cascade, denominator, monomials
+
+Array = NDArray[np.float64]
+
+TINY = 1e-300
+
+
+@dataclass(frozen=True, eq=False)
+class HeldModel:
+    """A model and the output error it leaves when it is held.
+
+    Attributes
+    ----------
+    problem : Problem
+    poles : (n,) complex array
+        Admissible (`Problem.admissible`); ``note`` says what was moved.
+    numerator : array
+        All coefficients of ``b``, in the order of `Structure.names`.
+    note : str
+    """
+
+    problem: Problem
+    poles: Complex
+    numerator: Array
+    note: str
+
+    @cached_property
+    def theta(self) -> Array:
+        """Physical coefficients."""
+        return np.concatenate([denominator(self.poles)[1:], self.numerator])
+
+    @cached_property
+    def _fitted(self) -> tuple[Response, Rests]:
+        problem, n = self.problem, self.problem.n_poles
+        inner, a = cascade(self.poles), denominator(self.poles)
+        powers = monomials(inner, n)
+        rows = np.zeros((problem.n_outputs, problem.n_inputs, n))
+        direct = np.zeros((problem.n_outputs, problem.n_inputs))
+        free = np.zeros((len(problem.experiments), problem.n_outputs, n))
+        at = 0
+        for i, line in enumerate(problem.n_zeros):
+            for j, m in enumerate(line):
+                b = np.pad(self.numerator[at : at + m + 1], (n - m, 0))
+                direct[i, j] = b[0]
+                rows[i, j] = (b[1:] - b[0] * a[1:])[::-1] @ powers
+                at += m + 1
+        regressions = [regress(e, inner) for e in problem.experiments]
+        rests = fit_rests(regressions, Response(rows, direct, free), self.poles)
+        for (e, i), rest in rests.items():
+            free[e, i] = rest.free_row
+        return Response(rows, direct, free), rests
+
+    @property
+    def response(self) -> Response:
+        """``(b / a) u`` with the best free response, on the cascade of the poles."""
+        return self._fitted[0]
+
+    @property
+    def rests(self) -> Rests:
+        """Free responses, offsets and drifts."""
+        return self._fitted[1]
+
+    @cached_property
+    def counts(self) -> Array:
+        """(n_outputs,) samples."""
+        samples = sum(e.n_samples for e in self.problem.experiments)
+        return np.full(self.problem.n_outputs, float(samples))
+
+    @cached_property
+    def rss(self) -> Array:
+        """(n_outputs,) sums of squares of the output error."""
+        total = np.zeros(self.problem.n_outputs)
+        for (_, i), rest in self.rests.items():
+            total[i] += rest.cost
+        return total
+
+    @property
+    def variance(self) -> Array:
+        """(n_outputs,) mean squares of the output error, kept above rounding."""
+        return np.asarray(self.rss / self.counts + INDISTINGUISHABLE * self.problem.size)
+
+    @property
+    def mean_square(self) -> float:
+        """Geometric mean of the mean squares of the outputs."""
+        return float(np.exp(np.mean(np.log(self.rss / self.counts + TINY))))
+
+    @cached_property
+    def criterion(self) -> float:
+        """AICc of the output error, as in `likelihood.levenberg_marquardt.criterion`."""
+        problem, n = self.problem, float(self.counts.sum())
+        k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
+        room = max(n - k - 1.0, 0.5)
+        likelihood = float(self.counts @ np.log(self.variance))
+        return likelihood + 2.0 * k + 2.0 * k * (k + 1.0) / room

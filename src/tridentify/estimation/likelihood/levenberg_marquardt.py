@@ -1,0 +1,248 @@
+"""Levenberg-Marquardt on the reduced output-error cost, to a stationary point.
+
+The step is measured in the likelihood: it is small when the predicted decrease of ``-2 log L``
+is, that is when the coefficients move by far less than their standard errors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.answer.estimate import Pass, Status, Step
+from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
+from tridentify.numerics.realization import Complex, denominator, numerators
+from tridentify.numerics.slices import Slices, drain
+
+Array = NDArray[np.float64]
+
+SETTLED = 1e-7
+SETTLED_LONG = 1e-4  # a hundredth of a standard error, squared
+LONG = 50_000
+ROUNDING_SQUARED = 1e-22
+MOST_STEPS = 60
+NEARLY_THERE = 1e-3
+IDLE = 1e-6
+KINK = 1e-3
+INDISTINGUISHABLE = 1e-22
+
+
+@dataclass(eq=False)
+class Recorder:
+    """Collects the passes."""
+
+    passes: list[Pass] = field(default_factory=list)
+
+    def add(self, point: Point, steps: tuple[Step, ...], beta_distance: float, note: str) -> None:
+        """Add one pass, numbered from 1."""
+        self.passes.append(
+            Pass(
+                len(self.passes) + 1,
+                steps,
+                coefficients(point),
+                mean_square(point),
+                beta_distance,
+                point.gradient,
+                note,
+            )
+        )
+
+    def extend(self, other: Recorder) -> None:
+        """Append another's passes, numbered on."""
+        for one in other.passes:
+            self.passes.append(replace(one, number=len(self.passes) + 1))
+
+
+def coefficients(point: Point) -> Array:
+    """Physical coefficients in the order of `Structure.names`."""
+    problem = point.problem
+    found = np.zeros(problem.n_coefficients)
+    a_places, b_places = problem.places()
+    for place, branch in zip(a_places, point.branches, strict=True):
+        n, a = branch.inner.order, denominator(branch.inner.poles)
+        table = numerators(branch.inner.poles)
+        found[place] = a[1:]
+        for i, j in np.argwhere(branch.channels).tolist():
+            proper = point.response.rows[i, j, branch.own] @ table
+            full = np.concatenate([[0.0], proper]) + point.response.direct[i, j] * a
+            found[b_places[i, j]] = full[n - problem.n_zeros[i][j] :]
+    if problem.n_delays:
+        found[-problem.n_delays :] = problem.delays
+    return found
+
+
+def mean_square(point: Point) -> float:
+    """Residual mean square; the geometric mean over several outputs."""
+    variance = point.rss / point.counts
+    if np.any(variance == 0):
+        return 0.0
+    return float(np.exp(point.counts @ np.log(variance) / point.counts.sum()))
+
+
+def criterion(point: Point, decrease: float = 0.0) -> float:
+    """AICc, with residuals below rounding counted as equal.
+
+    Parameters
+    ----------
+    point : Point
+    decrease : float
+        Expected fall of ``-2 log L`` by a further step.
+
+    Returns
+    -------
+    float
+        ``sum_i N_i log(RSS_i / N_i) + 2 k + 2 k (k + 1) / (N - k - 1)``.
+    """
+    problem = point.problem
+    n = point.counts
+    fall = np.exp(-decrease / n.sum())
+    likelihood = float(n @ np.log(fall * point.rss / n + INDISTINGUISHABLE * problem.size))
+    k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
+    room = max(float(n.sum()) - k - 1.0, 0.5)
+    return likelihood + 2.0 * k + 2.0 * k * (k + 1.0) / room
+
+
+def at_rounding(point: Point) -> bool:
+    """Whether the residual is no more than rounding: a noise-free record."""
+    return bool(np.all(point.rss / point.counts < ROUNDING_SQUARED * point.problem.size))
+
+
+def _gain(point: Point, trial: Point) -> float:
+    """Fall of `Point.objective`; outputs at rounding count only when all are."""
+    limit = ROUNDING_SQUARED * point.problem.size
+    exact = (point.rss < limit * point.counts) & (trial.rss < limit * trial.counts)
+    if exact.all() or not exact.any():
+        return point.objective - trial.objective
+    before, after = np.log(point.variance[~exact]), np.log(trial.variance[~exact])
+    return float(point.counts[~exact] @ (before - after))
+
+
+def finish(
+    at: Callable[..., Point],
+    point: Point,
+    recorder: Recorder | None,
+    most: int = MOST_STEPS,
+    settled: float | None = None,
+) -> tuple[Point, Status, str]:
+    """Levenberg-Marquardt on the reduced output-error cost.
+
+    Parameters
+    ----------
+    at : callable
+        Evaluates the cost at admissible poles, and at ``delays`` where they are estimated along.
+    point : Point
+        Where to begin.
+    recorder : Recorder, optional
+        Is told every step that is taken.
+    most : int
+        Most steps tried.
+    settled : float, optional
+        Fall of ``-2 log L`` below which a further step is not worth while (default: by the number
+        of samples).
+
+    Returns
+    -------
+    point : Point
+    status : Status
+        Any but `Status.WEAKLY_IDENTIFIABLE`.
+    why : str
+        In words.
+    """
+    return drain(finishing(at, point, recorder, most, settled))
+
+
+def finishing(
+    at: Callable[..., Point],
+    point: Point,
+    recorder: Recorder | None,
+    most: int = MOST_STEPS,
+    settled: float | None = None,
+) -> Slices[tuple[Point, Status, str]]:
+    """`finish` in slices, one a step."""
+    problem = point.problem
+    if settled is None:
+        settled = SETTLED if point.counts.sum() < LONG else SETTLED_LONG
+    damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
+    for _ in range(most):
+        left = point.step(0.0).decrease
+        if left < settled:
+            why = f"the next step would lower -2 log L by {left:.0e}, less than {settled:.0e}"
+            return point, _settled(held), why
+        yield
+        proposed, predicted, delays = point.step(damping)
+        poles, note = problem.admissible(proposed)
+        trial = at(poles) if delays is None else _late(at, poles, delays, problem)
+        gain = _gain(point, trial)
+        exact += at_rounding(trial)
+        if exact and (gain < 0.5 * point.counts.sum() or exact > 3):
+            best = trial if gain > 0 else point
+            return best, Status.CONVERGED, "the residual is down to rounding"
+        if gain <= 0:
+            damping = max(damping * growth, 1e-3)
+            growth *= 2.0
+            if damping > 1e8:
+                break
+            continue
+        if recorder is not None:
+            recorder.add(trial, (_error_step(trial, damping),), np.nan, note)
+        point, held = trial, note
+        ratio = gain / predicted
+        damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
+        damping = 0.0 if damping < 1e-6 else damping
+        growth = 2.0
+        idle = idle + 1 if gain < IDLE else 0
+        if idle > 2:
+            break
+    open_ = point.problem.pinned is None and point.problem.floors is None
+    if point.problem.n_delays and open_ and point.problem.kinks().any():
+        return _on_a_kink(at, point, recorder, most)
+    left = point.step(0.0).decrease
+    if held and held != REFLECTED:
+        return point, _settled(held), held
+    if left < NEARLY_THERE:
+        return point, Status.CONVERGED, f"a further step would lower -2 log L by {left:.1e}"
+    if idle > 2 or damping > 1e8:
+        return point, Status.STALLED, "no further step lowers the cost"
+    return point, Status.MAX_PASSES, f"{most} steps on the output error"
+
+
+def _late(at: Callable[..., Point], poles: Complex, delays: Array, problem: Problem) -> Point:
+    if problem.pinned is None:
+        return at(poles, delays=delays)
+    return at(poles, delays=delays, pinned=problem.pinned)
+
+
+def _on_a_kink(
+    at: Callable[..., Point], point: Point, recorder: Recorder | None, most: int
+) -> tuple[Point, Status, str]:
+    """The end where a delay cannot leave a whole number of steps: all else is finished there."""
+    problem = point.problem
+    kinks, dt = problem.kinks(), problem.experiments[0].dt
+    delays = np.where(kinks, np.round(problem.delays / dt) * dt, problem.delays)
+    there = at(point.poles, delays=delays, pinned=kinks)
+    end, status, why = finish(at, there, recorder, most)
+    if end.objective > point.objective + KINK:
+        return point, Status.STALLED, "no further step lowers the cost"
+    return end, status, f"{why}; a delay lies on a whole step, where the cost has a kink"
+
+
+def _settled(held: str) -> Status:
+    if not held or held == REFLECTED:
+        return Status.CONVERGED
+    return Status.AT_SAMPLING_LIMIT if held == TOO_FAST else Status.AT_STABILITY_LIMIT
+
+
+def _error_step(point: Point, damping: float) -> Step:
+    condition = max(fit.solution.condition for fit in point.fits)
+    note = f"damping {damping:.1e}" if damping else ""
+    return Step(
+        "output error",
+        point.problem.lower_coefficients(point.poles),
+        float(point.rss.sum() / point.counts.sum()),
+        condition,
+        note,
+    )

@@ -1,0 +1,375 @@
+"""A structure and its records, resolved: what every pass of an estimator works on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.models.regression import Experiment, Regression, restricted
+from tridentify.numerics.realization import Cascade, Complex, denominator, sort_poles
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+
+SLOWEST = 1e-3
+FASTEST = 20.0
+LEAST_DAMPED = 1e-6
+BELOW_NYQUIST = 0.98
+
+ON_A_STEP = 0.02
+
+REFLECTED = "reflected an unstable pole"
+TOO_FAST = "held a pole at the fastest the sampling can show"
+TOO_SLOW = "held a pole at the slowest decay the record can show"
+
+
+class Group(NamedTuple):
+    """Channels that share one denominator.
+
+    Attributes
+    ----------
+    order : int
+        Degree of the denominator.
+    first : int
+        Position of its first pole among those of all groups.
+    channels : tuple of (output, input)
+    """
+
+    order: int
+    first: int
+    channels: tuple[tuple[int, int], ...]
+
+    @property
+    def poles(self) -> slice:
+        """Where its poles stand among those of all groups."""
+        return slice(self.first, self.first + self.order)
+
+    def of_output(self, output: int) -> bool:
+        """Whether any of its channels leads to an output."""
+        return any(i == output for i, _ in self.channels)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """Experiments and orders; nuisance terms are decided.
+
+    The channels fall into groups that share a denominator: all of them in one, or each on its own.
+    The poles of all groups are one vector, group by group.
+
+    Attributes
+    ----------
+    experiments : tuple of Experiment
+    n_poles : int
+        Number of poles of all groups: with one group the degree of the shared denominator.
+    n_zeros : tuple of tuples of int
+        Degrees of the numerators, ``[output][input]``.
+    power : (n_outputs,) array
+        Mean squares of the outputs about their means.
+    size : (n_outputs,) array
+        Mean squares of the outputs as recorded: what rounding is relative to.
+    groups : tuple of Group
+    limits : (n_inputs,) array, optional
+        Where the delays of the inputs are estimated along: how large each may become [s].
+    pinned : (n_inputs,) bool array, optional
+        Delays that stay, for the time being, where they are.
+    floors : (n_inputs,) array, optional
+        How small each delay may become [s], where not zero.
+    """
+
+    experiments: tuple[Experiment, ...]
+    n_poles: int
+    n_zeros: tuple[tuple[int, ...], ...]
+    power: Array
+    size: Array
+    groups: tuple[Group, ...]
+    limits: Array | None = None
+    pinned: NDArray[np.bool_] | None = None
+    floors: Array | None = None
+
+    @classmethod
+    def of(
+        cls,
+        experiments: Sequence[Experiment],
+        n_poles: int | Sequence[Sequence[int]],
+        n_zeros: tuple[tuple[int, ...], ...],
+    ) -> Problem:
+        """A problem with the scales of its outputs.
+
+        Parameters
+        ----------
+        experiments : sequence of Experiment
+        n_poles : int or nested sequence of int
+            Degree of the shared denominator; nested ``[output][input]`` for separate ones.
+        n_zeros : tuple of tuples of int
+        """
+        spread = np.zeros(len(n_zeros))
+        size = np.zeros(len(n_zeros))
+        count = np.zeros(len(n_zeros))
+        for e in experiments:
+            y = e.y
+            n = np.full(len(n_zeros), float(e.n_samples))
+            if np.isnan(y.sum()):
+                n = np.maximum(np.isfinite(y).sum(axis=0), 1.0)
+                y = np.where(np.isfinite(y), y, np.nansum(y, axis=0) / n)
+            squares = np.einsum("ij,ij->j", y, y)
+            # centred on the first value, so that a large trim does not drown the movement
+            moved = y - y[0]
+            about = np.einsum("ij,ij->j", moved, moved)
+            spread += np.maximum(about - moved.sum(axis=0) ** 2 / y.shape[0], 0.0)
+            size = np.maximum(size, squares / y.shape[0])
+            count += n
+        groups = _groups(n_poles, n_zeros)
+        total = sum(group.order for group in groups)
+        return cls(tuple(experiments), total, n_zeros, spread / count, size, groups)
+
+    def over(self, experiments: Sequence[Experiment]) -> Problem:
+        """The same orders and groups for other experiments."""
+        found = Problem.of(experiments, self.n_poles, self.n_zeros)
+        return replace(found, groups=self.groups, limits=self.limits)
+
+    @property
+    def delays(self) -> Array:
+        """(n_inputs,) how late each input reaches the first output [s]."""
+        delays = self.experiments[0].delays
+        return np.zeros(self.n_inputs) if delays is None else np.asarray(delays[0])
+
+    def delayed(self, delays: Array) -> Problem:
+        """The same problem with these delays [s] of the inputs, in every experiment."""
+        late = np.tile(delays, (self.n_outputs, 1)) if np.any(delays) else None
+        return replace(self, experiments=tuple(replace(e, delays=late) for e in self.experiments))
+
+    def kinks(self) -> NDArray[np.bool_]:
+        """(n_inputs,) whether a delay lies where the cost has a kink: on a whole step of a hold."""
+        steps = [e.dt for e in self.experiments if e.intersample == "zoh" and e.t is None]
+        near = [np.abs(self.delays / dt - np.round(self.delays / dt)) < ON_A_STEP for dt in steps]
+        return np.any(near, axis=0) if near else np.zeros(self.n_inputs, dtype=bool)
+
+    def freed(self, limits: Array | None, floors: Array | None = None) -> Problem:
+        """The same problem with delays estimated along within limits, or known (None)."""
+        return replace(self, limits=limits, floors=floors)
+
+    @property
+    def n_delays(self) -> int:
+        """Number of delays that are estimated along."""
+        return 0 if self.limits is None else self.limits.size
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return len(self.n_zeros)
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return len(self.n_zeros[0])
+
+    @property
+    def biproper(self) -> bool:
+        """Whether any channel has as many zeros as poles."""
+        return any(self.n_zeros[i][j] == g.order for g in self.groups for i, j in g.channels)
+
+    def order(self, output: int, input_: int) -> int:
+        """Degree of the denominator of a channel."""
+        return next(g.order for g in self.groups if (output, input_) in g.channels)
+
+    def free_order(self, output: int) -> int:
+        """Number of states that an unknown initial state of one output has."""
+        return sum(g.order for g in self.groups if g.of_output(output))
+
+    def split(self, poles: Complex) -> tuple[Complex, ...]:
+        """The poles of each group."""
+        return tuple(poles[g.poles] for g in self.groups)
+
+    def lower_coefficients(self, poles: Complex) -> Array:
+        """(n_poles,) ``a_{n-1} .. a_0`` of every group."""
+        return np.concatenate([denominator(own)[1:] for own in self.split(poles)])
+
+    def vector(self, poles: Complex, b: Sequence[Sequence[Array]]) -> Array:
+        """The parameter vector of poles and numerators, without delays.
+
+        Parameters
+        ----------
+        poles : (n_poles,) complex array
+            Group by group.
+        b : nested sequence of arrays
+            ``b[output][input]``, descending powers.
+        """
+        a_places, b_places = self.places()
+        found = np.zeros(self.n_coefficients - self.n_delays)
+        for place, own in zip(a_places, self.split(poles), strict=True):
+            found[place] = denominator(own)[1:]
+        for (i, j), place in b_places.items():
+            found[place] = b[i][j]
+        return found
+
+    def places(self) -> tuple[tuple[slice, ...], dict[tuple[int, int], slice]]:
+        """Where the coefficients stand in the parameter vector (`Structure.names`).
+
+        Returns
+        -------
+        a : tuple of slice
+            Of every group.
+        b : dict of (output, input) to slice
+            Delays that are estimated along stand behind all of them.
+        """
+        a: dict[int, slice] = {}
+        b: dict[tuple[int, int], slice] = {}
+        at = 0
+        for i, row in enumerate(self.n_zeros):
+            for j, m in enumerate(row):
+                k = next(k for k, g in enumerate(self.groups) if (i, j) in g.channels)
+                if k not in a:
+                    a[k] = slice(at, at + self.groups[k].order)
+                    at += self.groups[k].order
+                b[i, j] = slice(at, at + m + 1)
+                at += m + 1
+        return tuple(a[k] for k in range(len(self.groups))), b
+
+    def denominator_places(self) -> NDArray[np.intp]:
+        """(n_poles,) positions of all ``a`` in the parameter vector, group by group."""
+        every = np.arange(self.n_coefficients)
+        return np.concatenate([every[place] for place in self.places()[0]])
+
+    @property
+    def n_coefficients(self) -> int:
+        """Number of physical coefficients."""
+        return self.n_poles + sum(m + 1 for row in self.n_zeros for m in row) + self.n_delays
+
+    @property
+    def n_nuisance(self) -> int:
+        """Number of nuisance terms over all experiments and outputs."""
+        states = sum(self.free_order(i) for i in range(self.n_outputs))
+        return sum(
+            states * e.free + self.n_outputs * (e.offset + e.drift) for e in self.experiments
+        )
+
+    @property
+    def noise(self) -> tuple[Array, ...]:
+        """Autoregressive coefficients of each output's noise; empty where all are white."""
+        return self.experiments[0].noise
+
+    def whitened(self, noise: tuple[Array, ...]) -> Problem:
+        """The same problem with a model of the noise (the empty tuple: white)."""
+        experiments = tuple(replace(e, noise=noise) for e in self.experiments)
+        return replace(self, experiments=experiments)
+
+    @property
+    def slowest(self) -> float:
+        """Slowest decay that can be told from a constant [rad/s]."""
+        return SLOWEST / max(e.duration for e in self.experiments)
+
+    @property
+    def shortest(self) -> float:
+        """Length of the shortest experiment [s]."""
+        return min(e.duration for e in self.experiments)
+
+    @property
+    def fastest(self) -> float:
+        """Fastest pole that leaves a trace between two samples [rad/s]."""
+        return FASTEST / min(e.dt for e in self.experiments)
+
+    def admissible(self, poles: Complex) -> tuple[Complex, str]:
+        """Reflect unstable poles and keep all of them where the record can see them.
+
+        Parameters
+        ----------
+        poles : (n,) complex array [rad/s]
+
+        Returns
+        -------
+        poles : (n,) complex array
+            In the open left half plane, those of each group slow to fast.
+        note : str
+            What was done; empty when nothing was.
+        """
+        size = np.abs(poles)
+        size = np.where(np.isfinite(size), size, self.fastest)
+        real = np.where(np.isfinite(poles.real), poles.real, -self.fastest)
+        imag = np.where(np.isfinite(poles.imag), poles.imag, 0.0)
+        note = ""
+        if np.any(real > 0):
+            note = REFLECTED
+        real = -np.abs(real)
+        factor = self.fastest / np.maximum(size, self.fastest)
+        if np.any(factor < 1):
+            note = TOO_FAST
+        real, imag = real * factor, imag * factor
+        nyquist = BELOW_NYQUIST * np.pi / min(e.dt for e in self.experiments)
+        if np.any(np.abs(imag) > nyquist):
+            note = TOO_FAST
+            imag = np.clip(imag, -nyquist, nyquist)
+        floor = np.maximum(self.slowest, LEAST_DAMPED * np.abs(imag))
+        if np.any(-real < floor):
+            note = TOO_SLOW
+        real = -np.maximum(-real, floor)
+        kept = real + 1j * imag
+        return np.concatenate([sort_poles(own) for own in self.split(kept)]), note
+
+
+@dataclass(frozen=True, eq=False)
+class Variant:
+    """A choice of nuisance terms seen from a problem that has all of them.
+
+    Attributes
+    ----------
+    free, offset, drift : bool
+        Which terms to keep.
+    constants : tuple of (n_inputs,) arrays or None
+        Per experiment, what has to be added back to the inputs.
+    """
+
+    free: bool
+    offset: bool
+    drift: bool
+    constants: tuple[Array | None, ...]
+
+    def problem(self, base: Problem) -> Problem:
+        """The smaller problem; its inputs are the base's, so it is for counting only."""
+        experiments = tuple(
+            replace(e, free=self.free, offset=self.offset, drift=self.drift)
+            for e in base.experiments
+        )
+        return replace(base, experiments=experiments)
+
+    def regressions(self, whole: Sequence[Regression], bank: Cascade) -> tuple[Regression, ...]:
+        """Triangles of the smaller problem from those of the base."""
+        return tuple(
+            restricted(
+                regression,
+                bank,
+                free=self.free,
+                offset=self.offset,
+                drift=self.drift,
+                constants=constants,
+            )
+            for regression, constants in zip(whole, self.constants, strict=True)
+        )
+
+
+def poles_of(structure: Structure) -> int:
+    """Degree of the shared denominator."""
+    return structure.common_poles
+
+
+def states_of(structure: Structure, n_outputs: int, n_inputs: int) -> tuple[int, ...]:
+    """Number of states behind every output: of the shared denominator, or of all its own."""
+    if structure.shared:
+        return (poles_of(structure),) * n_outputs
+    return tuple(sum(row) for row in structure.poles_matrix(n_outputs, n_inputs))
+
+
+def _groups(
+    n_poles: int | Sequence[Sequence[int]], n_zeros: tuple[tuple[int, ...], ...]
+) -> tuple[Group, ...]:
+    channels = [(i, j) for i, row in enumerate(n_zeros) for j in range(len(row))]
+    if isinstance(n_poles, int):
+        return (Group(n_poles, 0, tuple(channels)),)
+    found, first = [], 0
+    for i, j in channels:
+        found.append(Group(n_poles[i][j], first, ((i, j),)))
+        first += n_poles[i][j]
+    return tuple(found)

@@ -1,0 +1,236 @@
+"""Standard errors that hold when the noise is not what it was taken for.
+
+With ``g_t`` the derivatives of the outputs over the noise's standard deviation (whitened, where the
+noise has a model) in coordinates in which ``sum g g' = I``, and ``e_t`` the innovations over the
+same, the estimate moves by ``sum g e``. If the noise is what it was taken for this has the
+covariance ``I``, else
+
+    S = cov sum g e,
+
+the sum of ``s s'`` over blocks, ``s`` the sum of ``g e`` over one, once blocks are long beside the
+memory of ``g e`` (White 1980; Newey & West 1987). A disturbance that comes and goes, a drift that
+wanders, and a response that the model misses all make the scores of a block larger than white noise
+does; and the scores of a block are what its own estimate would differ by.
+
+*Which blocks.* They hold equal shares of the information, so that a stretch at rest does not count
+as a witness. Long ones have little bias, many have little scatter: of 8, 16, 32 and 64 blocks those
+with the largest scatter count. *Small samples.* The scores add up to zero at the estimate, and a
+block that holds much of the information pulls the estimate to itself. In these coordinates white
+noise gives ``cov s = H (I - H)``, with ``H = sum g g'`` over the block, so ``(I - H)^{-1/2} s``
+takes its place (Bell & McCaffrey 2002). The scatter of few blocks is itself uncertain: it is drawn
+towards its mean over the directions, by the share that unknowns have in unknowns and blocks, and
+the errors are those of the t distribution that the blocks leave.
+
+*Whether.* Given ``H`` the mean and variance of ``sum |s|^2`` under white noise are known. Only
+where it is larger than chance explains are these errors used, and they are then in no direction
+smaller than those of the likelihood. So nothing is lost where the noise is what it was taken for.
+
+References
+----------
+H. White, Econometrica 48 (1980), 817-838.
+W. K. Newey, K. D. West, Econometrica 55 (1987), 703-708.
+R. M. Bell, D. F. McCaffrey, Survey Methodology 28 (2002), 169-181.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri, stdtrit
+
+from tridentify.estimation.likelihood.cost import Point
+from tridentify.numerics.autoregression import Whitener
+
+Array = NDArray[np.float64]
+
+BLOCKS = (64, 32, 16, 8)
+"""Numbers of blocks that are looked at."""
+
+FEWEST = 6
+"""Samples that a block has at least, on the average."""
+
+FALSE_ALARMS = 1e-3
+"""Probability, over all numbers of blocks, that white noise is taken for something else."""
+
+MOST_HELD = 0.8
+"""Share of the information on one direction in one block above which it is not corrected for."""
+
+LONGEST_SCORED = 200_000
+"""Samples of all outputs beyond which the scores are not looked at."""
+
+COVERED = 0.975
+
+
+@dataclass(frozen=True, eq=False)
+class ScoreScatter:
+    """What the scores say of the covariance.
+
+    Attributes
+    ----------
+    covariance : (k, k) array
+        In the coordinates in which that of the likelihood is the identity; nowhere below it.
+    blocks : int
+        How many blocks it was taken from.
+    ratio : float
+        Mean of the scatter over what white noise gives.
+    """
+
+    covariance: Array
+    blocks: int
+    ratio: float
+
+    def in_words(self) -> str:
+        """Where the standard errors come from, and by how much they differ."""
+        return (
+            f"standard errors from the scatter of the scores over {self.blocks} blocks, "
+            f"{math.sqrt(self.ratio):.2g} times those that the noise model gives: the disturbance "
+            "is neither white nor autoregressive, or part of it follows the input"
+        )
+
+
+def scatter_of_scores(point: Point, root: Array, noise: Array) -> ScoreScatter | None:
+    """The covariance of the scores, where it is larger than the likelihood's.
+
+    Parameters
+    ----------
+    point : Point
+    root : (n_unknowns, k) array
+        ``root root'`` is the covariance of the unknowns of `Point.jacobian`.
+    noise : (n_outputs,) array
+        Variance of the innovations.
+
+    Returns
+    -------
+    ScoreScatter or None
+        None where the scores do not contradict the likelihood, or are too few to say.
+    """
+    if point.counts.sum() > LONGEST_SCORED or not np.all(noise > 0):
+        return None
+    directions, scores = zip(*_scores(point, root, noise), strict=True)
+    return judged_scatter(directions, scores)
+
+
+def _scores(point: Point, root: Array, noise: Array) -> list[tuple[Array, Array]]:
+    """``g`` and ``e`` of every experiment."""
+    moved = [point.sensitivities(root, i) for i in range(point.problem.n_outputs)]
+    return whitened_scores(point.residuals(), moved, point.problem.noise, noise)
+
+
+def whitened_scores(
+    residuals: Sequence[Array],
+    moved: Sequence[Sequence[Array]],
+    models: Sequence[Array],
+    noise: Array,
+) -> list[tuple[Array, Array]]:
+    """Derivatives and innovations over the noise's standard deviation, as `judged_scatter` asks.
+
+    Parameters
+    ----------
+    residuals : sequence of (n_samples, n_outputs) arrays
+        One for each experiment; ``nan`` marks a missing sample.
+    moved : sequence of sequences of (n_samples, k) arrays
+        For each output and experiment, the derivatives of the output.
+    models : sequence of (p,) arrays
+        Autoregression of each output; empty where all are white.
+    noise : (n_outputs,) array
+        Variance of the innovations.
+    """
+    outputs, found = noise.size, []
+    models = models or (np.zeros(0),) * outputs
+    for e, residual in enumerate(residuals):
+        gs, es = [], []
+        for i, a in enumerate(models):
+            seen = np.isfinite(residual[:, i])
+            both = np.column_stack([moved[i][e], residual[:, i]])
+            rows = np.ascontiguousarray(np.where(seen[:, None], both, 0.0).T)
+            white = Whitener(a, rows.shape[0]).apply(rows, seen) / np.sqrt(noise[i])
+            gs.append(white[:-1].T)
+            es.append(white[-1])
+        found.append((np.stack(gs, axis=1), np.stack(es, axis=1)))
+    return found
+
+
+def judged_scatter(
+    directions: Sequence[Array], innovations: Sequence[Array]
+) -> ScoreScatter | None:
+    """As `scatter_of_scores`, for given directions and innovations.
+
+    Parameters
+    ----------
+    directions : sequence of (n_samples, n_outputs, k) arrays
+        ``g`` of every experiment; ``sum g g' = I``.
+    innovations : sequence of (n_samples, n_outputs) arrays
+        Of variance one if the noise is what it was taken for.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> g = np.linalg.qr(rng.standard_normal((800, 2)).cumsum(axis=0))[0]
+    >>> white = rng.standard_normal(800)
+    >>> slow = np.repeat(rng.standard_normal(20), 40)
+    >>> left = [e - g @ (g.T @ e) for e in (white, white + slow)]
+    >>> [judged_scatter([g[:, None]], [e[:, None]]) is None for e in left]
+    [True, False]
+    """
+    weight = np.concatenate([np.einsum("toi,toi->t", g, g) for g in directions])
+    scores = np.vstack(
+        [np.einsum("toi,to->ti", g, e) for g, e in zip(directions, innovations, strict=True)]
+    )
+    g = np.vstack(directions)
+    k, used = scores.shape[1], int(np.sum(weight > 0))
+    counts = [n for n in BLOCKS if n * FEWEST <= used]
+    found = None
+    for n in counts:
+        one = _on_blocks(weight, scores, g, n, FALSE_ALARMS / len(counts))
+        if one is not None and (found is None or one.ratio > found.ratio):
+            found = one
+    return None if found is None or k == 0 else found
+
+
+def _on_blocks(
+    weight: Array, scores: Array, g: Array, count: int, rate: float
+) -> ScoreScatter | None:
+    """The scatter over about so many blocks; None where chance explains it."""
+    share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
+    edges = np.unique(np.searchsorted(share, np.arange(count) / count))
+    # where the last sample holds most of it, the last blocks would begin behind it
+    edges = edges[edges < weight.size]
+    sums = np.add.reduceat(scores, edges, axis=0)
+    stops = np.append(edges[1:], len(g))
+    held = np.array(
+        [
+            np.einsum("toi,toj->ij", g[a:b], g[a:b], optimize=True)
+            for a, b in zip(edges, stops, strict=True)
+        ]
+    )
+    k, blocks = sums.shape[1], edges.size
+    if blocks < 2:
+        return None
+    values, vectors = np.linalg.eigh(held)
+    expected = float(np.sum(values * (1.0 - values)))
+    variance = 2.0 * float(np.einsum("bij,bij->", held, held))
+    # half of the degrees of freedom of the chi-square with that mean and variance
+    statistic = float(np.sum(sums**2))
+    freedom = 2.0 * expected**2 / max(variance, 1e-300)
+    if statistic <= expected * _largest(freedom, rate):
+        return None
+    shrink = np.sqrt(np.maximum(1.0 - np.minimum(values, MOST_HELD), 0.0))
+    turned = np.einsum("bji,bj->bi", vectors, sums) / shrink
+    adjusted = np.einsum("bij,bj->bi", vectors, turned)
+    scatter = adjusted.T @ adjusted
+    ratio = float(np.trace(scatter)) / k
+    towards = k / (k + blocks)
+    scatter = (1.0 - towards) * scatter + towards * ratio * np.eye(k)
+    few = float(stdtrit(blocks - 1.0, COVERED) / ndtri(COVERED)) ** 2
+    size, axes = np.linalg.eigh(few * scatter)
+    return ScoreScatter((axes * np.maximum(size, 1.0)) @ axes.T, blocks, ratio)
+
+
+def _largest(freedom: float, rate: float) -> float:
+    """Quantile of a chi-square over its mean (Wilson & Hilferty 1931)."""
+    spread = 2.0 / (9.0 * max(freedom, 1e-6))
+    return float((1.0 - spread - ndtri(rate) * np.sqrt(spread)) ** 3)

@@ -1,0 +1,1 @@
+"""The rivals that filter the record: state-variable filters and instrumental variables."""

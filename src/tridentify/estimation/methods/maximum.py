@@ -1,0 +1,105 @@
+"""Step 4: from the starts of the search to the stationary point of the output error.
+
+Every choice of nuisance terms that is worth it is finished there, and AICc decides
+(`likelihood.choose_nuisance`). An end at a limit is no end: the poles that ran away are put back,
+and the better of the two counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Trace
+from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
+from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.methods.base import Progress
+from tridentify.estimation.search.delays import Located
+from tridentify.estimation.search.search import Scan, Starts, search_again
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
+
+
+@dataclass(frozen=True, eq=False)
+class Maximum:
+    """The likelihood's maximum, and the way there.
+
+    Attributes
+    ----------
+    end : Finished
+    decisions : tuple of str
+        About nuisance terms and noise.
+    trail : tuple of Pass
+        The passes that led to where the end was begun from.
+    tried : tuple of Start
+        All starts with the cost they led to.
+    """
+
+    end: Finished
+    decisions: tuple[str, ...]
+    trail: tuple[Pass, ...]
+    tried: tuple[Start, ...]
+
+
+def maximum(question: Question, starts: Starts) -> Maximum:
+    """The lowest output error that the starts lead to.
+
+    Parameters
+    ----------
+    question : Question
+    starts : Starts
+        From `search.search`.
+    """
+    found = decide(question, starts.seeds, starts.triangles)
+    best = Maximum(found.best, found.decisions, starts.trails[found.seed], starts.tried)
+    if best.end.status in SOUND:
+        return best
+    question.say("another search, as the end lies at a limit")
+    poles, start = search_again(question.held, best.end.nuisances, best.end.point.poles)
+    best = replace(best, tried=(*best.tried, start))
+    other = decide(question, [poles])
+    if other.best.criterion < best.end.criterion:
+        best = replace(best, end=other.best, decisions=other.decisions)
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class Reached:
+    """What a method ends with when it is done: what its answer is made of.
+
+    Attributes
+    ----------
+    end : Finished
+    trace : Trace
+    scan : Scan, optional
+        The search's last look at other places.
+    """
+
+    end: Finished
+    trace: Trace
+    scan: Scan | None = None
+
+
+class Maximiser(Protocol):
+    """A method that goes to the likelihood's maximum: what the loops around it are given."""
+
+    @property
+    def name(self) -> str:
+        """What tables and files call it."""
+
+    def maximise(
+        self,
+        records: Sequence[Record],
+        structure: Structure,
+        say: Progress,
+        located: Located | None = None,
+    ) -> Reached:
+        """The maximum for known delays, or for delays near some that are known."""
+
+    def answer(
+        self, reached: Reached, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> Estimate:
+        """The estimate there."""

@@ -1,0 +1,385 @@
+"""Steps 1 to 4 as the paper prints them, for any orders n >= m.
+
+    Step 1  y_M = sum_{i=1}^k beta_i W_i x                     parallel model (eq. 3)
+    Step 2  min |(a / c) y_M - (b / c) x|,  deg c > deg a      series-parallel model (eq. 5)
+    Step 3  y ~ sum_{i=0}^k beta_i W_i (b / a) x,  W_0 = 1     series model
+    Step 4  Step 2 on the output of Step 3; repeat 2 to 4 until beta -> (1, 0, ..., 0)
+
+with fixed operators (all-pass powers, eq. 4, or orthonormal Laguerre functions), a fixed filter
+``c(p)``, and least squares or the one-coefficient-at-a-time formula in Step 1. The
+liberties taken: all filters are computed exactly, nuisance terms are further columns, and poles of
+a pass that are unstable or outside the band of the record are reflected and held (the trace says
+so), so that Step 3 has an output to correct.
+
+As the paper says, ``k`` is limited in practice, so the fixed point of these passes is an
+approximation: with noise it is neither the least-squares nor the maximum-likelihood estimate,
+and no covariance is claimed (it is ``nan``).
+With too few operators ``beta`` may become (1, 0, ..., 0) away from the least-squares point; the end
+is called converged only where a step on the output error would not lower its cost either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import ConvergenceError, OptionError, shown
+from tridentify.estimation.answer.estimate import Estimate, Pass, Status, Step, Trace
+from tridentify.estimation.answer.trace import pairs
+from tridentify.estimation.likelihood.answer import Rests, fit_rests, literal_estimate
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.methods.base import Progress, check, check_count
+from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.filtered.state_variable_filters import check_rates, monic_filter
+from tridentify.models.operators import AllPass, Laguerre, OperatorBank
+from tridentify.models.parallel import fit_parallel
+from tridentify.models.regression import Regression, regress
+from tridentify.models.response import Response
+from tridentify.models.series import fit_series
+from tridentify.models.series_parallel import SeriesParallelFit, fit_series_parallel
+from tridentify.numerics.realization import (
+    Cascade,
+    Complex,
+    cascade,
+    denominator,
+    monomials,
+    sort_poles,
+)
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+
+REACHED = 1e-2
+EXACT = 1e-16
+
+
+@dataclass(frozen=True)
+class PaperThreeModel:
+    """The strategy as printed; made by `ThreeModel.paper`.
+
+    Parameters
+    ----------
+    gamma : float
+        Parameter of the operators [rad/s].
+    n_operators : int
+        How many.
+    filter : tuple of float
+        Coefficients of ``c(p)``, descending powers; stable, of higher degree than ``a``.
+    passes : int
+        Most repetitions of Steps 2 to 4.
+    operators : {"allpass", "laguerre"}
+        Equation (4), or orthonormal Laguerre functions.
+    solver : {"least_squares", "one_at_a_time"}
+        How Step 1 is solved.
+    tolerance : float
+        The passes stop when ``beta`` is this close to (1, 0, ..., 0), or when no coefficient
+        moves by more than this relative to its size.
+
+    Raises
+    ------
+    OptionError
+        For options that make no sense.
+    """
+
+    gamma: float
+    n_operators: int = 3
+    filter: tuple[float, ...] = (1.0, 5.0, 6.0, 7.0)
+    passes: int = 20
+    operators: str = "allpass"
+    solver: str = "least_squares"
+    tolerance: float = 1e-8
+
+    def __post_init__(self) -> None:
+        if self.operators not in ("allpass", "laguerre"):
+            raise OptionError(
+                f"found operators={self.operators!r}; expected 'allpass' or 'laguerre'; choose one"
+            )
+        if self.solver not in ("least_squares", "one_at_a_time"):
+            raise OptionError(
+                f"found solver={self.solver!r}; expected 'least_squares' or "
+                "'one_at_a_time'; choose one"
+            )
+        check_count("passes", self.passes)
+        if not isinstance(self.tolerance, (int, float)) or not self.tolerance >= 0.0:
+            raise OptionError(
+                f"found tolerance={shown(self.tolerance)}; expected a number, zero or more; "
+                "correct it"
+            )
+        try:
+            coefficients = np.asarray(self.filter, dtype=np.float64)
+        except (TypeError, ValueError, OverflowError):
+            coefficients = np.zeros(0)
+        proper = coefficients.ndim == 1 and coefficients.size > 1
+        if not (proper and np.all(np.isfinite(coefficients)) and coefficients[0]):
+            raise OptionError(
+                f"found filter={self.filter!r}; expected the coefficients of c(p), descending "
+                "powers; correct them"
+            )
+        if np.any(np.roots(monic_filter(coefficients)).real >= 0):
+            raise OptionError(
+                f"found an unstable filter {self.filter!r}; expected roots with negative real "
+                "parts; correct the coefficients"
+            )
+        self.bank  # noqa: B018 - checks gamma and n_operators
+        object.__setattr__(self, "filter", tuple(float(c) for c in coefficients))
+
+    @property
+    def name(self) -> str:
+        """``"ThreeModel.paper"``."""
+        return "ThreeModel.paper"
+
+    @property
+    def capabilities(self) -> Capability:
+        """The plain case only."""
+        return Capability.NONE
+
+    @property
+    def bank(self) -> OperatorBank:
+        """The operators."""
+        kind = AllPass if self.operators == "allpass" else Laguerre
+        return kind(self.gamma, self.n_operators)
+
+    def estimate(
+        self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
+    ) -> Estimate:
+        """Run Steps 1 to 4.
+
+        Parameters
+        ----------
+        records : sequence of Record
+        structure : Structure
+            Where nuisance terms are ``"auto"`` the leanest choice is taken.
+        progress : callable, optional
+
+        Returns
+        -------
+        Estimate
+            With a covariance of ``nan``.
+
+        Raises
+        ------
+        OptionError
+            If the filter's degree does not exceed the number of poles.
+        ConvergenceError
+            If a pass gives coefficients that are not finite.
+        """
+        check(records, structure, self.name, self.capabilities)
+        nuisances = candidates(records, structure)[0]
+        problem = build(records, structure, nuisances)
+        if len(self.filter) - 1 <= problem.n_poles:
+            raise OptionError(
+                f"found a filter of degree {len(self.filter) - 1} for {problem.n_poles} poles; "
+                "expected a higher degree; add a root to c(p)"
+            )
+        if progress:
+            progress("Steps 1 to 4")
+        return _PaperRun(self, problem).estimate(records, structure, nuisances)
+
+
+@dataclass(frozen=True, eq=False)
+class _PaperModel:
+    """A pass's b / a as polynomials."""
+
+    poles: Complex
+    b: tuple[tuple[Array, ...], ...]
+
+    def theta(self) -> Array:
+        return np.concatenate([denominator(self.poles)[1:], *(b for row in self.b for b in row)])
+
+
+class _PaperRun:
+    """One run over one problem; everything mutable lives here."""
+
+    def __init__(self, options: PaperThreeModel, problem: Problem) -> None:
+        self.options, self.problem = options, problem
+        self.operators = options.bank
+        self.operator_bank = cascade(self.operators.poles)
+        roots = np.roots(monic_filter(np.asarray(options.filter))).astype(np.complex128)
+        check_rates(roots, "filter", problem.experiments)
+        check_rates(self.operators.poles, "gamma", problem.experiments)
+        self.filter_bank = cascade(sort_poles(roots))
+        self.passes: list[Pass] = []
+        self.samples = float(sum(np.isfinite(e.y).sum() for e in problem.experiments))
+        self.weights = np.ones(problem.n_outputs) / np.sqrt(np.maximum(problem.power, 1e-300))
+
+    def estimate(
+        self, records: Sequence[Record], structure: Structure, nuisances: Nuisances
+    ) -> Estimate:
+        model, steps, note = self._first()
+        status, why = Status.MAX_PASSES, f"{self.options.passes} passes"
+        for number in range(1, self.options.passes + 1):
+            bank, regressions = self._regressions(model.poles)
+            response, rest = self._output(bank, regressions, model)
+            series = fit_series(
+                regressions,
+                bank,
+                response,
+                self.operator_bank,
+                self.operators.rows,
+                self.operators.direct,
+            )
+            step = self._step_2(bank, regressions, series.response)
+            steps = (
+                *steps,
+                Step(
+                    "series",
+                    series.beta.ravel(),
+                    float(series.cost.sum()) / self.samples,
+                    series.condition,
+                    kind=self.options.operators,
+                    poles=pairs(self.operators.poles),
+                ),
+            )
+            self._add(number, steps, model, rest, series.distance, note)
+            before = model.theta()
+            model, note = self._admitted(step)
+            steps = (self._described(step, "Step 4: on the series model's output"),)
+            moved = _relative(model.theta() - before, before, self.problem.n_poles)
+            if series.distance < self.options.tolerance or moved < self.options.tolerance:
+                status = Status.SETTLED
+                why = (
+                    f"beta is within {series.distance:.1e} of (1, 0, ..., 0), the coefficients "
+                    f"moved by {moved:.1e}"
+                )
+                break
+        bank, regressions = self._regressions(model.poles)
+        response, rest = self._output(bank, regressions, model)
+        self._add(len(self.passes) + 1, steps, model, rest, np.nan, note)
+        if status is Status.SETTLED and self._is_stationary(model.poles, rest):
+            status = Status.CONVERGED
+        return literal_estimate(
+            self.problem,
+            records,
+            structure,
+            nuisances,
+            model.theta(),
+            model.poles,
+            rest,
+            status,
+            Trace(tuple(self.passes), stopped=why),
+            self.options.name,
+        )
+
+    def _is_stationary(self, poles: Complex, rests: Rests) -> bool:
+        """Whether the output error has (almost) nothing left to gain near the end."""
+        point = evaluate(self.problem, poles)
+        own = np.zeros(self.problem.n_outputs)
+        for (_, i), rest in rests.items():
+            own[i] += rest.cost
+        if np.all(own / point.counts < EXACT * self.problem.size):
+            return True
+        above = float(point.counts @ np.log((own + 1e-300) / (point.rss + 1e-300)))
+        return above + point.step(0.0)[1] < REACHED
+
+    def _first(self) -> tuple[_PaperModel, tuple[Step, ...], str]:
+        poles = np.concatenate([self.operators.poles, self.filter_bank.poles])
+        bank = cascade(poles)
+        regressions = [regress(e, bank) for e in self.problem.experiments]
+        k = self.operators.rows.shape[1]
+        rows = np.pad(self.operators.rows, ((0, 0), (0, bank.order - k)))
+        parallel = fit_parallel(
+            regressions,
+            rows,
+            self.operators.direct,
+            free_rows=np.eye(k, bank.order),
+            one_at_a_time=self.options.solver == "one_at_a_time",
+        )
+        step = self._step_2(bank, regressions, parallel.response)
+        model, note = self._admitted(step)
+        first = Step(
+            "parallel",
+            parallel.beta.ravel(),
+            float(parallel.cost.sum()) / self.samples,
+            parallel.condition,
+            f"{self.options.operators}, gamma {self.options.gamma:g} rad/s",
+            self.options.operators,
+            pairs(self.operators.poles),
+        )
+        return model, (first, self._described(step, "on the parallel model's output")), note
+
+    def _regressions(self, poles: Complex) -> tuple[Cascade, list[Regression]]:
+        bank = cascade(np.concatenate([poles, self.operators.poles, self.filter_bank.poles]))
+        return bank, [regress(e, bank) for e in self.problem.experiments]
+
+    def _step_2(
+        self, bank: Cascade, regressions: list[Regression], response: Response
+    ) -> SeriesParallelFit:
+        step = fit_series_parallel(
+            regressions,
+            bank,
+            response,
+            self.filter_bank,
+            self.problem.n_poles,
+            self.problem.n_zeros,
+            self.weights,
+        )
+        if not np.all(np.isfinite(step.poles)):
+            raise ConvergenceError(
+                "Step 2 gave coefficients that are not finite; expected a usable pass; choose "
+                "another gamma, filter or number of operators"
+            )
+        return step
+
+    def _admitted(self, step: SeriesParallelFit) -> tuple[_PaperModel, str]:
+        poles, note = self.problem.admissible(step.poles)
+        return _PaperModel(poles, step.b), note
+
+    def _described(self, step: SeriesParallelFit, note: str) -> Step:
+        theta = _PaperModel(step.poles, step.b).theta()
+        filter_ = pairs(self.filter_bank.poles)
+        cost = step.cost / self.samples
+        return Step("series-parallel", theta, cost, step.condition, note, poles=filter_)
+
+    def _output(
+        self, bank: Cascade, regressions: list[Regression], model: _PaperModel
+    ) -> tuple[Response, Rests]:
+        """``(b / a) x`` with the best free response, and what else is fitted to the remainder."""
+        problem, n = self.problem, self.problem.n_poles
+        powers = monomials(cascade(model.poles), n)
+        a = denominator(model.poles)
+        rows = np.zeros((problem.n_outputs, problem.n_inputs, bank.order))
+        direct = np.zeros((problem.n_outputs, problem.n_inputs))
+        for i, j in np.ndindex(direct.shape):
+            b = np.pad(model.b[i][j], (n + 1 - model.b[i][j].size, 0))
+            direct[i, j] = b[0]
+            rows[i, j, :n] = (b[1:] - b[0] * a[1:])[::-1] @ powers
+        free = np.zeros((len(regressions), problem.n_outputs, bank.order))
+        response = Response(rows, direct, free)
+        rests = fit_rests(regressions, response, model.poles)
+        for (e, i), rest in rests.items():
+            free[e, i, :n] = rest.free_row
+        return Response(rows, direct, free), rests
+
+    def _add(
+        self,
+        number: int,
+        steps: tuple[Step, ...],
+        model: _PaperModel,
+        rests: Rests,
+        distance: float,
+        note: str,
+    ) -> None:
+        variance = [
+            sum(r.cost for (_, output), r in rests.items() if output == i)
+            / sum(r.count for (_, output), r in rests.items() if output == i)
+            for i in range(self.problem.n_outputs)
+        ]
+        mean = float(np.exp(np.mean(np.log(np.maximum(variance, 1e-300)))))
+        self.passes.append(Pass(number, steps, model.theta(), mean, distance, np.nan, note))
+
+
+def _relative(change: Array, theta: Array, n_poles: int) -> float:
+    """Largest change of a coefficient relative to itself, or to its polynomial if it is tiny."""
+    found = 0.0
+    for part in (slice(0, n_poles), slice(n_poles, None)):
+        size = np.abs(theta[part])
+        size = np.maximum(size, 1e-9 * size.max(initial=0.0))
+        ratio = np.abs(change[part]) / np.where(size > 0, size, 1.0)
+        found = max(found, float(ratio.max(initial=0.0)))
+    return found

@@ -1,0 +1,295 @@
+"""Where the likelihood's maximum is not the answer: the mean over the posterior.
+
+On short, noisy records the maximum-likelihood estimate is heavy-tailed: poles run off to where
+the record is blind. No unbiased estimator helps there; what helps is to weigh all denominators
+that explain the record. With the reference prior of `posterior.surface` that takes no tuning.
+
+*Loss.* Which mean? An error in ``a_{n-k}`` matters relative to ``w^k``, ``w`` the geometric mean of
+the pole magnitudes: time has no natural unit. The estimate that minimises the expected squared
+relative error is Pitman's for a scale (Pitman 1939; Lehmann & Casella 1998, section 3.3),
+
+    a_{n-k} = E[a_{n-k} w^{-2k}] / E[w^{-2k}],
+
+finite although the plain mean is not, since the far tail of fast poles weighs next to nothing. It
+scales exactly with the unit of time. Where poles lie decades apart one ``w`` does not measure them
+all: a fast pair that the record hardly sees would pull along a slow one that it sees well. So with
+three poles and more the mean is also taken section by section, each with a ``w`` of its own, and of
+the two the one that explains the record better counts. ``b`` and the nuisance terms are then the
+least-squares ones at this denominator.
+
+*When.* The maximum is kept where the posterior is as good as Gaussian: where no coefficient of
+a section ``p^2 + c p + d`` (neighbouring poles, `posterior.many_cascades`) has a standard error
+above a tenth of its natural size, ``max(c, sqrt d, 1/T)`` and its square. Both estimates then agree
+within a fraction of a standard error. Elsewhere, and where the search ended at a limit, the
+posterior decides. Where a usable maximum explains the record far better than the mean, the likely
+models lie on a curve and their mean beside it (little noise, needless poles): the maximum is kept.
+
+*Uncertainty.* Intervals are quantiles of posterior draws. A volume prior of Jeffreys' kind makes
+them cover as stated to first order (Welch & Peers 1963). The standard error shown is half the
+width of the central 68.3 % interval, as the second moment may not exist. Where the scores scatter
+more than the likelihood says (`likelihood.scores`), the draws are drawn apart from the mean by so
+much (`posterior.maximum_or_mean`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from statistics import NormalDist
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.posterior.many_cascades import Sections, coordinates
+from tridentify.estimation.posterior.sampling import (
+    Box,
+    ProposalMixture,
+    StudentKernels,
+    WeightedDraws,
+    resample,
+    sample,
+)
+from tridentify.estimation.posterior.surface import Surface, surface, unit_of
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.root_draws import stacked_roots
+
+Array = NDArray[np.float64]
+
+LONGEST = 5_000
+VAGUE = 0.1
+DRAWS = 1_000
+ROUND = 1_000
+ENOUGH = 400.0
+SOME = 60.0
+MORE = 7
+TOO_FEW = 5.0
+SEVERAL = 3
+SLOW_EDGE, FAST_EDGE = 0.3, 2.0
+LEAST_DAMPING, MOST_DAMPING = 0.02, 6.0
+SPREAD = (0.02, 1.0)
+DIFFERENCE = 1e-6
+NORMAL = NormalDist()
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """What all denominators together say.
+
+    Attributes
+    ----------
+    poles : (n,) complex array
+        Of the mean denominator; admissible.
+    draws : (n_draws, n_parameters) array
+        Equally likely coefficients, in the order of `Structure.names`.
+    effective : float
+        How many independent draws the evaluated denominators are worth.
+    evaluated : int
+        Denominators evaluated.
+    """
+
+    poles: Complex
+    draws: Array
+    effective: float
+    evaluated: int
+
+    @property
+    def usable(self) -> bool:
+        """Whether the draws say anything."""
+        return self.effective >= TOO_FEW
+
+    @property
+    def covariance(self) -> Array:
+        """(n_parameters, n_parameters), from quantiles and rank correlations.
+
+        Standard deviations are half the central 68.3 % intervals, correlations those of the
+        normal scores, so that no far draw dominates.
+        """
+        low, high = np.quantile(self.draws, (NORMAL.cdf(-1.0), NORMAL.cdf(1.0)), axis=0)
+        ranks = np.argsort(np.argsort(self.draws, axis=0), axis=0) + 0.5
+        scores = ndtri(ranks / self.draws.shape[0])
+        correlation = np.atleast_2d(np.corrcoef(scores, rowvar=False))
+        std = 0.5 * (high - low)
+        return np.asarray(correlation * np.outer(std, std))
+
+
+def is_short(problem: Problem) -> bool:
+    """Whether the record is short enough to weigh thousands of denominators."""
+    return sum(e.n_samples for e in problem.experiments) <= LONGEST
+
+
+@dataclass(frozen=True)
+class Vague:
+    """The section ``p^2 + c p + d`` (or the factor ``p + s``) that a record determines worst.
+
+    Attributes
+    ----------
+    share : float
+        Standard error of one of its coefficients over the natural size of that.
+    frequency : float
+        Where its poles lie [rad/s].
+    quantity : str
+        In words, which coefficient it is.
+    """
+
+    share: float
+    frequency: float
+    quantity: str
+
+
+def vaguest(poles: Complex, cov: Array, longest: float) -> Vague:
+    """The section whose coefficient has the largest standard error over its natural size.
+
+    Parameters
+    ----------
+    poles : (n,) complex array
+    cov : (n, n) array
+        Covariance of ``a_{n-1} .. a_0``.
+    longest : float
+        Length of the record [s].
+    """
+    phi = coordinates(poles)
+    inverse = _phi_of_a(phi)
+    spread = inverse @ cov @ inverse.T
+    n = phi.size
+    found = []
+    for i in range(n // 2):
+        w, zeta = float(np.exp(phi[2 * i])), float(np.exp(phi[2 * i + 1]))
+        c, d = 2.0 * zeta * w, w * w
+        own = spread[2 * i : 2 * i + 2, 2 * i : 2 * i + 2]
+        std_c = c * np.sqrt(max(own.sum(), 0.0))
+        std_d = 2.0 * d * np.sqrt(max(own[0, 0], 0.0))
+        found.append(Vague(float(std_c) / max(c, w, 1.0 / longest), w, "sum"))
+        size = max(d, c / longest, 1.0 / longest**2)
+        found.append(Vague(float(std_d) / size, w, "product"))
+    if n % 2:
+        rate = float(np.exp(phi[-1]))
+        std = rate * np.sqrt(max(spread[-1, -1], 0.0))
+        found.append(Vague(float(std) / max(rate, 1.0 / longest), rate, "rate"))
+    return max(found, key=lambda one: one.share)
+
+
+def vagueness(poles: Complex, cov: Array, longest: float) -> float:
+    """Largest standard error of a section's coefficient over its natural size (`vaguest`)."""
+    return vaguest(poles, cov, longest).share
+
+
+def _phi_of_a(phi: Array) -> Array:
+    """(n, n) ``dphi / da`` by central differences of the polynomial."""
+    n = phi.size
+    steps = DIFFERENCE * np.eye(n)
+    up = Sections.of(phi + steps, n).polynomials()[:, 1:]
+    down = Sections.of(phi - steps, n).polynomials()[:, 1:]
+    jacobian = (up - down).T / (2.0 * DIFFERENCE)
+    scale = np.abs(jacobian).max(axis=1, keepdims=True)
+    return np.asarray(np.linalg.pinv(jacobian / scale) / scale.T)
+
+
+def posterior(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) -> Posterior:
+    """Weigh all denominators.
+
+    Parameters
+    ----------
+    problem : Problem
+        With its nuisance terms and noise model decided.
+    near : sequence of (poles, covariance)
+        Ends of searches, to place the first draws; covariance (n, n) of ``a_{n-1} .. a_0``, or
+        None where there is none.
+    """
+    n, unit = problem.n_poles, unit_of(problem)
+    generator = np.random.default_rng(0)
+    seen: list[Surface] = []
+
+    def density(phi: Array) -> Array:
+        found = surface(problem, phi)
+        seen.append(found)
+        return found.log_density
+
+    goals = (ENOUGH,) * n + (SOME,) * MORE
+    drawn = sample(density, _first(problem, near), ROUND, goals, generator)
+    whole = Surface.joined(seen)
+    order = np.arange(1, n + 1)
+    mean = _pitman(whole.denominators, whole.scale, drawn.weights, order)
+    roots = sort_poles(np.roots(np.concatenate([[1.0], mean])).astype(np.complex128))
+    poles, _ = problem.admissible(roots / unit)
+    draws = _draws(problem, drawn, whole, generator)
+    found = Posterior(poles, draws, drawn.effective, drawn.weights.size)
+    if n < SEVERAL:
+        return found
+    apart, _ = problem.admissible(_by_sections(draws[:, :n] * unit**order) / unit)
+    costs = [evaluate(problem, one).objective for one in (poles, apart)]
+    return found if costs[0] <= costs[1] else replace(found, poles=apart)
+
+
+def _pitman(values: Array, scale: Array, weights: Array, order: NDArray[np.int64]) -> Array:
+    """``E[value scale^(-2 order)] / E[scale^(-2 order)]`` for the columns of ``values``."""
+    middle = np.exp(weights @ np.log(scale))
+    share = weights[:, None] * (scale / middle)[:, None] ** (-2.0 * order)
+    return np.asarray((share * values).sum(axis=0) / share.sum(axis=0))
+
+
+def _by_sections(denominators: Array) -> Complex:
+    """Poles of the product of the means of the sections, those of equally likely denominators."""
+    count, n = denominators.shape
+    whole = np.concatenate([np.ones((count, 1)), denominators], axis=1)
+    phi = np.array([_ordered(one) for one in stacked_roots(whole)])
+    weights = np.full(count, 1.0 / count)
+    means = []
+    for k in range(n // 2):
+        w, zeta = np.exp(phi[:, 2 * k]), np.exp(phi[:, 2 * k + 1])
+        c, d = _pitman(np.column_stack([2.0 * zeta * w, w * w]), w, weights, np.arange(1, 3))
+        means += [np.log(np.sqrt(d)), np.log(0.5 * c / np.sqrt(d))]
+    if n % 2:
+        rate = np.exp(phi[:, -1])
+        means.append(float(np.log(_pitman(rate[:, None], rate, weights, np.arange(1, 2))[0])))
+    return sort_poles(Sections.of(np.array([means]), n).roots()[0])
+
+
+def _ordered(roots: Complex) -> Array:
+    """Coordinates of one denominator, slow sections first."""
+    phi = coordinates(roots)
+    pairs = phi[: 2 * (roots.size // 2)].reshape(-1, 2)
+    return np.concatenate([pairs[np.argsort(pairs[:, 0])].ravel(), phi[pairs.size :]])
+
+
+def _first(problem: Problem, near: Sequence[tuple[Complex, Array | None]]) -> ProposalMixture:
+    """A box over the recorded band, and kernels at the ends of searches inside it."""
+    n, unit = problem.n_poles, unit_of(problem)
+    length = max(e.duration for e in problem.experiments) / unit
+    low = np.log([SLOW_EDGE / length, LEAST_DAMPING] * (n // 2) + [SLOW_EDGE / length] * (n % 2))
+    high = np.log([FAST_EDGE, MOST_DAMPING] * (n // 2) + [FAST_EDGE] * (n % 2))
+    parts: list[Box | StudentKernels | ProposalMixture] = [Box(low, high)]
+    order = np.arange(1, n + 1)
+    for poles, cov in near:
+        phi = coordinates(poles * unit)
+        outside = (phi < low - 1.0) | (phi > high + 1.0)
+        outside[1 : 2 * (n // 2) : 2] = False  # any damping that a search ended on
+        if not np.all(np.isfinite(phi)) or np.any(outside):
+            continue
+        spread = SPREAD[1] ** 2 * 0.1 * np.eye(n)
+        if cov is not None and np.all(np.isfinite(cov)):
+            scale = unit**order
+            inverse = _phi_of_a(phi)
+            spread = inverse @ (cov * np.outer(scale, scale)) @ inverse.T
+        values, vectors = np.linalg.eigh(0.5 * (spread + spread.T))
+        values = np.clip(values, SPREAD[0] ** 2, SPREAD[1] ** 2)
+        parts.append(StudentKernels(phi[None], np.linalg.cholesky((vectors * values) @ vectors.T)))
+    weights = (0.5, *(0.5 / (len(parts) - 1),) * (len(parts) - 1)) if len(parts) > 1 else (1.0,)
+    return ProposalMixture(tuple(parts), weights)
+
+
+def _draws(
+    problem: Problem, drawn: WeightedDraws, whole: Surface, generator: np.random.Generator
+) -> Array:
+    """Equally likely physical coefficients; ``b`` with its own scatter about least squares."""
+    n, unit = problem.n_poles, unit_of(problem)
+    chosen = resample(drawn.weights, DRAWS, generator)
+    normal = generator.standard_normal((DRAWS, whole.numerators.shape[1]))
+    b = whole.numerators[chosen] + np.einsum("sij,sj->si", whole.roots[chosen], normal)
+    degrees = np.concatenate(
+        [n - np.arange(m, -1, -1) for row in problem.n_zeros for m in row]
+    ).astype(np.float64)
+    a = whole.denominators[chosen] / unit ** np.arange(1, n + 1)
+    return np.concatenate([a, b / unit**degrees], axis=1)

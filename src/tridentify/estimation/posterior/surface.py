@@ -1,0 +1,360 @@
+"""Likelihood and reference prior over many denominators at once.
+
+*Likelihood.* At a denominator everything else is linear (`likelihood.cost`). With a flat
+prior on the fitted output, not on its coefficients (Zellner 1986 with ``g -> inf``), and
+``1 / sigma`` on the noise level, ``b``, nuisance terms and ``sigma`` integrate out to
+
+    p(y | a) ~ prod_i RSS_i^{-(N_i - k_i) / 2},
+
+``k_i`` the number of linear unknowns of output ``i``.
+
+*Prior.* Denominators that cannot be told apart by this experiment must not be counted as many:
+all poles far beyond the sampling give the same static gain, all poles far below the record's
+length the same power of ``t``. The prior is therefore uniform over distinguishable *shapes* of the
+output: the volume element of the model outputs, normalised to unit size and seen through the
+projection that removes ``b`` and the nuisance terms,
+
+    pi(a) da ~ sqrt(det(S' S)) / |y_0|^n  da,   S = (I - Q Q') d y_0 / d a,
+
+Jeffreys' prior with the signal's size factored out (Jeffreys 1961; Kass 1989; Bernardo 1979). It
+does not depend on the coordinates, it adapts to the input, the record's length and the sampling,
+and it vanishes where the record is blind. One statement is added: whoever recorded for ``T`` at
+``dt`` thought the slowest pole faster than about ``1 / T`` and the fastest one slower than about
+``0.7 / dt``; beyond, the prior falls off as the eighth power.
+
+With the scores ``- X y_0`` on the orthonormal functions ``X`` of the poles
+(`likelihood.cost`) and coordinates ``phi`` (`posterior.many_cascades`), ``pi(phi) = vol(alpha)
+|da/dphi| / |da/dalpha|``, where ``|da/dalpha|`` is the determinant of the numerators of ``X``.
+
+Everything is computed for a batch of denominators at once, exactly as for one; samples that are
+missing or coloured are treated as in `regression`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.posterior.many_cascades import (
+    Sections,
+    degree_bases,
+    filter_maps,
+    numerator_tables,
+)
+from tridentify.models.regression import Experiment
+from tridentify.numerics.autoregression import Whitener
+from tridentify.numerics.discretize import discretize
+from tridentify.numerics.propagate import propagate
+from tridentify.numerics.sampled import Sampled, States
+
+Array = NDArray[np.float64]
+
+FASTEST = 0.7
+SLOWEST = 1.0
+ROLL_OFF = 2.0
+LARGEST_BLOCK = 6_000_000
+TINY = 1e-280
+
+
+@dataclass(frozen=True, eq=False)
+class Linear:
+    """The linear fit of one output at many denominators.
+
+    Attributes
+    ----------
+    orthonormal, triangle : (s, r, k), (s, k, k) arrays
+        QR factors of the columns.
+    projection : (s, k) array
+        The output on ``orthonormal``.
+    residual : (s, r) array
+    rows : (s, n_inputs, n) array
+        ``b / a`` of each channel on the cascade, direct terms apart.
+    direct : (s, n_inputs) array
+    """
+
+    orthonormal: Array
+    triangle: Array
+    projection: Array
+    residual: Array
+    rows: Array
+    direct: Array
+
+
+class Surface(NamedTuple):
+    """A batch of denominators.
+
+    Attributes
+    ----------
+    log_density : (s,) array
+        Log posterior density in the coordinates ``phi``, up to a constant.
+    denominators : (s, n) array
+        ``a_{n-1} .. a_0``, in units of one over the sampling interval.
+    numerators : (s, n_b) array
+        Least-squares ``b`` of all channels, in the order of `Structure.names`, same units.
+    roots : (s, n_b, n_b) array
+        ``r r'`` is the covariance of ``numerators``.
+    scale : (s,) array
+        Geometric mean of the pole magnitudes.
+    """
+
+    log_density: Array
+    denominators: Array
+    numerators: Array
+    roots: Array
+    scale: Array
+
+    @classmethod
+    def joined(cls, parts: list[Surface]) -> Surface:
+        """Several batches as one."""
+        return cls(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+def unit_of(problem: Problem) -> float:
+    """The sampling interval that rates are measured in [s]."""
+    return min(e.dt for e in problem.experiments)
+
+
+def surface(problem: Problem, phi: Array) -> Surface:
+    """Posterior density and linear fits at many denominators.
+
+    Parameters
+    ----------
+    problem : Problem
+    phi : (s, n) array
+        Coordinates (`posterior.many_cascades`), rates times `unit_of`.
+    """
+    n = problem.n_poles
+    longest = max(e.n_samples for e in problem.experiments)
+    columns = 2 * n * (problem.n_inputs + 1) + problem.n_inputs + problem.n_outputs + 2
+    size = max(1, LARGEST_BLOCK // (longest * columns))
+    parts = [_surface(problem, phi[k : k + size]) for k in range(0, phi.shape[0], size)]
+    return parts[0] if len(parts) == 1 else Surface.joined(parts)
+
+
+def _surface(problem: Problem, phi: Array) -> Surface:
+    n = problem.n_poles
+    sections = Sections.of(phi, n)
+    bank_a, bank_b = sections.cascade(2)
+    a, b = bank_a[:, :n, :n], bank_b[:, :n]
+    polynomials = sections.polynomials()
+    tables = numerator_tables(a, b, polynomials)
+    unit = unit_of(problem)
+    data = [_triangles(e, bank_a, bank_b, n, unit) for e in problem.experiments]
+    bases = degree_bases(a, b)
+    maps = filter_maps(a, b, bank_a, bank_b)
+    likelihood = np.zeros(phi.shape[0])
+    energy = np.zeros(phi.shape[0])
+    scores, numerators, roots = [], [], []
+    for i in range(problem.n_outputs):
+        blocks = [(r[:, :, :-1], r[:, :, -1]) for r in (own[i] for own in data)]
+        signals = np.concatenate([block[0] for block in blocks], axis=1)
+        target = np.concatenate([block[1] for block in blocks], axis=1)
+        fit = _fit(problem, i, signals, target, bases)
+        count = sum(int(np.isfinite(e.y[:, i]).sum()) for e in problem.experiments)
+        terms = sum(n * e.free + e.offset + e.drift for e in problem.experiments)
+        freedom = max(count - terms - fit.projection.shape[1], 1)
+        cost = np.einsum("sr,sr->s", fit.residual, fit.residual)
+        cost = cost + 1e-30 * count * problem.size[i]
+        likelihood -= 0.5 * freedom * np.log(cost)
+        weight = freedom / cost
+        energy += weight * np.einsum("sk,sk->s", fit.projection, fit.projection)
+        scores.append(np.sqrt(weight)[:, None, None] * _scores(problem, signals, fit, maps, bank_b))
+        found, root = _physical(problem, i, fit, bases, tables, polynomials)
+        numerators.append(found)
+        roots.append(root * np.sqrt(cost / freedom)[:, None, None])
+    lengths = np.linalg.svd(np.concatenate(scores, axis=1), compute_uv=False)
+    shape = np.log(np.maximum(lengths, TINY)).sum(axis=1) - 0.5 * n * np.log(energy + TINY)
+    volume = shape + sections.log_jacobian() - np.linalg.slogdet(tables)[1]
+    volume -= sections.log_multiplicity()
+    return Surface(
+        likelihood + volume + _band(problem, sections),
+        polynomials[:, 1:],
+        np.concatenate(numerators, axis=1),
+        _block_diagonal(roots),
+        sections.geometric_mean(),
+    )
+
+
+def _band(problem: Problem, sections: Sections) -> Array:
+    """Log of the roll-off outside the recorded band."""
+    length = max(e.duration for e in problem.experiments) / unit_of(problem)
+    size = np.abs(sections.roots())
+    fast = np.log1p((size.max(axis=1) / FASTEST) ** 4)
+    slow = np.log1p((SLOWEST / (size.min(axis=1) * length)) ** 4)
+    return np.asarray(-ROLL_OFF * (fast + slow))
+
+
+def _block_diagonal(blocks: list[Array]) -> Array:
+    size = sum(block.shape[1] for block in blocks)
+    whole = np.zeros((blocks[0].shape[0], size, size))
+    at = 0
+    for block in blocks:
+        width = block.shape[1]
+        whole[:, at : at + width, at : at + width] = block
+        at += width
+    return whole
+
+
+def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, unit: float) -> list[Array]:
+    """Per output the triangle (s, r, columns) of [states | inputs | y], nuisance terms removed.
+
+    The nuisance columns come first in the factorisation, so what stands below their rows is
+    already orthogonal to them.
+    """
+    count, q = bank_b.shape
+    n_samples, n_inputs = e.u.shape
+    nuisance = n * e.free + e.offset + e.drift
+    width = nuisance + n_inputs * (q + 1) + 1
+    columns = np.zeros((count, width, n_samples))
+    at = n * e.free
+    if e.offset:
+        columns[:, at] = 1.0
+        at += 1
+    if e.drift:
+        columns[:, at] = e.ramp
+    found: dict[int, Array] = {}
+    for signal in dict.fromkeys(e.sampled):
+        held = e.intersample != "band-limited"
+        if signal.t is None and not any(signal.delays) and held:
+            _fill(columns, e, bank_a, bank_b, n, nuisance, e.dt / unit)
+        else:
+            _fill_any(columns, e, signal.in_units(unit), bank_a, bank_b, n, nuisance)
+        columns[:, nuisance + n_inputs * q : width - 1] = signal.direct.T
+        for i, own in enumerate(e.sampled):
+            if own is signal:
+                found[i] = _reduced(e, i, columns, nuisance)
+    return [found[i] for i in range(e.y.shape[1])]
+
+
+def _fill(
+    columns: Array, e: Experiment, bank_a: Array, bank_b: Array, n: int, nuisance: int, dt: float
+) -> None:
+    """States of many banks on uniform time."""
+    count, q = bank_b.shape
+    n_samples, n_inputs = e.u.shape
+    step = discretize(bank_a, bank_b[:, :, None], dt, e.intersample)
+    transition = np.ascontiguousarray(step.transition)
+    current = np.ascontiguousarray(step.from_current[:, :, 0])
+    following = np.ascontiguousarray(step.from_next[:, :, 0])
+    nothing = np.zeros((n_samples, 1))
+    inner = np.ascontiguousarray(transition[:, :n, :n])
+    for s in range(count):
+        if e.free:
+            propagate(
+                inner[s], current[s, :n], following[s, :n], nothing, bank_b[s : s + 1, :n].copy(),
+                columns[s], upper=1,
+            )  # fmt: skip
+        propagate(
+            transition[s], current[s], following[s], e.u, np.zeros((n_inputs, q)),
+            columns[s, nuisance:], upper=1,
+        )  # fmt: skip
+
+
+def _fill_any(
+    columns: Array,
+    e: Experiment,
+    signal: Sampled,
+    bank_a: Array,
+    bank_b: Array,
+    n: int,
+    nuisance: int,
+) -> None:
+    """The same for any instants and delays, bank by bank."""
+    for s in range(bank_b.shape[0]):
+        states = States(signal, bank_a[s], bank_b[s], upper=1)
+        states.advance(0, e.n_samples, columns[s, nuisance:])
+        if e.free:
+            inner = States(signal, bank_a[s, :n, :n], bank_b[s, :n], upper=1)
+            inner.impulse(e.start).advance(0, e.n_samples, columns[s])
+
+
+def _reduced(e: Experiment, output: int, columns: Array, nuisance: int) -> Array:
+    seen = np.isfinite(e.y[:, output])
+    columns[:, -1] = np.where(seen, e.y[:, output], 0.0)
+    noise = e.noise[output] if e.noise else np.zeros(0)
+    if noise.size:
+        flat = columns.reshape(-1, columns.shape[2])
+        white = np.empty_like(flat)
+        Whitener(noise, flat.shape[0]).apply(flat, seen, white)
+        rows = white.reshape(columns.shape)
+    else:
+        rows = columns if seen.all() else columns * seen
+    triangle = np.asarray(np.linalg.qr(rows.transpose(0, 2, 1), mode="r"))
+    return triangle[:, nuisance:, nuisance:]
+
+
+def _fit(problem: Problem, output: int, signals: Array, target: Array, bases: Array) -> Linear:
+    """Least squares on the numerators of all channels."""
+    n, q = problem.n_poles, 2 * problem.n_poles
+    zeros = problem.n_zeros[output]
+    blocks = []
+    for j, m in enumerate(zeros):
+        basis = bases[:, :, n - min(m + 1, n) :]
+        blocks.append(signals[:, :, j * q : j * q + n] @ basis)
+        if m == n:
+            at = problem.n_inputs * q + j
+            blocks.append(signals[:, :, at : at + 1])
+    orthonormal, triangle = np.linalg.qr(np.concatenate(blocks, axis=2))
+    projection = np.einsum("srk,sr->sk", orthonormal, target)
+    residual = target - np.einsum("srk,sk->sr", orthonormal, projection)
+    beta = np.linalg.solve(_regular(triangle), projection[:, :, None])[:, :, 0]
+    rows = np.zeros((target.shape[0], problem.n_inputs, n))
+    direct = np.zeros((target.shape[0], problem.n_inputs))
+    at = 0
+    for j, m in enumerate(zeros):
+        k = min(m + 1, n)
+        rows[:, j] = np.einsum("snk,sk->sn", bases[:, :, n - k :], beta[:, at : at + k])
+        at += k
+        if m == n:
+            direct[:, j] = beta[:, at]
+            at += 1
+    return Linear(orthonormal, triangle, projection, residual, rows, direct)
+
+
+def _regular(triangle: Array) -> Array:
+    """The triangle with vanishing diagonal entries lifted to rounding."""
+    diagonal = np.abs(np.einsum("skk->sk", triangle))
+    floor = 1e-14 * diagonal.max(axis=1, keepdims=True) + TINY
+    lift = np.where(diagonal < floor, floor, 0.0)
+    return triangle + lift[:, :, None] * np.eye(triangle.shape[2])
+
+
+def _scores(problem: Problem, signals: Array, fit: Linear, maps: Array, bank_b: Array) -> Array:
+    """(s, r, n) ``X y_0``, projected off the linear columns."""
+    n, q = problem.n_poles, 2 * problem.n_poles
+    found = np.zeros((*signals.shape[:2], n))
+    for j in range(problem.n_inputs):
+        row = np.zeros((signals.shape[0], q))
+        row[:, :n] = fit.rows[:, j]
+        row += fit.direct[:, j : j + 1] * bank_b
+        coordinates = np.einsum("sk,sknq->snq", row, maps)
+        found += signals[:, :, j * q : (j + 1) * q] @ coordinates.transpose(0, 2, 1)
+    inside = fit.orthonormal.transpose(0, 2, 1) @ found
+    return np.asarray(found - fit.orthonormal @ inside)
+
+
+def _physical(
+    problem: Problem, output: int, fit: Linear, bases: Array, tables: Array, polynomials: Array
+) -> tuple[Array, Array]:
+    """``b`` of one output's channels, and a root of its covariance over the noise variance."""
+    n = problem.n_poles
+    zeros = problem.n_zeros[output]
+    width = fit.triangle.shape[1]
+    transform = np.zeros((fit.rows.shape[0], sum(m + 1 for m in zeros), width))
+    row = column = 0
+    for m in zeros:
+        k = min(m + 1, n)
+        proper = np.einsum("snk,snp->spk", bases[:, :, n - k :], tables)
+        transform[:, row + (m == n) : row + m + 1, column : column + k] = proper[:, n - k :]
+        column += k
+        if m == n:
+            transform[:, row : row + m + 1, column] = polynomials
+            column += 1
+        row += m + 1
+    inverse = np.linalg.inv(_regular(fit.triangle))
+    root = transform @ inverse
+    return np.einsum("sbk,sk->sb", root, fit.projection), root

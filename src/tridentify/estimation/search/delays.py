@@ -1,0 +1,245 @@
+"""Delays that are estimated along: what they leave out, how far they may go, what else is as good.
+
+The covariance is that of all minima near the end and of the cells between the kinks
+(`likelihood.mixture`).
+
+An input that repeats itself explains an output as well with a delay of a period more, or of half
+of one with the gain reversed: the shortest is given, and the others are told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import UnsupportedError
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.mixture import mixture
+from tridentify.estimation.likelihood.nuisance import Nuisances, build, first_explained
+from tridentify.estimation.search.delay_search import ROOM, STRETCHES, DelayPlace
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+
+# share of the probability from which another delay is named
+NAMED = 0.05
+# steps; nearer delays are one minimum
+MOVED = 0.1
+# samples that may be left out beyond those that the delay itself takes, before it is done again
+SPARE = 2
+# share of the limit from which a delay lies at it
+AT_LIMIT = 0.999
+# share of the shortest record that a delay must leave
+LONGEST_SHARE = 0.9
+# correlation with itself, later, at which an input repeats itself, and below which it has moved
+# on before that
+REPEATED, MOVED_ON = 0.99, 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Where delays are taken up, and how far they may go.
+
+    Attributes
+    ----------
+    place : DelayPlace
+    limits : (n_inputs,) array
+        [s].
+    """
+
+    place: DelayPlace
+    limits: Array
+
+
+def delays_of(estimate: Estimate) -> Array:
+    """(n_inputs,) delays that were estimated along [s]."""
+    return estimate.theta[-estimate.model.n_inputs :]
+
+
+def left_out(records: Sequence[Record], known: Structure) -> float:
+    """Output samples before the first that the inputs explain."""
+    return float(sum(first_explained(one, known) * one.n_outputs for one in records))
+
+
+def with_repeats(estimate: Estimate, records: Sequence[Record]) -> Estimate:
+    """The estimate with a word on inputs whose delay is one of several that are as good."""
+    told = []
+    for j, name in enumerate(estimate.input_names):
+        found = [one for record in records if (one := repeats(record, j))]
+        if len(found) < len(records):
+            continue
+        after, sign = found[0]
+        step = records[0].duration / max(records[0].n_samples - 1, 1)
+        if all(abs(one[0] - after) < step and one[1] == sign for one in found):
+            reversed_ = "" if sign > 0 else " with the gain reversed"
+            told.append(
+                f"{REPEATED_INPUT} ({name}, after {after:.4g} s{', inverted' * (sign < 0)}): a "
+                f"delay later by that explains the record as well{reversed_}, and the shortest is "
+                "given"
+            )
+    if not told:
+        return estimate
+    decisions = (*estimate.trace.decisions, *told)
+    return replace(estimate, trace=replace(estimate.trace, decisions=decisions))
+
+
+def repeats(record: Record, channel: int) -> tuple[float, int] | None:
+    """After how long an input repeats itself, within the range where delays are looked for.
+
+    Parameters
+    ----------
+    record : Record
+    channel : int
+        Position of the input.
+
+    Returns
+    -------
+    tuple or None
+        The time [s] and the sign with which it comes again; None where it does not, or where time
+        is not uniform.
+
+    Examples
+    --------
+    >>> u = np.tile([1.0, 1.0, 1.0, 0.0], 20)
+    >>> repeats(Record(u, u, dt=0.5), 0)
+    (2.0, 1)
+    """
+    if record.dt is None:
+        return None
+    n = record.n_samples
+    u = record.u[:, channel] - record.u[:, channel].mean()
+    most = int(STRETCHES[-1] * n)
+    energy = np.cumsum(u * u)
+    if most < 2 or not energy[-1] > 0:
+        return None
+    # imported here: it takes half a second
+    from scipy.signal import correlate
+
+    products = correlate(u, u, method="fft")[n - 1 : n - 1 + most]
+    first = energy[n - 1 - np.arange(most)]
+    last = energy[-1] - np.concatenate([[0.0], energy[: most - 1]])
+    correlation = products / np.sqrt(np.maximum(first * last, 1e-300))
+    away = np.flatnonzero(correlation < MOVED_ON)
+    if not away.size:
+        return None
+    again = np.flatnonzero(np.abs(correlation[away[0] :]) > REPEATED)
+    if not again.size:
+        return None
+    # the highest of those beside each other
+    k = int(away[0] + again[0])
+    while k + 1 < most and abs(correlation[k + 1]) > abs(correlation[k]):
+        k += 1
+    return k * record.dt, int(np.sign(correlation[k]))
+
+
+def spread(
+    estimate: Estimate,
+    records: Sequence[Record],
+    known: Structure,
+    limits: Array,
+    rivals: Sequence[tuple[Array, Complex]],
+) -> Estimate:
+    """The estimate with the covariance of all minima and cells, and a word on other delays."""
+    chosen = estimate.structure
+    nuisances = Nuisances(chosen.initial_state, bool(chosen.offset), bool(chosen.drift))
+    built = build(records, replace(known, initial_state=chosen.initial_state), nuisances)
+    delays = delays_of(estimate)
+    problem = built.whitened(estimate.noise_model).delayed(delays).freed(limits)
+    best = evaluate(problem, poles_of(estimate))
+    step = max(e.dt for e in problem.experiments)
+    others = [one for one in rivals if np.any(np.abs(one[0] - delays) > MOVED * step)]
+    found = mixture(best, others)
+    if found is None:
+        return estimate
+    told = _in_words(found.shares, found.means[:, -built.n_inputs :], delays, step)
+    trace = estimate.trace
+    if told:
+        trace = replace(trace, decisions=(*trace.decisions, told))
+    return replace(estimate, cov=found.cov, trace=trace)
+
+
+def poles_of(estimate: Estimate) -> Complex:
+    """Of every denominator."""
+    model = estimate.model
+    if estimate.structure.shared:
+        dens = [model.den[0][0]]
+    else:
+        dens = [den for row in model.den for den in row]
+    return np.concatenate([sort_poles(np.roots(den).astype(np.complex128)) for den in dens])
+
+
+def _in_words(shares: Array, means: Array, delays: Array, step: float) -> str:
+    """Delays farther off than a step, where they hold a share of the probability."""
+    groups: list[tuple[float, Array]] = []
+    for k in np.argsort(-shares):
+        near = [i for i, (_, one) in enumerate(groups) if np.all(np.abs(one - means[k]) < step)]
+        if np.all(np.abs(means[k] - delays) < step):
+            continue
+        if near:
+            groups[near[0]] = (groups[near[0]][0] + float(shares[k]), groups[near[0]][1])
+        else:
+            groups.append((float(shares[k]), means[k]))
+    named = [
+        f"{', '.join(f'{max(d, 0.0):.4g}' for d in one)} s ({100.0 * share:.0f} %)"
+        for share, one in groups
+        if share > NAMED
+    ]
+    if not named:
+        return ""
+    return f"{OTHER_DELAYS}: {'; '.join(named)}"
+
+
+def refuse_direct(record: Record, structure: Structure) -> None:
+    """Refuse channels that follow their input at once: the delay of a jump has no derivative.
+
+    Raises
+    ------
+    UnsupportedError
+    """
+    poles = structure.poles_matrix(record.n_outputs, record.n_inputs)
+    zeros = structure.zeros_matrix(record.n_outputs, record.n_inputs)
+    if any(
+        m == n
+        for row, line in zip(poles, zeros, strict=True)
+        for n, m in zip(row, line, strict=True)
+    ):
+        raise UnsupportedError(
+            "found as many zeros as poles together with delay='free'; expected fewer zeros, as the "
+            "output must depend smoothly on the delay; lower zeros, or give the delay in seconds"
+        )
+
+
+def with_delays(
+    records: Sequence[Record], structure: Structure, delays: Sequence[Array]
+) -> tuple[Structure, Array]:
+    """A structure with known delays that leaves room around some, and how far they may go.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    structure : Structure
+        With free delays.
+    delays : sequence of (n_inputs,) arrays [s]
+
+    Returns
+    -------
+    known : Structure
+        Output samples that no input explains, up to its delays, are not to be used.
+    limits : (n_inputs,) array [s]
+    """
+    first = records[0]
+    longest = max(float(one.max()) for one in delays)
+    step = max(float(np.median(np.diff(record.t))) for record in records)
+    shortest = min(record.duration for record in records)
+    room = min(longest + ROOM * step, LONGEST_SHARE * shortest)
+    known = replace(structure, delay=((room,) * first.n_inputs,) * first.n_outputs)
+    stated = structure.initial_state in ("rest", "equilibrium")
+    limit = LONGEST_SHARE * shortest if stated else room
+    return known, np.full(first.n_inputs, limit)

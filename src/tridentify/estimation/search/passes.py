@@ -1,0 +1,179 @@
+"""Steps 2 to 4 repeated with filter and basis re-adapted.
+
+At ``a_hat`` the bank holds its poles three times. Twice is the basis of Step
+1: ``span{p^i / a_hat^2}`` contains the model's output and all its derivatives with respect to
+``a`` and ``b``, so the order need not grow with the record. Step 2 fits ``a`` and ``b`` to that
+noise-free output with ``c = a_hat`` and gives the next ``a_hat``. The passes end when the
+output-error cost stops falling.
+
+A fixed point of these passes solves instrumental-variable equations close to, but for a finite
+record not equal to, those of the output-error minimum; `likelihood.levenberg_marquardt` ends there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tridentify.estimation.answer.estimate import Pass, Step
+from tridentify.estimation.answer.trace import pairs
+from tridentify.estimation.likelihood.cost import Point, evaluate_variant
+from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, at_rounding
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.models.parallel import ParallelFit, fit_parallel
+from tridentify.models.series import SeriesFit, fit_series
+from tridentify.models.series_parallel import Filtering, fit_denominators
+from tridentify.numerics.realization import Complex
+from tridentify.numerics.slices import Slices, drain
+
+ENOUGH = 0.5
+MOST_ADAPTED = 12
+
+
+def adapt(
+    base: Problem, variant: Variant, poles: Complex, recorder: Recorder, most: int = MOST_ADAPTED
+) -> Point:
+    """Adapted passes from given poles; the best point met.
+
+    Parameters
+    ----------
+    base : Problem
+        Whose experiments are filtered.
+    variant : Variant
+        The nuisance terms that are kept.
+    poles : (n,) complex array
+        Admissible.
+    recorder : Recorder
+        Is told every pass.
+    most : int
+        Most passes.
+    """
+    return drain(adapting(base, variant, poles, recorder, most))
+
+
+def adapting(
+    base: Problem, variant: Variant, poles: Complex, recorder: Recorder, most: int = MOST_ADAPTED
+) -> Slices[Point]:
+    """`adapt` in slices, two a pass."""
+    best: Point | None = None
+    worse = 0
+    note = ""
+    for _ in range(most):
+        yield
+        point = evaluate_variant(base, variant, poles, 3)
+        yield
+        parallel = parallel_model(point)
+        step = fit_denominators(
+            point.regressions,
+            parallel.response,
+            [Filtering.adapted(branch) for branch in point.branches],
+            base.n_zeros,
+            point.weights,
+        )
+        recorder.add(
+            point,
+            (
+                Step(
+                    "parallel",
+                    parallel.beta.ravel(),
+                    float(parallel.cost.sum() / point.counts.sum()),
+                    parallel.condition,
+                    f"{parallel.beta.shape[2]} orthonormal functions on the poles of a, twice each",
+                    "orthonormal",
+                    pairs(np.concatenate([np.tile(b.inner.poles, 2) for b in point.branches])),
+                ),
+                Step(
+                    "series-parallel",
+                    base.vector(step.poles, step.b),
+                    step.cost / float(point.counts.sum()),
+                    step.condition,
+                    "filter 1/a of the pass before",
+                    poles=pairs(np.concatenate([b.inner.poles for b in point.branches])),
+                ),
+            ),
+            np.nan,
+            note,
+        )
+        gain = np.inf if best is None else best.objective - point.objective
+        if best is None or gain > 0:
+            best = point
+        worse = worse + 1 if gain < ENOUGH else 0
+        if worse >= 1 + (gain < 0) or at_rounding(point):
+            break
+        poles, note = base.admissible(step.poles)
+    assert best is not None
+    return best
+
+
+def parallel_model(point: Point) -> ParallelFit:
+    """Step 1 on the poles of ``a_hat``, twice each; every channel on those of its own."""
+    q, problem = point.bank.order, point.problem
+    owner: list[int] = []
+    states: list[int] = []
+    for g, branch in enumerate(point.branches):
+        first, count = branch.states.start, 2 * branch.inner.order
+        states += range(first, first + count)
+        owner += [g] * count
+    rows = np.eye(q)[states]
+    direct = np.zeros(len(states))
+    has = np.array([branch.channels for branch in point.branches])
+    used = np.moveaxis(has, 0, 2)[:, :, owner]
+    if problem.biproper:
+        rows = np.vstack([rows, np.zeros(q)])
+        direct = np.append(direct, 1.0)
+        used = np.concatenate([used, np.ones((*used.shape[:2], 1), dtype=bool)], axis=2)
+    return fit_parallel(
+        point.regressions,
+        rows,
+        direct,
+        free_rows=np.eye(q)[states],
+        used=used,
+        free_used=np.asarray(has.any(axis=2)).T[:, owner],
+    )
+
+
+def series_model(point: Point) -> SeriesFit:
+    """Step 3 with the orthonormal functions on the poles of ``a_hat``."""
+    n, q = point.problem.n_poles, point.bank.order
+    owner: list[int] = []
+    states: list[int] = []
+    for g, branch in enumerate(point.branches):
+        states += range(branch.own.start, branch.own.stop)
+        owner += [g] * branch.inner.order
+    outputs = np.array([branch.channels.any(axis=1) for branch in point.branches])
+    return fit_series(
+        point.regressions,
+        point.bank,
+        point.response,
+        point.bank,
+        np.eye(n),
+        np.zeros(n),
+        free_rows=np.eye(q)[states],
+        weights=point.weights,
+        parts=[
+            part.spread(branch.states, q)
+            for part, branch in zip(point.parts, point.branches, strict=True)
+        ],
+        states=point.score_states,
+        free_used=outputs.T[:, owner],
+    )
+
+
+def certified(point: Point, passes: Sequence[Pass]) -> tuple[Pass, ...]:
+    """The passes to a point, and Step 3 there as the last: the weights must be (1, 0, ..., 0)."""
+    series = series_model(point)
+    step = Step(
+        "series",
+        series.beta.ravel(),
+        float(series.cost.sum() / point.counts.sum()),
+        series.condition,
+        "W_0 = 1 and the orthonormal functions on the poles of a",
+        "orthonormal",
+        pairs(np.concatenate([branch.inner.poles for branch in point.branches])),
+    )
+    recorder = Recorder()
+    recorder.extend(Recorder(list(passes)))
+    note = "check of the end: beta is (1, 0, ..., 0) at a stationary point"
+    recorder.add(point, (step,), series.distance, note)
+    return tuple(recorder.passes)

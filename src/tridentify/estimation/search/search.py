@@ -1,0 +1,633 @@
+"""The search for starting poles: several convex starts, and a test that tells when to stop.
+
+A start is a parallel model turned into poles (`search.starts`) and taken through the adapted
+passes (`search.passes`). Whether it is good enough is not a matter of taste: the parallel
+model on the poles found, twice each, and on a spread over the whole band contains the model,
+everything near it, and much that is far from it. If it explains the record better than the
+model does, by AICc, then the order allows more, or the poles are wrong, and that same parallel
+model is the next start. Otherwise the search ends. What is tried in turn:
+
+1. Laguerre models, the best of the grid by AICc;
+2. the best poles so far enriched by the spread, as long as that lowers the cost;
+3. discrete-time least squares on the raw record;
+4. models on the spread alone;
+5. the same with numerators of full degree, which are easier to fit, before the wanted degree is
+imposed.
+
+When the finish on the output error nevertheless ends at a limit (a pole faster than the
+sampling, or hardly decaying), runaway poles are put back into the band at several rates, and
+the better end counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.answer.estimate import Pass, Start
+from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate, evaluate_variant
+from tridentify.estimation.likelihood.levenberg_marquardt import (
+    Recorder,
+    at_rounding,
+    coefficients,
+    criterion,
+    finish,
+    finishing,
+    mean_square,
+)
+from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.search.one_mode_moved import Move, moving_poles
+from tridentify.estimation.search.passes import MOST_ADAPTED, adapting
+from tridentify.estimation.search.stand_ins import (
+    SMALL,
+    averaged,
+    free_variant,
+    is_large,
+    is_usable,
+    window,
+)
+from tridentify.estimation.search.starts import (
+    SLOW_EDGE,
+    ParallelStart,
+    best_laguerre,
+    discrete_poles,
+    enriched_starts,
+    laguerre_slices,
+    relocated_poles,
+    spread_slices,
+)
+from tridentify.models.regression import Regression, regress
+from tridentify.numerics.least_squares import solve
+from tridentify.numerics.realization import Complex
+from tridentify.numerics.slices import Slices, drain
+from tridentify.numerics.whiteness import is_white
+
+Array = NDArray[np.float64]
+
+ALLOWANCE = 6.0
+CLEARLY = 10.0
+MOST_ENRICHED = 8
+MOST_TRIED = 12
+MOST_SHARPENING = 3
+LONGER = 24
+MOST_MOVES = 4
+MOST_FOLLOWED = 3
+NEAR = 20.0
+HELPED = 0.005
+WORTHWHILE = 50.0
+TESTED = 200_000
+CERTAIN = 0.1
+FEW_ADAPTED = 3
+PLAUSIBLE = 30.0
+HOPELESS_RATIO = 2.0
+ALIKE = 0.02
+OF_WINDOW = "window of the record: "
+FURTHER = ("discrete", "spread", "relaxed")
+
+
+@dataclass(frozen=True, eq=False)
+class SearchEnd:
+    """Where a search ended: the point, the nuisance terms it was made with, and the verdict.
+
+    ``settled`` says that a richer parallel model had nothing to add; ``reachable`` is the AICc
+    to be met.
+    """
+
+    base: Problem
+    point: Point
+    variant: Variant
+    reachable: float
+    settled: bool
+
+
+@dataclass(frozen=True, eq=False)
+class KnownTriangles:
+    """Triangles of the whole record at poles, for whoever begins there, and if it ends there too.
+
+    ``white`` says that the residual there passed for white noise.
+    """
+
+    poles: Complex
+    whole: tuple[Regression, ...]
+    white: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """Where the poles of a window led on the whole record.
+
+    ``alone`` says that there is one choice of nuisance terms, and that it was finished.
+    """
+
+    near: Complex
+    poles: Complex
+    point: Point
+    whole: tuple[Regression, ...]
+    alone: bool
+    passes: tuple[Pass, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """The last places looked at, and for what."""
+
+    base: Problem
+    variant: Variant
+    poles: Complex
+    moves: list[Move]
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """What a search found: where to finish from, and what was seen on the way.
+
+    Attributes
+    ----------
+    seeds : tuple of (n,) complex arrays
+        Poles to finish from.
+    trails : tuple of tuples of Pass
+        The passes that led to each seed.
+    tried : tuple of Start
+        All starts with the cost they led to.
+    count : int
+        Most starts of a kind that were followed.
+    known : KnownTriangles, optional
+        Triangles of the whole record, where they were made.
+    scan : Scan, optional
+        The last places looked at.
+    """
+
+    seeds: tuple[Complex, ...]
+    trails: tuple[tuple[Pass, ...], ...]
+    tried: tuple[Start, ...]
+    count: int
+    known: KnownTriangles | None = None
+    scan: Scan | None = None
+
+    @property
+    def triangles(self) -> dict[bytes, tuple[Regression, ...]]:
+        """Triangles of the whole record that exist already, by the bytes of the seed."""
+        return {} if self.known is None else {self.known.poles.tobytes(): self.known.whole}
+
+    def saw_white(self, point: Point) -> bool:
+        """Whether the search saw that the residual of this very point passes for white noise."""
+        known = self.known
+        return known is not None and known.white and np.array_equal(known.poles, point.poles)
+
+    def beside(self, poles: Complex) -> Starts:
+        """With poles from elsewhere, if there are any, as another seed."""
+        return (
+            self
+            if not poles.size
+            else replace(self, seeds=(*self.seeds, poles), trails=(*self.trails, ()))
+        )
+
+
+def search(question: Question, n_starts: int) -> Starts:
+    """Steps 1 and 2 from several operators, repeated until a richer model has nothing to add.
+
+    Parameters
+    ----------
+    question : Question
+    n_starts : int
+        Most starts of a kind that are followed.
+    """
+    worker = Search(n_starts)
+    worker.run(question.base, question.variants)
+    seeds, trails, tried = tuple(worker.seeds), tuple(worker.trails), tuple(worker.starts)
+    return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan)
+
+
+def search_again(question: Question, nuisances: Nuisances, poles: Complex) -> tuple[Complex, Start]:
+    """Another way in, after the end turned out to lie at a limit: runaway poles put back.
+
+    Parameters
+    ----------
+    question : Question
+    nuisances : Nuisances
+        Of the end.
+    poles : (n,) complex array
+        Where it lies.
+
+    Returns
+    -------
+    (n,) complex array
+        The best poles reached from the relocated ones.
+    Start
+        How they were come by.
+    """
+    worker = Search(1)
+    found = drain(worker.trying_again(question.base, question.variant_of(nuisances), poles))
+    return found, worker.starts[-1]
+
+
+@dataclass(eq=False)
+class Search:
+    """Collects passes, starts and seeds while it looks for poles.
+
+    Attributes
+    ----------
+    n_starts : int
+        Most starts of a kind that are followed.
+    recorder : Recorder
+        Passes of the best start.
+    starts : list of Start
+        All starts with the cost they led to.
+    seeds : list of (n,) complex arrays
+        Poles to finish from.
+    trails : list of tuples of Pass
+        The passes that led to each seed.
+    variant : Variant, optional
+        The nuisance terms of the best start.
+    scan : Scan, optional
+        The last places looked at.
+    known : KnownTriangles, optional
+        Triangles of the whole record, where they were made.
+    end : End, optional
+        Where the window's poles led on the whole record.
+    further : tuple of {"discrete", "spread", "relaxed"}
+        Other kinds of starts, for where a richer model explains more.
+    """
+
+    n_starts: int
+    recorder: Recorder = field(default_factory=Recorder)
+    starts: list[Start] = field(default_factory=list)
+    seeds: list[Complex] = field(default_factory=list)
+    trails: list[tuple[Pass, ...]] = field(default_factory=list)
+    variant: Variant | None = None
+    scan: Scan | None = None
+    known: KnownTriangles | None = None
+    end: End | None = None
+    further: tuple[str, ...] = FURTHER
+
+    def run(self, base: Problem, variants: Sequence[Variant]) -> None:
+        """Find poles from the record, or from stand-ins for a long one."""
+        if not is_large(base):
+            drain(self.running(base, variants))
+            return
+        piece = window(base)
+        passes: list[Pass] = []
+        first: SearchEnd | None = None
+        near: Point | None = None
+        if is_usable(piece):
+            if self._at_once(base, variants, piece):
+                return
+            first = drain(self.following(piece, [free_variant(piece)], OF_WINDOW))
+            near = self.move(first, OF_WINDOW)
+            passes = list(self.recorder.passes)
+            if first.settled and self._suffices(base, variants, near, passes):
+                return
+        little = averaged(base)
+        if first is None or near is None or not is_usable(little):
+            drain(self.running(base, variants))
+            return
+        if first.settled:
+            second = self.begin(little, variants, "record averaged: ", most=1)
+        else:
+            second = drain(self.following(little, variants, "record averaged: "))
+        far = self.move(second, "record averaged: ")
+        blind = explained(far) < WORTHWHILE <= explained(near)
+        self._choose(base, near.poles, far.poles, passes, blind)
+
+    def running(self, base: Problem, variants: Sequence[Variant]) -> Slices[None]:
+        """Find poles from all samples of the record, in slices."""
+        found = yield from self.following(base, variants)
+        point = yield from self.moving(found)
+        self._keep(point.poles)
+
+    def _at_once(self, base: Problem, variants: Sequence[Variant], piece: Problem) -> bool:
+        """Whether the window's best Laguerre model leads to an end that leaves no doubt."""
+        variant = free_variant(piece)
+        start = best_laguerre(piece, variant)
+        reachable = start.criterion + PLAUSIBLE
+        poles = start.reduced_poles()
+        if poles is None:
+            return False
+        name = OF_WINDOW + start.name
+        point = drain(self._adapted(piece, variant, poles, reachable, None, name, FEW_ADAPTED))
+        if criterion(point) >= reachable:
+            return False
+        return self._suffices(base, variants, point, self.recorder.passes, CERTAIN)
+
+    def _suffices(
+        self,
+        base: Problem,
+        variants: Sequence[Variant],
+        near: Point,
+        passes: Sequence[Pass],
+        loosest: float = np.inf,
+    ) -> bool:
+        """Whether the window's poles leave nothing but white noise on the whole record.
+
+        Then there is nothing for the averaged record to find. Slow dynamics that the window cannot
+        show are looked for in block means of the residual.
+
+        A pole or pair at the wrong place has next to nothing to explain, and is loose. Where all
+        poles are much less loose than ``loosest`` none of them needs to be looked for elsewhere.
+        """
+        if explained(near) < WORTHWHILE or base.noise:
+            return False
+        shown = np.sqrt(near.counts.sum() / sum(e.n_samples for e in base.experiments))
+        if near.looseness * shown > HOPELESS_RATIO * loosest:
+            return False
+        end = self.end
+        if end is None or not np.allclose(end.near, near.poles, rtol=ALIKE, atol=0.0):
+            end = self.end = _end_of(base, variants, near, loosest)
+        if end is None or end.point.looseness > loosest or not _is_white(end.point):
+            return False
+        self._keep(end.poles, [*passes, *end.passes])
+        self.known = KnownTriangles(end.poles, end.whole, end.alone)
+        return True
+
+    def trying_again(self, base: Problem, variant: Variant, poles: Complex) -> Slices[Complex]:
+        """`search_again` in slices."""
+        if is_large(base):
+            piece = window(base, LONGER * SMALL)
+            if is_usable(piece):
+                base, variant = piece, free_variant(piece)
+        at = partial(evaluate_variant, base, variant)
+        ends = []
+        for start in relocated_poles(base, poles):
+            yield
+            ends.append((yield from finishing(at, at(start), Recorder(), MOST_TRIED))[0])
+        best = min(ends, key=lambda point: point.objective)
+        self.starts.append(Start("runaway poles put back", coefficients(best), mean_square(best)))
+        return best.poles
+
+    def _keep(self, poles: Complex, passes: Sequence[Pass] | None = None) -> None:
+        self.seeds.append(poles)
+        self.trails.append(tuple(self.recorder.passes if passes is None else passes))
+
+    def _choose(
+        self, base: Problem, near: Complex, far: Complex, passes: list[Pass], blind: bool
+    ) -> None:
+        """Poles of the window, of the averaged record, or both, judged on a longer window.
+
+        Averaging spoils what is faster than a block, so its poles are dropped where the
+        window's explain the longer window clearly better and that is long enough to show the
+        slowest of them.
+        """
+        piece = window(base, LONGER * SMALL)
+        if sum(e.n_samples for e in base.experiments) < 4 * LONGER * SMALL or not is_usable(piece):
+            self._keep(near, passes)
+            if not blind:
+                self._keep(far)
+            return
+        at = partial(evaluate_variant, piece, free_variant(piece))
+        point, other = at(near), at(far)
+        shown = float(np.min(-far.real)) * piece.experiments[0].duration > SLOW_EDGE
+        clear = other.objective - point.objective > CLEARLY
+        if clear and (shown or blind):
+            sharp = finish(at, point, Recorder(), MOST_SHARPENING)[0].poles
+            self._keep(_nearer(base, sharp), passes)
+        else:
+            self._keep(near, passes)
+            self._keep(far)
+
+    def begin(
+        self,
+        base: Problem,
+        variants: Sequence[Variant],
+        where: str = "",
+        most: int | None = None,
+    ) -> SearchEnd:
+        """Laguerre starts only."""
+        return drain(self._beginning(base, variants, where, most))
+
+    def _beginning(
+        self, base: Problem, variants: Sequence[Variant], where: str = "", most: int | None = None
+    ) -> Slices[SearchEnd]:
+        laguerre = yield from laguerre_slices(base, _extremes(variants))
+        reachable = laguerre[0].criterion + ALLOWANCE
+        starts = _distinct(laguerre, most or self.n_starts)
+        best = yield from self._best_of(starts, reachable, None, where)
+        assert self.variant is not None
+        return SearchEnd(base, best, self.variant, reachable, False)
+
+    def following(
+        self, base: Problem, variants: Sequence[Variant], where: str = ""
+    ) -> Slices[SearchEnd]:
+        """Follow starts until the model explains the record as well as the parallel model does."""
+        found = yield from self._beginning(base, variants, where)
+        best, variant, reachable = found.point, found.variant, found.reachable
+        extremes = _extremes(variants)
+        further = list(self.further)
+        if len(base.groups) > 1 and "discrete" in further:
+            further.remove("discrete")
+        for _ in range(MOST_ENRICHED):
+            if at_rounding(best):
+                return SearchEnd(base, best, variant, reachable, True)
+            variant = self.variant or variant
+            enriched = yield from enriched_starts(base, variant, best.poles)
+            reachable = enriched[0].criterion + ALLOWANCE
+            if criterion(best) < reachable:
+                return SearchEnd(base, best, variant, reachable, True)
+            before = criterion(best)
+            best = yield from self._best_of(enriched[:2], reachable, best, where)
+            if criterion(best) < before - 1.0:
+                continue
+            if not further:
+                break
+            kind = further.pop(0)
+            if kind == "discrete":
+                poles = discrete_poles(base)
+                name = where + "discrete-time least squares"
+                best = yield from self._adapted(base, variant, poles, reachable, best, name)
+            elif kind == "spread":
+                starts = yield from spread_slices(base, extremes)
+                best = yield from self._best_of(starts[: self.n_starts], reachable, best, where)
+            else:
+                best = yield from self._relaxed(base, extremes, reachable, best, where)
+        return SearchEnd(base, best, self.variant or variant, reachable, False)
+
+    def move(self, found: SearchEnd, where: str = "") -> Point:
+        """Steps on the cost, then one pole or pair taken to another place as long as that helps."""
+        return drain(self.moving(found, where))
+
+    def moving(self, found: SearchEnd, where: str = "") -> Slices[Point]:
+        """`move` in slices."""
+        if at_rounding(found.point) or explained(found.point) < WORTHWHILE:
+            return found.point
+        at = partial(evaluate_variant, found.base, found.variant)
+        start = at(found.point.poles)
+        best = (yield from finishing(at, start, self.recorder, MOST_TRIED))[0]
+        for _ in range(MOST_MOVES):
+            before = best
+            places = yield from moving_poles(found.base, found.variant, before.poles)
+            self.scan = Scan(found.base, found.variant, before.poles, places)
+            for place in places[:MOST_FOLLOWED]:
+                if place.objective > best.objective + NEAR:
+                    break
+                own = Recorder()
+                point = (yield from finishing(at, at(place.poles), own, MOST_TRIED))[0]
+                self.starts.append(
+                    Start(where + "one pole or pair moved", coefficients(point), mean_square(point))
+                )
+                if point.objective < best.objective - HELPED:
+                    best = point
+                    self.recorder.extend(own)
+            if best is before:
+                break
+        return best
+
+    def _best_of(
+        self, parallel: Sequence[ParallelStart], reachable: float, best: Point | None, where: str
+    ) -> Slices[Point]:
+        """Follow starts until one reaches the criterion; the best point."""
+        for start in parallel:
+            yield
+            firsts = []
+            for poles in start.candidates():
+                yield
+                firsts.append(evaluate_variant(start.base, start.variant, poles))
+            first = min(firsts, key=lambda point: point.objective)
+            best = yield from self._adapted(
+                start.base, start.variant, first.poles, reachable, best, where + start.name
+            )
+            if criterion(best) < reachable:
+                break
+        assert best is not None
+        return best
+
+    def _adapted(
+        self,
+        base: Problem,
+        variant: Variant,
+        poles: Complex,
+        reachable: float,
+        best: Point | None,
+        name: str,
+        most: int = MOST_ADAPTED,
+    ) -> Slices[Point]:
+        """Adapted passes and, where they do not reach the criterion, steps on the cost."""
+        own = Recorder()
+        point = yield from adapting(base, variant, poles, own, most)
+        if criterion(point) >= reachable:
+            at = partial(evaluate_variant, base, variant)
+            yield
+            start = evaluate_variant(base, variant, point.poles)
+            point = (yield from finishing(at, start, own, MOST_TRIED))[0]
+        self.starts.append(Start(name, coefficients(point), mean_square(point)))
+        if best is not None and criterion(best) <= criterion(point):
+            return best
+        self.recorder.passes[:] = own.passes
+        self.variant = variant
+        return point
+
+    def _relaxed(
+        self,
+        base: Problem,
+        variants: Sequence[Variant],
+        reachable: float,
+        best: Point,
+        where: str,
+    ) -> Slices[Point]:
+        """Poles from numerators of full degree, then the wanted degree."""
+        zeros = tuple(
+            tuple(max(m, base.order(i, j) - 1) for j, m in enumerate(row))
+            for i, row in enumerate(base.n_zeros)
+        )
+        if zeros == base.n_zeros:
+            return best
+        relaxed = replace(base, n_zeros=zeros)
+        inner = Search(self.n_starts, further=self.further)
+        point = (yield from inner.following(relaxed, variants)).point
+        for variant in variants:
+            name = where + "numerators of full degree first"
+            best = yield from self._adapted(base, variant, point.poles, reachable, best, name)
+        return best
+
+
+def _end_of(base: Problem, variants: Sequence[Variant], near: Point, loosest: float) -> End | None:
+    """Where a window's poles lead on the whole record; None where that is no end of use."""
+    poles, variant = _sharpened(base, near.poles), variants[-1]
+    bank = bank_of(base, poles, 2)[0]
+    whole = tuple(regress(e, bank) for e in base.experiments)
+    point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
+    if at_rounding(point) or point.looseness > HOPELESS_RATIO * loosest:
+        return None
+    alone = len(variants) == 1 and _is_all_of(variant, base)
+    own = Recorder()
+    if alone:
+        point = finish(partial(evaluate, variant.problem(base)), point, own)[0]
+        poles, whole = point.poles, point.regressions
+    return End(near.poles, poles, point, whole, alone, tuple(own.passes))
+
+
+def _is_all_of(variant: Variant, base: Problem) -> bool:
+    """Whether a choice of nuisance terms leaves out none that the problem has, and adds none."""
+    own = (variant.free, variant.offset, variant.drift)
+    same = all((e.free, e.offset, e.drift) == own for e in base.experiments)
+    return same and all(constants is None for constants in variant.constants)
+
+
+def _sharpened(base: Problem, poles: Complex) -> Complex:
+    """Poles of a window taken to those of longer ones, so that few steps on the whole are left."""
+    total = sum(e.n_samples for e in base.experiments)
+    if total >= 4 * LONGER * SMALL:
+        piece = window(base, LONGER * SMALL)
+        if is_usable(piece):
+            at = partial(evaluate_variant, piece, free_variant(piece))
+            poles = finish(at, at(poles), Recorder(), MOST_SHARPENING)[0].poles
+    return _nearer(base, poles) if total >= 16 * SMALL else poles
+
+
+def _nearer(base: Problem, poles: Complex) -> Complex:
+    """One Gauss-Newton step on a quarter of a long record: it saves one on the whole."""
+    piece = window(base, sum(e.n_samples for e in base.experiments) // 4)
+    if not is_usable(piece):
+        return poles
+    point = evaluate_variant(piece, free_variant(piece), poles)
+    return base.admissible(point.step(0.0)[0])[0]
+
+
+def _is_white(point: Point) -> bool:
+    """Whether the residual and its means over blocks, short and long, pass for white noise."""
+    residuals = point.residuals(TESTED)
+    longest = max(one.shape[0] for one in residuals) // SMALL
+    blocks = sorted({1, max(int(np.sqrt(longest)), 1), max(longest, 1)})
+    return all(
+        is_white([_block_means(one[:, i], block) for one in residuals])
+        for i in range(point.problem.n_outputs)
+        for block in blocks
+    )
+
+
+def _block_means(series: Array, block: int) -> Array:
+    kept = series.size // block * block
+    return np.asarray(series[:kept].reshape(-1, block).mean(axis=1))
+
+
+def explained(point: Point) -> float:
+    """Fall of -2 log L from offset and drift alone to the model: little where all is noise."""
+    total = 0.0
+    for i, fit in enumerate(point.fits):
+        target = fit.residual + fit.matrix @ fit.solution.x
+        width = fit.columns.width.items()
+        kept = [at for key, at in width if isinstance(key, tuple) and key[0] == "nuisance"]
+        rest = float(target @ target)
+        if kept:
+            rest = solve(np.hstack([fit.matrix[:, at] for at in kept]), target).cost
+        total += float(point.counts[i] * np.log(max(rest / fit.solution.cost, 1.0)))
+    return total
+
+
+def _extremes(variants: Sequence[Variant]) -> Sequence[Variant]:
+    """The leanest choice, the fullest, and a start in equilibrium where that is one."""
+    shifted = [v for v in variants[1:-1] if any(c is not None for c in v.constants)][:1]
+    return variants if len(variants) == 1 else (variants[0], *shifted, variants[-1])
+
+
+def _distinct(parallel: Sequence[ParallelStart], count: int) -> list[ParallelStart]:
+    """The best starts with operators' poles at least a factor of two apart."""
+    kept: list[ParallelStart] = []
+    for start in parallel:
+        if all(not 0.5 < start.rate / other.rate < 2.0 for other in kept):
+            kept.append(start)
+    return kept[:count]

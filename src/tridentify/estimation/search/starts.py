@@ -1,0 +1,509 @@
+"""Where the passes begin: parallel models on fixed operators, reduced to the order asked for.
+
+*Laguerre.* For each ``gamma`` on a logarithmic grid from the slowest to the fastest rate the
+record can show, the record is filtered once through ``L + n + 1`` Laguerre functions. Functions
+are nested, so the residuals of all orders ``1 .. L`` follow from one triangle, and AICc picks
+the order; its value at that order ranks the grid.
+
+*Spread.* Where one ``gamma`` cannot serve (poles decades apart, light damping), the operators
+are the orthonormal functions on poles spread over the whole band, real or in lightly damped
+pairs.
+
+Either parallel model is then turned into poles of ``a`` in two ways, both convex or direct:
+
+1. Step 2 with the paper's kind of filter, ``c = (p + gamma)^(n + 1)``; its functions are the
+   next ones of the same bank, so it needs no further pass over the samples.
+2. Balanced truncation. The controllability Gramian of the bank is the identity, so with ``Q`` the
+   observability Gramian of the fitted weights and ``V`` its ``n`` leading eigenvectors (the
+   Hankel singular values are the roots of the eigenvalues) the reduced model has the poles
+   ``eig(V' A V)``: always stable, whatever the noise (Moore 1981; Antoulas 2005, section 7.2).
+
+The one with the lower output-error cost is followed. A grid point costs one pass over the
+samples; nothing here is iterative.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from tridentify.estimation.likelihood.problem import Group, Problem, Variant
+from tridentify.models.parallel import ParallelFit, fit_parallel
+from tridentify.models.regression import Regression, regress, restricted
+from tridentify.models.response import Response
+from tridentify.models.series_parallel import Filtering, fit_denominators
+from tridentify.numerics.least_squares import solve, triangle
+from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
+from tridentify.numerics.slices import Slices, drain
+
+Array = NDArray[np.float64]
+
+PER_DECADE = 3.0
+MOST_FUNCTIONS = 12
+MOST_SPREAD = 30
+SLOW_EDGE = 3.0
+FAST_EDGE = 0.7
+BEYOND = 2.0
+MOVED_DAMPING = 0.2
+MOVED_RADII = 10
+SPREAD_DAMPING = (1.0, 0.3, 0.05)
+
+
+@dataclass(frozen=True, eq=False)
+class ParallelStart:
+    """A parallel model on fixed operators, fitted but for its weights.
+
+    Attributes
+    ----------
+    name : str
+        In words.
+    problem : Problem
+        With the nuisance terms that were estimated along; its experiments are those of the base.
+    base : Problem
+        The problem whose experiments are filtered.
+    variant : Variant
+        How to get from one to the other.
+    order : int
+        Number of operators.
+    criterion : float
+        AICc.
+    rate : float
+        Typical pole of the operators [rad/s].
+    filters : tuple of (k,) complex arrays
+        The filter ``c`` of Step 2 for each denominator, whose poles follow the operators in the
+        bank (empty: no Step 2).
+    bank : Cascade
+    regressions : tuple of Regression
+        On ``bank``.
+    """
+
+    name: str
+    problem: Problem
+    base: Problem
+    variant: Variant
+    order: int
+    criterion: float
+    rate: float
+    filters: tuple[Complex, ...]
+    bank: Cascade
+    regressions: tuple[Regression, ...]
+
+    @cached_property
+    def fit(self) -> ParallelFit:
+        """Step 1."""
+        rows = np.eye(self.order, self.bank.order)
+        direct = np.zeros(self.order)
+        free_rows = rows
+        if self.problem.biproper:
+            rows = np.vstack([rows, np.zeros(self.bank.order)])
+            direct = np.append(direct, 1.0)
+        return fit_parallel(self.regressions, rows, direct, free_rows=free_rows)
+
+    def candidates(self) -> list[Complex]:
+        """Admissible poles by Step 2 and by balanced truncation."""
+        found = [self.filtered_poles(), self.reduced_poles()]
+        if len(self.problem.groups) > 1:
+            found.insert(1, self.filtered_poles(alone=True))
+        return [poles for poles in found if poles is not None]
+
+    def filtered_poles(self, *, alone: bool = False) -> Complex | None:
+        """Step 2 on the parallel model's output: admissible roots of ``a``.
+
+        Parameters
+        ----------
+        alone : bool
+            Every denominator from its own part of the output, not all from their sum.
+        """
+        if not self.filters:
+            return None
+        filterings = [
+            Filtering(
+                cascade(poles),
+                group.order,
+                self.bank,
+                slice(0, self.bank.order),
+                _channels(self.problem, group),
+            )
+            for group, poles in zip(self.problem.groups, self.filters, strict=True)
+        ]
+        regressions, response = self.regressions, self.fit.response
+        if len(filterings) > 1:
+            # the free response is not known denominator by denominator, so it is left out
+            regressions = tuple(
+                restricted(r, self.bank, free=False, offset=False, drift=False) for r in regressions
+            )
+            response = Response(response.rows, response.direct, np.zeros_like(response.free))
+        together = [[one] for one in filterings] if alone else [filterings]
+        weights, zeros = self._weights(), self.problem.n_zeros
+        found = [
+            fit_denominators(regressions, response, some, zeros, weights).poles for some in together
+        ]
+        return self.problem.admissible(np.concatenate(found))[0]
+
+    def reduced_poles(self) -> Complex | None:
+        """Balanced truncation of every denominator's part of the parallel model."""
+        k = self.order
+        if k < max(group.order for group in self.problem.groups):
+            return None
+        a = self.bank.a[:k, :k]
+        weighted = self.fit.response.rows[:, :, :k] * self._weights()[:, None, None]
+        found = []
+        for group in self.problem.groups:
+            c = weighted[_channels(self.problem, group)]
+            gramian = scipy.linalg.solve_continuous_lyapunov(a.T, -(c.T @ c))
+            vectors = np.linalg.eigh(0.5 * (gramian + gramian.T))[1][:, -group.order :]
+            poles = np.linalg.eigvals(vectors.T @ a @ vectors).astype(np.complex128)
+            found.append(sort_poles(poles))
+        return self.problem.admissible(np.concatenate(found))[0]
+
+    def _weights(self) -> Array:
+        problem = self.problem
+        samples = sum(e.n_samples for e in problem.experiments)
+        return np.asarray(1.0 / np.sqrt(self.fit.cost / samples + 1e-30 * problem.size))
+
+
+def _channels(problem: Problem, group: Group) -> NDArray[np.bool_]:
+    """(n_outputs, n_inputs) which channels a group has."""
+    found = np.zeros((problem.n_outputs, problem.n_inputs), dtype=bool)
+    found[tuple(np.transpose(group.channels))] = True
+    return found
+
+
+def discrete_poles(base: Problem) -> Complex:
+    """Poles of a discrete-time least-squares model of the raw record.
+
+    ``y_k + sum_i a_i y_{k-i} = sum_i b_i u_{k-i} + e`` with one ``a`` for all outputs, solved
+    by QR; ``log(z) / dt`` of its roots. Biased by any noise, and useless for much of it, but
+    exact without: what the other starts may miss on a clean record of high order, this one
+    finds.
+
+    Parameters
+    ----------
+    base : Problem
+
+    Returns
+    -------
+    (n,) complex array
+        Admissible poles [rad/s].
+    """
+    n, n_outputs = base.n_poles, base.n_outputs
+    scale = np.sqrt(np.where(base.power > 0, base.power, 1.0))
+    parts = []
+    dt = base.experiments[0].dt
+    for e in base.experiments:
+        same = e.t is None and math.isclose(e.dt, dt, rel_tol=1e-6)
+        if e.n_samples <= 2 * n + 2 or not same:
+            continue
+        for i in range(n_outputs):
+            lags = sliding_window_view(e.sampled[i].direct, n + 1, axis=0)[:, :, ::-1]
+            inputs = np.column_stack([lags.reshape(lags.shape[0], -1), np.ones(lags.shape[0])])
+            y = sliding_window_view(e.y[:, i] / scale[i], n + 1)[:, ::-1]
+            seen = np.isfinite(y).all(axis=1)
+            if seen.sum() <= 2 * n:
+                continue
+            block = np.zeros((int(seen.sum()), inputs.shape[1] * n_outputs))
+            block[:, i * inputs.shape[1] : (i + 1) * inputs.shape[1]] = inputs[seen]
+            parts.append(np.column_stack([block, y[seen, 1:], y[seen, :1]]))
+    if not parts:
+        return base.admissible(-np.geomspace(*rate_limits(base), n).astype(np.complex128))[0]
+    r = triangle(np.vstack(parts))
+    if r.shape[0] < r.shape[1]:
+        return base.admissible(-np.geomspace(*rate_limits(base), n).astype(np.complex128))[0]
+    corner = r[-n - 1 :, -n - 1 :]
+    a = solve(corner[:, :-1], -corner[:, -1]).x
+    z = np.roots(np.concatenate([[1.0], a])).astype(np.complex128)
+    z = np.where(z.imag == 0, np.abs(z) + 0j, z)
+    z = np.where(np.abs(z) < 1e-12, 1e-12 + 0j, z)
+    return base.admissible(sort_poles(np.asarray(np.log(z) / dt, dtype=np.complex128)))[0]
+
+
+def relocated_poles(base: Problem, poles: Complex) -> list[Complex]:
+    """Poles with those that ran out of the band put back into it, at several rates.
+
+    Parameters
+    ----------
+    base : Problem
+    poles : (n,) complex array
+        Where a search ended. Poles faster than the band are moved, those of one denominator at a
+        time; if there is none, the fastest pole or pair is.
+
+    Returns
+    -------
+    list of (n,) complex arrays
+        Admissible; the moved poles lie on a lightly damped pattern whose radius runs over the
+        band.
+    """
+    low, high = rate_limits(base)
+    found: list[Complex] = []
+    fastest = max(range(len(base.groups)), key=lambda k: np.abs(poles[base.groups[k].poles]).max())
+    for k, group in enumerate(base.groups):
+        own = poles[group.poles]
+        moved = np.abs(own) > BEYOND * high
+        if not moved.any() and k == fastest:
+            moved = np.isclose(np.abs(own), np.abs(own).max(), rtol=1e-9)
+        if not moved.any():
+            continue
+        count = int(moved.sum())
+        angles = np.pi / 2.0 + np.arcsin(MOVED_DAMPING) * (1.0 + np.arange(count // 2))
+        pattern = np.concatenate([np.exp(1j * angles), np.exp(-1j * angles), -np.ones(count % 2)])
+        for radius in np.geomspace(low, high, MOVED_RADII):
+            whole = poles.copy()
+            whole[group.poles] = sort_poles(np.concatenate([own[~moved], radius * pattern]))
+            found.append(base.admissible(whole)[0])
+    return found
+
+
+def rate_limits(problem: Problem) -> tuple[float, float]:
+    """Slowest and fastest rate that the record can show [rad/s]: 3 / T and 0.7 / dt."""
+    low = SLOW_EDGE / max(e.duration for e in problem.experiments)
+    high = FAST_EDGE / min(e.dt for e in problem.experiments)
+    if high > low:
+        return low, high
+    return float(np.sqrt(low * high)) * 0.99, float(np.sqrt(low * high)) * 1.01
+
+
+def laguerre_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelStart]:
+    """Parallel models over the grid and over choices of nuisance terms, the best by AICc first.
+
+    Parameters
+    ----------
+    base : Problem
+        With every nuisance term that a variant has.
+    variants : sequence of Variant
+        Choices of nuisance terms.
+
+    Returns
+    -------
+    list of ParallelStart
+        One per grid point and variant.
+    """
+    return drain(laguerre_slices(base, variants))
+
+
+def laguerre_slices(base: Problem, variants: Sequence[Variant]) -> Slices[list[ParallelStart]]:
+    """`laguerre_starts` in slices, one a grid point."""
+    found: list[ParallelStart] = []
+    for rate in _rates(base):
+        yield
+        found += _laguerre(base, variants, rate)
+    return sorted(found, key=lambda start: start.criterion)
+
+
+def best_laguerre(base: Problem, variant: Variant) -> ParallelStart:
+    """The best of every second point of the grid and of its neighbours: nearly always the best.
+
+    Parameters
+    ----------
+    base : Problem
+    variant : Variant
+        Choice of nuisance terms.
+
+    Returns
+    -------
+    ParallelStart
+        To be reduced by balanced truncation: its bank has no filters for Step 2.
+    """
+    rates = _rates(base)
+    found = {k: _laguerre(base, [variant], rates[k], False)[0] for k in range(0, len(rates), 2)}
+    best = min(found, key=lambda k: found[k].criterion)
+    for k in (best - 1, best + 1):
+        if 0 <= k < len(rates):
+            found[k] = _laguerre(base, [variant], rates[k], False)[0]
+    return min(found.values(), key=lambda start: start.criterion)
+
+
+def _rates(base: Problem) -> Array:
+    """The grid [rad/s]."""
+    low, high = rate_limits(base)
+    count = max(4, int(np.ceil(PER_DECADE * np.log10(high / low))) + 1)
+    return np.geomspace(low, high, count)
+
+
+def _laguerre(
+    base: Problem, variants: Sequence[Variant], gamma: float, filtered: bool = True
+) -> list[ParallelStart]:
+    """One point of the grid, with the filters of Step 2 or without."""
+    poles = np.full(_most(base, MOST_FUNCTIONS), -gamma, dtype=np.complex128)
+    groups = base.groups if filtered else ()
+    filters = tuple(np.full(g.order + 1, -gamma, dtype=np.complex128) for g in groups)
+    return _starts(f"Laguerre {gamma:.3g} rad/s", base, variants, poles, filters, gamma)
+
+
+def spread_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelStart]:
+    """Parallel models on poles spread over the whole band, the best by AICc first.
+
+    Parameters and result as for `laguerre_starts`.
+    """
+    return drain(spread_slices(base, variants))
+
+
+def spread_slices(base: Problem, variants: Sequence[Variant]) -> Slices[list[ParallelStart]]:
+    """`spread_starts` in slices, one a damping."""
+    low, high = rate_limits(base)
+    found: list[ParallelStart] = []
+    for damping in SPREAD_DAMPING:
+        yield
+        poles = spread_poles(base, damping, _most(base, MOST_SPREAD))
+        name = f"poles spread over the band, damping {damping:g}"
+        found += _starts(name, base, variants, poles, (), float(np.sqrt(low * high)), whole=True)
+    return sorted(found, key=lambda start: start.criterion)
+
+
+def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> Slices[list[ParallelStart]]:
+    """Parallel models on known poles, twice each, and a spread: what the known ones still miss.
+
+    In slices, one a damping.
+
+    Parameters
+    ----------
+    base : Problem
+    variant : Variant
+        Choice of nuisance terms.
+    poles : (n,) complex array
+        The best so far; also the filter of Step 2.
+
+    Returns
+    -------
+    list of ParallelStart
+        The best by AICc first.
+    """
+    low, high = rate_limits(base)
+    found: list[ParallelStart] = []
+    for damping in SPREAD_DAMPING:
+        yield
+        spread = spread_poles(base, damping, _most(base, MOST_SPREAD) // 2)
+        operators = np.concatenate([poles, poles, spread])
+        name = f"the poles so far and a spread, damping {damping:g}"
+        rate = float(np.sqrt(low * high))
+        filters = base.split(poles)
+        found += _starts(name, base, [variant], operators, filters, rate, whole=True)
+    return sorted(found, key=lambda start: start.criterion)
+
+
+def parallel_criterion(problem: Problem, rate: float, most: int) -> float:
+    """AICc of the best parallel model on up to ``most`` Laguerre functions of one rate."""
+    bank = cascade(np.full(_most(problem, most), -rate, dtype=np.complex128))
+    regressions = tuple(regress(e, bank) for e in problem.experiments)
+    return _order(problem, regressions, bank.order, None)[1]
+
+
+def spread_poles(base: Problem, damping: float, count: int) -> Complex:
+    """Poles over the whole band, real for a damping of 1 and in pairs below it."""
+    low, high = rate_limits(base)
+    if damping == 1.0:
+        return -np.geomspace(low, 3.0 * high, count).astype(np.complex128)
+    frequencies = np.geomspace(low, 3.0 * high, max(count // 2, 1))
+    turn = -damping + 1j * np.sqrt(1.0 - damping**2)
+    return sort_poles(np.concatenate([frequencies * turn, frequencies * turn.conjugate()]))
+
+
+def _most(base: Problem, limit: int) -> int:
+    samples = sum(e.n_samples for e in base.experiments)
+    fewest = max(group.order for group in base.groups) + 1
+    return max(fewest, min(limit, samples // (3 * base.n_inputs)))
+
+
+def _starts(
+    name: str,
+    base: Problem,
+    variants: Sequence[Variant],
+    poles: Complex,
+    filters: tuple[Complex, ...],
+    rate: float,
+    *,
+    whole: bool = False,
+) -> list[ParallelStart]:
+    """One bank, every choice of nuisance terms."""
+    bank = cascade(np.concatenate([poles, _covering(filters)]))
+    regressions = tuple(regress(e, bank) for e in base.experiments)
+    found = []
+    for variant in variants:
+        problem = variant.problem(base)
+        own = variant.regressions(regressions, bank)
+        order, criterion = _order(problem, own, poles.size, poles.size if whole else None)
+        found.append(
+            ParallelStart(
+                f"{name}, order {order}",
+                problem,
+                base,
+                variant,
+                order,
+                criterion,
+                rate,
+                filters,
+                bank,
+                own,
+            )
+        )
+    return found
+
+
+def _covering(filters: Sequence[Complex]) -> Complex:
+    """Poles that hold those of every filter: the longest where they repeat one, else all."""
+    if not filters:
+        return np.zeros(0, dtype=np.complex128)
+    longest = max(filters, key=len)
+    if all(np.array_equal(longest[: own.size], own) for own in filters):
+        return longest
+    return np.concatenate(filters)
+
+
+def _order(
+    problem: Problem, regressions: Sequence[Regression], most: int, only: int | None
+) -> tuple[int, float]:
+    """Number of functions by AICc, summed over the outputs, and its value."""
+    highest = max(group.order for group in problem.groups)
+    fewest = min(highest + 1, most) if only is None else only
+    total = np.zeros(most)
+    samples = 0.0
+    for i in range(problem.n_outputs):
+        count = float(sum(r.counts[i] for r in regressions))
+        rss = _nested(regressions, i, most, problem.biproper)
+        total += count * np.log(rss / count + 1e-30 * problem.size[i])
+        samples += count
+    layout = regressions[0].layout
+    per_order = problem.n_outputs * (layout.n_inputs + layout.free * len(regressions))
+    shared = problem.n_outputs * (1 + (layout.offset + layout.drift) * len(regressions))
+    shared += problem.n_outputs * layout.n_inputs * problem.biproper
+    k = per_order * np.arange(1, most + 1) + shared
+    room = np.maximum(samples - k - 1.0, 0.5)
+    criterion = total + 2.0 * k + 2.0 * k * (k + 1.0) / room
+    best = int(np.argmin(criterion[fewest - 1 :])) + fewest
+    return best, float(criterion[best - 1])
+
+
+def _nested(regressions: Sequence[Regression], output: int, most: int, biproper: bool) -> Array:
+    """(most,) residual sums of squares with the first 1, 2, ... functions of every channel.
+
+    The weights of the input functions are common to the experiments, all else is their own.
+    """
+    layout = regressions[0].layout
+    n_e = len(regressions)
+    own = layout.nuisance.stop - layout.nuisance.start
+    direct = [layout.direct(j) for j in range(layout.n_inputs)] if biproper else []
+    fixed = own * n_e + len(direct)
+    per_order = layout.n_inputs + layout.free * n_e
+    rows = []
+    for e, regression in enumerate(regressions):
+        s = regression.signals[output]
+        block = np.zeros((s.shape[0], fixed + per_order * most + 1))
+        block[:, own * e : own * (e + 1)] = s[:, layout.nuisance]
+        block[:, own * n_e : fixed] = s[:, direct]
+        for j in range(layout.n_inputs):
+            first = layout.input_states(j).start
+            block[:, fixed + j : -1 : per_order] = s[:, first : first + most]
+        if layout.free:
+            block[:, fixed + layout.n_inputs + e : -1 : per_order] = s[:, :most]
+        block[:, -1] = regression.targets[output]
+        rows.append(block)
+    last = triangle(rows[0] if n_e == 1 else np.vstack(rows))[:, -1]
+    last = np.pad(last, (0, max(0, fixed + per_order * most + 1 - last.size)))
+    tail = np.append(np.cumsum(last[::-1] ** 2)[::-1], 0.0)
+    return np.asarray(tail[fixed + per_order * np.arange(1, most + 1)])

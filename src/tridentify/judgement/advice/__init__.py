@@ -1,0 +1,8 @@
+"""What a record can tell before anything is fitted."""
+
+from tridentify.judgement.advice.frequency import FrequencyResponse, frequency_response
+from tridentify.judgement.advice.result import Advice
+from tridentify.judgement.advice.seen import DelaySeen
+from tridentify.judgement.advice.survey import advise
+
+__all__ = ["Advice", "DelaySeen", "FrequencyResponse", "advise", "frequency_response"]

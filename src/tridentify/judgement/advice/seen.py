@@ -1,0 +1,187 @@
+"""What the parallel model shows of a record: delays, feedback, drift, the input between samples.
+
+Each is a comparison of two linear fits on the same whitened samples. A *delay* is where `-2 log L`
+is lowest over delayed inputs, the operators' pole free again at each; its range is where it is less
+than 4 higher (95 %). *Feedback* is a share of the innovations that only later inputs explain: where
+the input does not react to the output there is none (Sims 1972). The input between its samples is
+compared by `-2 log L`, as is a *drift*.
+
+Reference: C. Sims, American Economic Review 62 (1972) 540-552.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.checks.samples import Behaviour, looks_measured, typical_step
+from tridentify.errors import TridentifyError
+from tridentify.judgement.advice.parallel import Parallel, WhitenedFit, p_value
+from tridentify.record.record import Record
+
+Array = NDArray[np.float64]
+
+PART = 0.25
+"""Longest delay that is looked for, in durations."""
+
+RANGE = 4.0
+"""Rise of ``-2 log L`` that a delay is within with 95 %."""
+
+AHEAD = (1, 2, 3, 4, 6, 8, 12, 16)
+"""Later inputs that are tried [samples]."""
+
+GUARD = 2
+"""Later samples that a measured input may act through: between its samples it is drawn with what
+comes next."""
+
+MISSED = 0.1
+"""Share of the innovations that past inputs explain beside the operators, from which these miss too
+much for later inputs to mean feedback."""
+
+BEHIND = (0, 1, 2, 3, 4, 6, 8, 12, 16, 24, 32)
+"""Inputs that go along with the operators [samples]: what these miss of the very first response."""
+
+
+@dataclass(frozen=True)
+class DelaySeen:
+    """A delay, as the record shows it.
+
+    Attributes
+    ----------
+    input, output : str
+    value, low, high : float
+        Best, and the range that the record allows [s].
+    fall : float
+        By how much ``-2 log L`` is lower than without.
+    """
+
+    input: str
+    output: str
+    value: float
+    low: float
+    high: float
+    fall: float
+
+    @property
+    def text(self) -> str:
+        """In words.
+
+        Examples
+        --------
+        >>> DelaySeen("u", "y", 0.2, 0.1, 0.3, 40.0).text
+        '0.2 s (0.1 to 0.3 s)'
+        """
+        return f"{self.value:.3g} s ({self.low:.3g} to {self.high:.3g} s)"
+
+
+def delay_seen(parallel: Parallel, fit: WhitenedFit, input_: int) -> DelaySeen:
+    """Find how late an input acts.
+
+    Parameters
+    ----------
+    parallel : Parallel
+        With its noise model.
+    fit : WhitenedFit
+        Its best one.
+    input_ : int
+    """
+    first = parallel.records[0]
+    step = typical_step(first.t) if first.dt is None else first.dt
+    longest = PART * min(record.duration for record in parallel.records)
+    grid = _grid(step, longest)
+    poles = list(dict.fromkeys([fit.pole, *parallel.poles()[::2]]))
+
+    def deviance(delay: float) -> float:
+        delays = tuple(delay if j == input_ else d for j, d in enumerate(parallel.delays))
+        moved = parallel.changed(delays=delays, left=float(grid[-1]))
+        return min(moved.fits(pole, (fit.order,))[0].deviance for pole in poles)
+
+    profile = np.array([deviance(float(delay)) for delay in grid])
+    best = int(np.argmin(profile))
+    around = grid[max(best - 1, 0)], grid[min(best + 1, grid.size - 1)]
+    finer = np.arange(around[0], around[1] + step / 2, max(step / 2, (around[1] - around[0]) / 12))
+    extra = np.array([delay for delay in finer if np.abs(grid - delay).min() > 0.1 * step])
+    more = np.array([deviance(float(delay)) for delay in extra])
+    delays, values = np.concatenate([grid, extra]), np.concatenate([profile, more])
+    order = np.argsort(delays)
+    delays, values = delays[order], values[order]
+    best = int(np.argmin(values))
+    within = np.flatnonzero(values <= values[best] + RANGE)
+    low = delays[max(int(within[0]) - 1, 0)] if within[0] == best else delays[within[0]]
+    last = int(within[-1])
+    high = delays[min(last + 1, delays.size - 1)] if last == best else delays[last]
+    return DelaySeen(
+        first.input_names[input_],
+        first.output_names[parallel.output],
+        float(delays[best]),
+        float(low),
+        float(high),
+        float(values[delays == 0.0][0] - values[best]),
+    )
+
+
+def _grid(step: float, longest: float) -> Array:
+    """Every sample at first, then a fifth more each time [s]."""
+    found = [0.0]
+    while (following := found[-1] + step * max(1.0, round(0.2 * found[-1] / step))) <= longest:
+        found.append(following)
+    return np.array(found)
+
+
+def feedback_seen(parallel: Parallel, fit: WhitenedFit) -> float:
+    """Chance that noise alone lets later inputs explain so much; 1 where that cannot be told.
+
+    Parameters
+    ----------
+    parallel : Parallel
+        With its noise model.
+    fit : WhitenedFit
+        Its best one.
+
+    Notes
+    -----
+    Where past inputs explain more beside the operators, what is left is no noise but a response
+    that the operators miss, and later inputs, which resemble past ones, may stand in for it.
+    """
+    if any(looks_measured(record.u) for record in parallel.records):
+        known, later = (*range(-GUARD, 0), *BEHIND), [k for k in AHEAD if k > GUARD]
+    else:
+        # a held input acts after its sample: what goes along with it made the input
+        known, later = BEHIND[1:], [0, *AHEAD]
+    beside = [_moved(r, known) for r in parallel.records]
+    ahead = [_moved(r, [-k for k in later]) for r in parallel.records]
+    both = [np.hstack(pair) for pair in zip(beside, ahead, strict=True)]
+    small = parallel.fits(fit.pole, (fit.order,), beside)[0]
+    if 1.0 - small.rss / max(fit.rss, 1e-300) > MISSED:
+        return 1.0
+    return p_value(small, parallel.fits(fit.pole, (fit.order,), both)[0])
+
+
+def _moved(record: Record, lags: Sequence[int]) -> Array:
+    """Inputs so many samples ago, the ends held."""
+    rows = np.arange(record.n_samples)
+    u = record.u - record.u[0]
+    return np.hstack([u[np.clip(rows - lag, 0, record.n_samples - 1)] for lag in lags])
+
+
+def drift_seen(parallel: Parallel, fit: WhitenedFit) -> float:
+    """Fall of the criterion that a straight drift brings."""
+    ramped = parallel.changed(drift=True)
+    return fit.criterion - ramped.fits(fit.pole, (fit.order,))[0].criterion
+
+
+def behaviours_seen(parallel: Parallel, fit: WhitenedFit) -> dict[Behaviour, float]:
+    """``-2 log L`` of every behaviour of the inputs that the records allow."""
+    options: tuple[Behaviour, ...] = ("zoh", "foh", "band-limited")
+    found: dict[Behaviour, float] = {}
+    for behaviour in options:
+        try:
+            records = tuple(record.between(behaviour) for record in parallel.records)
+        except TridentifyError:
+            continue
+        changed = parallel.changed(records=records)
+        found[behaviour] = min(f.deviance for f in changed.fits(fit.pole, (fit.order,)))
+    return found

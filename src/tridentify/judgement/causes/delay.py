@@ -1,0 +1,111 @@
+"""A delay that is missing, looked for ever finer about the best so far."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tridentify.errors import TridentifyError
+from tridentify.judgement.causes.attempt import Attempt, attempt
+from tridentify.judgement.causes.present import Present
+from tridentify.judgement.causes.rivals import Rival, one
+from tridentify.numerics.realization import Complex
+
+GROWTH = 1.6
+"""Ratio of neighbouring delays of the first search: a model half an octave late still moves toward
+the right one."""
+
+FEW_STEPS = 5
+"""Levenberg-Marquardt steps of each: the poles of a model without the delay are far off, so that
+what a single step promises there says little."""
+
+SHARE = 4
+"""The longest delay that is tried is this part of a record, where what came before is stated."""
+
+SHARE_FREE = 10
+"""The same where the initial state is free: the samples before the delay are then explained by
+nothing, and what is left may be a free response alone."""
+
+FINER = (1.0, 0.5, 0.25)
+"""Steps [samples] of the refinement."""
+
+
+def delay_rivals(present: Present) -> Iterator[Rival]:
+    """Each input later to all outputs, and to each one, by the delay that promises most."""
+    n_outputs, n_inputs = present.delay.shape
+    paths = [(tuple(range(n_outputs)), j) for j in range(n_inputs)]
+    if n_outputs > 1:
+        paths += [((i,), j) for i in range(n_outputs) for j in range(n_inputs)]
+    for rows, j in paths:
+        found = _best(present, rows, j)
+        if found is not None:
+            yield found
+
+
+def _best(present: Present, rows: tuple[int, ...], j: int) -> Rival | None:
+    share = SHARE_FREE if present.nuisances.initial_state == "free" else SHARE
+    longest = min(record.n_samples for record in present.records) // share
+    plain = replace(present, noise=())
+    known: dict[float, Attempt | None] = {}
+
+    def at(steps: float, poles: Complex) -> float:
+        if steps not in known:
+            try:
+                problem = _later(plain, rows, j, steps).problem()
+                known[steps] = attempt(problem, [poles], present.orders, steps=FEW_STEPS, rounds=0)
+            except TridentifyError:
+                known[steps] = None
+        end = known[steps]
+        return np.inf if end is None else end.deviance / end.count
+
+    grid = [1.0]
+    while grid[-1] * GROWTH < longest:
+        grid.append(float(np.ceil(grid[-1] * GROWTH)))
+    best = min(grid, key=lambda steps: at(steps, present.poles))
+    for width in (max(round(best / 4.0), 1.0), *FINER):
+        end = known[best]
+        if end is None:
+            return None
+        near = [best, *(s for s in (best - width, best + width) if 0 < s <= longest)]
+        poles = end.point.poles
+        best = min(near, key=lambda steps: at(steps, poles))
+    end = known[best]
+    if end is None:
+        return None
+    found = _rival(_later(present, rows, j, best), rows, j)
+    return replace(found, starts=((end.point.poles, present.poles),))
+
+
+def _later(present: Present, rows: tuple[int, ...], j: int, steps: float) -> Present:
+    late = np.array(present.delay)
+    late[list(rows), j] += steps * present.step
+    return replace(present, delay=late)
+
+
+def neighbours(present: Present, rival: Rival) -> Iterator[Rival]:
+    """Delays beside that of a rival: a step ahead promises little more than where to begin."""
+    (part,) = rival.parts
+    moved = np.argwhere(part.delay != present.delay)
+    rows, j = tuple(moved[:, 0].tolist()), int(moved[0, 1])
+    steps = (part.delay[rows[0], j] - present.delay[rows[0], j]) / present.step
+    near = {steps - 0.5, steps - 0.25, steps + 0.25, steps + 0.5}
+    near |= {float(np.floor(steps)), float(np.ceil(steps))}
+    for other in sorted(near - {steps}):
+        if other > 0:
+            near_it = _rival(_later(present, rows, j, other), rows, j)
+            yield replace(near_it, starts=rival.starts)
+
+
+def _rival(later: Present, rows: tuple[int, ...], j: int) -> Rival:
+    first = later.records[0]
+    name = first.input_names[j]
+    where = name if len(rows) == first.n_outputs else f"{name} to {first.output_names[rows[0]]}"
+    total = float(later.delay[rows[0], j])
+    return one(
+        "delay",
+        later,
+        f"a delay of about {total:.3g} s of {where}",
+        f"State the delay (delay={total:.3g}; --delay), or have it estimated (delay='free').",
+    )

@@ -1,0 +1,370 @@
+"""Which of the other explanations a record speaks for, each fitted before it is named.
+
+The rivals are compared by AICc, each with a noise model of its own. A cause that is tested early
+(`finding.CODES` has the order) may pass for a later one: a late input, a held one that was not
+held, or a cubic spring are all explained in part by more poles. More poles explain a little of
+everything, so that the best criterion is not enough: the first cause in that order is named whose
+rival gains the greater part of what the best one gains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.finding import CODES
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.judgement.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt, promise
+from tridentify.judgement.causes.delay import delay_rivals, neighbours
+from tridentify.judgement.causes.feedback import Coming, reacts
+from tridentify.judgement.causes.intersample import BEHAVIOURS, IN_WORDS, is_staircase
+from tridentify.judgement.causes.lost import Place, lost_rival
+from tridentify.judgement.causes.present import Present
+from tridentify.judgement.causes.rivals import (
+    Rival,
+    drift_rivals,
+    nonlinear_rivals,
+    one,
+    order_rivals,
+    varying_rivals,
+)
+from tridentify.judgement.causes.saturation import saturation_rivals, with_limits
+from tridentify.judgement.causes.slow import slow_rivals
+from tridentify.numerics.interpolation import FEWEST
+
+Array = NDArray[np.float64]
+
+CLEARLY = 10.0
+"""Fall of AICc from which another explanation is worth a word: odds of 150 to 1."""
+
+MOST_OF_IT = 0.7
+"""Share of the best rival's gain from which an earlier cause is named in its place."""
+
+NEARLY = 0.8
+"""The same among rivals of one cause, of which the simplest is named."""
+
+ALONE = 0.5
+"""Share of the gain of lost rows that no other cause may reach: cuts in a record explain a little
+of everything that is not noise."""
+
+LEAST_SHARE = 0.005
+"""Share of the sum of squares below which a cause changes nothing that anyone could see."""
+
+LOST = 3.0
+"""Fit [percent points] that a noise model may cost before it is not used to compare."""
+
+WORSE = 0.2
+"""Fall of the simulated fit [percent points] from which an explanation is none that anyone would
+use, whatever its likelihood on whitened samples."""
+
+SHARPER = 3
+"""Times that a non-linearity is fitted anew, at most: each begins with a better output."""
+
+FOLLOWED = 3
+"""Rivals of one code that are fitted: those that promise most."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A rival that was fitted.
+
+    Attributes
+    ----------
+    rival : Rival
+    attempts : tuple of Attempt
+        Where its parts ended.
+    gain : float
+        Fall of AICc against the present explanation.
+    share : float
+        By how much the sum of squares of the residual falls with it (0 to 1).
+    unknowns : int
+    """
+
+    rival: Rival
+    attempts: tuple[Attempt, ...]
+    gain: float
+    share: float
+    unknowns: int
+
+    def fits(self, base: Attempt) -> Array:
+        """(n_outputs,) NRMSE [percent] of one part, about the means of the records as they are."""
+        (end,) = self.attempts
+        if len(end.point.problem.experiments) == len(base.point.problem.experiments):
+            return end.fits
+        return np.asarray(100.0 * (1.0 - np.sqrt(end.raw_energy / base.spread)))
+
+
+@dataclass(frozen=True, eq=False)
+class Explanations:
+    """The present explanation, and the rivals that were fitted, the best first.
+
+    Attributes
+    ----------
+    present : Attempt
+    found : tuple of Explanation
+    reacts : tuple of Coming or None
+        Per output, what inputs to come explain where that is the cause: the input reacts.
+    """
+
+    present: Attempt
+    found: tuple[Explanation, ...]
+    reacts: tuple[Coming | None, ...] = ()
+
+    @property
+    def named(self) -> Explanation | None:
+        """The first cause that makes the greater part of what can be gained.
+
+        Of several rivals of that cause, the one with fewest unknowns that gains nearly as much as
+        the best of them. None where the input reacts to the output.
+        """
+        return None if any(self.reacts) else self._best
+
+    @cached_property
+    def _best(self) -> Explanation | None:
+        clear = [
+            one
+            for one in self.found
+            if one.gain > CLEARLY
+            and one.share > LEAST_SHARE
+            and not self._is_worse(one)
+            and not self._is_shared(one)
+        ]
+        if not clear:
+            return None
+        enough = MOST_OF_IT * clear[0].gain
+        rank = list(CODES)
+        code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
+        own = [one for one in clear if one.rival.code == code]
+        near = [one for one in own if one.gain >= NEARLY * own[0].gain]
+        return min(near, key=lambda one: (one.unknowns, -one.gain))
+
+    def _is_worse(self, one: Explanation) -> bool:
+        """Whether the simulated output of some channel is farther from the recorded one."""
+        if len(one.attempts) > 1:
+            return False
+        return bool(np.any(one.fits(self.present) < self.present.fits - WORSE))
+
+    def _is_shared(self, one: Explanation) -> bool:
+        """Whether rows seem lost where something else explains much of the same."""
+        if one.rival.code != "lost-rows":
+            return False
+        return any(
+            other.gain > ALONE * one.gain for other in self.found if other.rival.code != "lost-rows"
+        )
+
+
+def explain(
+    present: Present, *, skip: Iterable[str] = (), torn: Sequence[Place] = ()
+) -> Explanations | None:
+    """Fit all that may explain the records better.
+
+    Parameters
+    ----------
+    present : Present
+    skip : iterable of str
+        Codes that are not tried.
+    torn : sequence of Place
+        Where the state of the model seems to jump (`lost.jumps`).
+
+    Returns
+    -------
+    Explanations or None
+        None where the present explanation itself cannot be fitted.
+    """
+    base = settle(present)
+    if base is None:
+        return None
+    settled = _from(present, base)
+    pairs = zip(base.point.problem.experiments, base.point.residuals(), strict=True)
+    fitted = [experiment.y - residual for experiment, residual in pairs]
+    left_out = set(skip)
+    found = []
+    for code, rivals in _rivals(settled, fitted, torn).items():
+        if code in left_out:
+            continue
+        for rival in rivals:
+            ends = _attempted(rival)
+            if ends is not None:
+                found.append(_explanation(rival, ends, base))
+    found += _sharper(found, settled, base)
+    result = Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
+    named = result.named
+    if named is not None and named.rival.code == "delay":
+        more = [_explanation(rival, ends, base) for rival, ends in _refined(named.rival, settled)]
+        every = sorted([*result.found, *more], key=lambda one: -one.gain)
+        result = Explanations(base, tuple(every))
+    most = max((one.gain for one in result.found), default=0.0)
+    return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0))))
+
+
+def settle(present: Present) -> Attempt | None:
+    """Where the present explanation ends on these records; None where it cannot be fitted."""
+    plain = _attempted(one("", replace(present, noise=()), "", ""))
+    if plain is None:
+        return None
+    here = _attempted(one("", present, "", "")) if present.has_noise else plain
+    if here is None or np.any(here[0].fits < plain[0].fits - LOST):
+        # a noise model that takes the system for noise compares nothing
+        here = plain
+    return here[0]
+
+
+def _refined(rival: Rival, present: Present) -> Iterator[tuple[Rival, tuple[Attempt, ...]]]:
+    """Delays beside the one that promised most, each fitted."""
+    for near in neighbours(present, rival):
+        ends = _attempted(near)
+        if ends is not None:
+            yield near, ends
+
+
+def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
+    """The best non-linearity again, as a function of the outputs that it leads to itself."""
+    own = [one for one in found if one.rival.code == "nonlinear" and one.gain > CLEARLY]
+    better: list[Explanation] = []
+    for _ in range(SHARPER if own else 0):
+        best = max([*own, *better], key=lambda one: one.gain)
+        (end,) = best.attempts
+        pairs = zip(end.point.problem.experiments, end.point.residuals(), strict=True)
+        fitted = [experiment.y - residual for experiment, residual in pairs]
+        again = [r for r in nonlinear_rivals(present, fitted) if r.what == best.rival.what]
+        ends = _attempted(again[0]) if again else None
+        if ends is None:
+            break
+        better.append(_explanation(again[0], ends, base))
+        if better[-1].gain < best.gain + CLEARLY:
+            break
+    return better
+
+
+def _from(present: Present, base: Attempt) -> Present:
+    """From where the present explanation ended."""
+    return replace(present, poles=base.point.poles, noise=base.point.problem.noise)
+
+
+def _rivals(
+    present: Present, fitted: Sequence[Array], torn: Sequence[Place]
+) -> dict[str, list[Rival]]:
+    """Of every code those that promise most."""
+    every = [
+        *lost_rival(present, torn),
+        *_intersample_rivals(present),
+        *delay_rivals(present),
+        *saturation_rivals(present, fitted),
+        *nonlinear_rivals(present, fitted),
+        *varying_rivals(present),
+        *drift_rivals(present),
+        *slow_rivals(present),
+        *order_rivals(present),
+    ]
+    sorted_: dict[str, list[Rival]] = {}
+    for rival in every:
+        sorted_.setdefault(rival.code, []).append(rival)
+    return {
+        code: own if len(own) <= FOLLOWED else sorted(own, key=_promised)[:FOLLOWED]
+        for code, own in sorted_.items()
+    }
+
+
+def _promised(rival: Rival) -> float:
+    parts = zip(rival.parts, rival.starts, strict=True)
+    return sum(min(promise(part, poles) for poles in starts) for part, starts in parts)
+
+
+def _intersample_rivals(present: Present) -> list[Rival]:
+    records = present.records
+    now = records[0].behaviour
+    limited = not is_staircase(records) and all(
+        r.dt is not None and r.n_samples >= FEWEST for r in records
+    )
+    found = []
+    for behaviour in BEHAVIOURS:
+        if behaviour == now or (behaviour == "band-limited" and not limited):
+            continue
+        other = replace(present, records=tuple(r.between(behaviour) for r in records))
+        found.append(
+            one(
+                "intersample",
+                other,
+                f"an input that is {IN_WORDS[behaviour]}, where it is taken as {IN_WORDS[now]}",
+                f"State intersample={behaviour!r} (--intersample {behaviour}), or 'auto'.",
+            )
+        )
+    return found
+
+
+def _attempted(rival: Rival) -> tuple[Attempt, ...] | None:
+    found = []
+    # parts are compared under the noise model that they share
+    rounds = ROUNDS if len(rival.parts) == 1 else 0
+    for part, starts in zip(rival.parts, rival.starts, strict=True):
+        try:
+            end = attempt(part.problem(), starts, part.orders, rounds=rounds)
+        except TridentifyError:
+            return None
+        if end is None:
+            return None
+        found.append(end if rival.limits is None else with_limits(end, rival.limits))
+    return tuple(found)
+
+
+def _explanation(rival: Rival, ends: tuple[Attempt, ...], base: Attempt) -> Explanation:
+    """Compare on the samples that the rival explains: a longer delay leaves some out."""
+    masks = [np.isfinite(one) for end in ends for one in end.residuals()]
+    whole = [np.isfinite(one) for one in base.point.residuals()]
+    if len(ends) == 1 and len(masks) > len(whole):
+        # pieces of records
+        lengths = np.cumsum([one.shape[0] for one in whole])[:-1]
+        masks = np.split(np.concatenate(masks), lengths)
+    split = len(masks) != len(whole)
+    same = split or all(np.array_equal(a, b) for a, b in zip(masks, whole, strict=True))
+    before = base.deviance if same else base.on(masks).deviance
+    if len(ends) > 1:
+        # one variance for all parts: noise that changes its size is no change of the system
+        deviance, before = _joint(ends), _joint((base,))
+    else:
+        deviance = ends[0].deviance
+    count = sum(end.count for end in ends)
+    unknowns = sum(end.unknowns for end in ends)
+    if len(ends) > 1:
+        unknowns -= (len(ends) - 1) * sum(a.size for a in base.point.problem.noise)
+    gain = before - deviance + _penalty(base.unknowns, count) - _penalty(unknowns, count)
+    gain -= rival.price
+    energy = base.energy if same else base.on(masks).energy
+    left = sum(end.energy for end in ends)
+    share = 1.0 - left / energy if energy > 0 else 0.0
+    return Explanation(rival, ends, gain, share, unknowns)
+
+
+def _penalty(unknowns: int, count: float) -> float:
+    k = float(unknowns)
+    return 2.0 * k + 2.0 * k * (k + 1.0) / max(count - k - 1.0, 0.5)
+
+
+def _joint(ends: Sequence[Attempt]) -> float:
+    """``-2 log L`` of several parts whose noise has one variance an output."""
+    counts = np.sum([end.point.counts for end in ends], axis=0)
+    rss = np.sum([end.point.rss for end in ends], axis=0)
+    size = ends[0].point.problem.size
+    return float(counts @ np.log(rss / counts + ROUNDING * size))
+
+
+def moved(explanation: Explanation, base: Attempt, std: Array) -> tuple[int, float, float, float]:
+    """The coefficient that moves most with an explanation of the same structure.
+
+    Returns
+    -------
+    position, before, after, size
+        The last in standard errors; position -1 where the coefficients are other ones.
+    """
+    (end, *others) = explanation.attempts
+    if others or end.point.problem.n_coefficients != base.point.problem.n_coefficients:
+        return -1, np.nan, np.nan, np.nan
+    a, b = coefficients(base.point), coefficients(end.point)
+    size = np.abs(b - a) / np.where(std > 0, std, np.inf)[: a.size]
+    k = int(np.argmax(size))
+    return k, float(a[k]), float(b[k]), float(size[k])

@@ -1,0 +1,210 @@
+"""Whether fewer poles and zeros explain a record as well: each smaller structure is fitted.
+
+A mode that is surplus is found where it explains most noise among as many frequencies as there are
+samples, so that two poles more have to gain more than their unknowns: ``2 ln N`` beside them (the
+largest of ``N`` squared standard normal values is about ``2 ln N``), a real pole half of that. The
+smallest structure of all is none: what an output does by itself, an autoregression about a level,
+explains a record at rest as well as a response that was picked from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.judgement.causes.attempt import Attempt, attempt
+from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.causes.present import Present, Zeros
+from tridentify.judgement.causes.revisit import (
+    poles_of_estimate,
+    problem_of,
+    stated,
+    without_outliers,
+)
+from tridentify.numerics.autoregression import (
+    deviance,
+    fit_autoregression,
+    most_coefficients,
+)
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.record.record import Record
+
+Array = NDArray[np.float64]
+
+LONGEST = 5_000
+"""Samples of each record that are compared."""
+
+VAGUE = 0.5
+"""Relative standard error of a coefficient from which smaller structures are fitted."""
+
+MANY = 3
+"""Poles from which they are fitted whatever the errors say: the error of a mode that was picked
+among many is that of this mode, not of the choice."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Fitted:
+    """The structure that was asked for, fitted again."""
+
+    present: Present
+    end: Attempt
+
+
+def order_findings(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
+    """A word where a smaller structure does as well, or none at all.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified, the behaviour of their inputs settled.
+    """
+    given = estimate.structure
+    order = given.poles
+    open_ = not given.constrained and given.delay != "free" and estimate.loss == "squared"
+    if not (isinstance(order, int) and open_ and estimate.status.ok):
+        return []
+    vague = any(p.std and not p.relative_std < VAGUE for p in estimate.parameters.values())
+    if not (vague or order >= MANY):
+        return []
+    fitted = _fitted(estimate, records)
+    if fitted is None:
+        return []
+    if vague and _is_noise(fitted):
+        return [NO_RESPONSE]
+    found = _smallest(fitted, order)
+    return [] if found is None else [_too_high(estimate, order, fitted.end, *found)]
+
+
+NO_RESPONSE = Finding(
+    "no-response",
+    "error",
+    "What the output did before tells as much of it as the input does: the record shows no "
+    "response to this input that is more than coloured noise.",
+    "Cut out a stretch in which the input moves the system, check the channels, or excite the "
+    "system more.",
+)
+
+
+def _is_noise(fitted: _Fitted) -> bool:
+    """Whether a noise model alone, about a level, explains the outputs as well."""
+    first = fitted.end
+    orders = [_noise_of(first.point.residuals(), i).size for i in range(len(first.point.rss))]
+    present = fitted.present
+    end = attempt(replace(present, noise=()).problem(), [first.point.poles], orders)
+    if end is None or any(record.dt is None for record in present.records):
+        return False
+    outputs = [
+        np.where(np.isfinite(residual), experiment.y, np.nan)
+        for experiment, residual in zip(
+            end.point.problem.experiments, end.point.residuals(), strict=True
+        )
+    ]
+    levelled = [y - np.nanmean(y, axis=0) for y in outputs]
+    alone, unknowns = 0.0, 0
+    for i in range(present.n_outputs):
+        a = _noise_of(levelled, i)
+        if not a.size:
+            return False
+        alone += deviance([np.ascontiguousarray(one[:, i]) for one in levelled], a)
+        unknowns += a.size + len(levelled) + 1
+    pairs = (present.poles.size + 1) // 2
+    price = 2.0 * (end.unknowns - unknowns) + 2.0 * pairs * float(np.log(end.count))
+    return alone - end.deviance < price
+
+
+def _noise_of(series: Sequence[Array], output: int) -> Array:
+    """A model of one output of some series."""
+    own = [np.ascontiguousarray(one[:, output]) for one in series]
+    count = sum(int(np.isfinite(one).sum()) for one in own)
+    return fit_autoregression(own, most_coefficients(count))
+
+
+def _too_high(
+    estimate: Estimate, order: int, base: Attempt, fewer: int, zeros: Zeros, end: Attempt
+) -> Finding:
+    most, less = max(max(row) for row in zeros), order - fewer
+    pairs = zip(estimate.output_names, base.fits, end.fits, strict=True)
+    fits = ", ".join(f"fit of {name} from {a:.2f} to {b:.2f} %" for name, a, b in pairs)
+    return Finding(
+        "order-high",
+        "warning",
+        f"{_count(fewer, 'pole')} and {_count(most, 'zero')} explain the record as well: what the "
+        f"other {_count(less, 'pole')} explain{'s' if less == 1 else ''} is no more than noise "
+        "lets them.",
+        f"Use poles={fewer} and zeros={most}, or compare several orders (select_structure; "
+        "tridentify select).",
+        effect=f"With fewer: {fits}, -2 log L higher by {end.deviance - base.deviance:.3g}.",
+    )
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _fitted(estimate: Estimate, records: Sequence[Record]) -> _Fitted | None:
+    """The structure of an estimate from where it ended; None where that cannot be had."""
+    looked_at = [beginning(record, LONGEST) for record in without_outliers(estimate, records)]
+    nuisances = stated(estimate)
+    try:
+        problem = problem_of(estimate, looked_at, nuisances)
+        poles = poles_of_estimate(estimate, problem)
+        delay, noise = np.array(estimate.model.delay), estimate.noise_model
+        present = Present.of(looked_at, estimate.structure, delay, nuisances, noise, poles)
+        end = attempt(present.problem(), [poles], present.orders)
+    except (TridentifyError, np.linalg.LinAlgError):
+        return None
+    return None if end is None else _Fitted(replace(present, noise=end.point.problem.noise), end)
+
+
+def _smallest(fitted: _Fitted, order: int) -> tuple[int, Zeros, Attempt] | None:
+    """The smallest structure that does as well, and its fit; None where there is none."""
+    present, base = fitted.present, fitted.end
+    for fewer in range(max(order - 2, 1), order):
+        zeros = _zeros(present.zeros, order, fewer)
+        try:
+            smaller = replace(present, order=fewer, zeros=zeros).problem()
+        except TridentifyError:
+            continue
+        end = attempt(smaller, list(_starts(base.point.poles, order - fewer)), present.orders)
+        if end is None:
+            continue
+        price = 2.0 * (base.unknowns - end.unknowns)
+        price += (order - fewer) * float(np.log(base.count))
+        if end.deviance - base.deviance < price:
+            return fewer, zeros, end
+    return None
+
+
+def _zeros(zeros: Zeros, order: int, fewer: int) -> Zeros:
+    """As many zeros fewer; as many as poles only where that was so."""
+    return tuple(
+        tuple(max(min(m - (order - fewer), fewer - (m < order)), 0) for m in row) for row in zeros
+    )
+
+
+def _starts(poles: Complex, less: int) -> Iterator[Complex]:
+    """Poles that are left when one or two are taken away, in every way that keeps them real."""
+    real = [k for k in range(poles.size) if not poles[k].imag]
+    pairs = [k for k in range(poles.size) if poles[k].imag > 0]
+    for k in pairs:
+        partner = int(np.argmin(np.abs(poles - poles[k].conjugate())))
+        left = np.delete(poles, [k, partner])
+        yield sort_poles(left if less == 2 else np.append(left, -abs(poles[k])))
+    if less == 1:
+        for k in real:
+            yield sort_poles(np.delete(poles, k))
+        return
+    for a, k in enumerate(real):
+        for other in real[a + 1 :]:
+            yield sort_poles(np.delete(poles, [k, other]))
+    for k in real:
+        for j in pairs:
+            partner = int(np.argmin(np.abs(poles - poles[j].conjugate())))
+            yield sort_poles(np.append(np.delete(poles, [k, j, partner]), -abs(poles[j])))

@@ -1,0 +1,248 @@
+"""The input between its samples: held, joined by lines, or band-limited, compared by likelihood.
+
+An input that moves at every sample and is taken as held acts half a step late and without its
+curvature; the coefficients make up for it, and their standard errors know nothing of it. The
+behaviours have as many unknowns, so that ``-2 log L`` alone compares them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.checks.samples import Behaviour
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.judgement.causes.attempt import Attempt, attempt
+from tridentify.judgement.causes.revisit import (
+    poles_of_estimate,
+    problem_of,
+    stated,
+    without_outliers,
+)
+from tridentify.numerics.interpolation import FEWEST
+from tridentify.numerics.realization import Complex
+from tridentify.record.record import Record
+
+Array = NDArray[np.float64]
+
+BEHAVIOURS: tuple[Behaviour, ...] = ("zoh", "foh", "band-limited")
+
+IN_WORDS = {
+    "zoh": "held between its samples (zoh)",
+    "foh": "joined by straight lines (foh)",
+    "band-limited": "band-limited",
+}
+
+LONGEST = 5_000
+"""Samples of each record that are compared: more would not change a clear answer."""
+
+HOPELESS = 10.0
+"""-2 log L above the present one, as a first step promises, from which a behaviour is not followed
+up where the noise has a model: fitted with the present behaviour, it speaks for it."""
+
+CLEARLY = 10.0
+"""Fall of -2 log L (odds of 150 to 1) from which another behaviour is worth a word."""
+
+MATERIAL = 0.01
+"""The same a sample, about the share by which the residual's variance falls: in a long record whose
+residual is what the model misses, a small difference is no evidence, however many samples."""
+
+MATERIAL_STAIRCASE = 0.03
+"""The same where the input repeats its values."""
+
+TIE = 2.0
+"""Fall of -2 log L below which nothing speaks against what the samples suggest."""
+
+REPEATS = 0.5
+"""Share of steps without movement from which an input is a staircase: exact repeats do not happen
+in a measured signal, so that it takes a clear answer not to call it held, and it is never
+band-limited."""
+
+MATTERS = 1.0
+"""Movement of a coefficient [standard errors] from which it is a warning and not a note."""
+
+
+@dataclass(frozen=True, eq=False)
+class Behaviours:
+    """Every behaviour that the records allow, compared.
+
+    Attributes
+    ----------
+    present : str
+        That of the estimate.
+    above : dict of str to float
+        Behaviour -> by how much its ``-2 log L`` is higher than that of the present one; of those
+        that are hopeless as the first step promises.
+    attempts : dict of str to Attempt
+        Those that were fitted; the present one among them where any was.
+    staircase : bool
+        Whether the inputs repeat their values at most samples.
+    count : int
+        Samples of all outputs.
+    """
+
+    present: Behaviour
+    above: dict[Behaviour, float]
+    attempts: dict[Behaviour, Attempt]
+    staircase: bool
+    count: int
+
+    @property
+    def clearly(self) -> float:
+        """Fall of ``-2 log L`` from which another behaviour is clearly better."""
+        return max(CLEARLY, (MATERIAL_STAIRCASE if self.staircase else MATERIAL) * self.count)
+
+    @property
+    def best(self) -> Behaviour:
+        """The one of highest likelihood."""
+        return min(self.above, key=lambda one: self.above[one])
+
+    def fall(self, one: Behaviour, other: Behaviour) -> float:
+        """By how much ``-2 log L`` is lower with one than with another."""
+        return self.above[other] - self.above[one]
+
+    def in_words(self) -> str:
+        """What the present behaviour has over the others."""
+        others = [
+            f"with {other} it is {abs(more):.3g} {'higher' if more > 0 else 'lower'}"
+            for other, more in self.above.items()
+            if other != self.present
+        ]
+        told = f" (of -2 log L: {', '.join(others)})" if others else ""
+        return f"input taken as {IN_WORDS[self.present]}{told}"
+
+
+def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | None:
+    """Compare the behaviours of the inputs, from where an estimate ended.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+
+    Returns
+    -------
+    Behaviours or None
+        None where there is nothing to compare: inputs that never move, a structure with
+        constraints, an estimate that is not usable.
+
+    Notes
+    -----
+    One Gauss-Newton step says what each behaviour promises; only where another one comes near the
+    present one are both fitted, each with a noise model of its own.
+    """
+    first = records[0].behaviour
+    alike = all(record.behaviour == first for record in records)
+    if not (alike and estimate.status.ok and not estimate.structure.constrained):
+        return None
+    if not any(np.ptp(record.u, axis=0).any() for record in records):
+        return None
+    looked_at = [_beginning(record) for record in without_outliers(estimate, records)]
+    try:
+        problem = problem_of(estimate, looked_at, stated(estimate))
+        poles = poles_of_estimate(estimate, problem)
+        here = _promise(problem, poles)
+        steps = is_staircase(looked_at)
+        above: dict[Behaviour, float] = {first: 0.0}
+        for behaviour in BEHAVIOURS:
+            limited = behaviour == "band-limited"
+            if behaviour == first or (limited and (steps or not _allows_band_limited(problem))):
+                continue
+            above[behaviour] = _promise(_with(problem, behaviour), poles) - here
+    except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
+        return None
+    count = sum(int(np.isfinite(e.y).sum()) for e in problem.experiments)
+    orders = [a.size for a in problem.noise] or [0] * problem.n_outputs
+    limit = HOPELESS if any(orders) else -TIE
+    near = [one for one, more in above.items() if one == first or more < limit]
+    if near == [first]:
+        return Behaviours(first, above, {}, steps, count)
+    tried = {one: attempt(_with(problem, one), [poles], orders) for one in near}
+    fitted = {one: end for one, end in tried.items() if end is not None}
+    if first not in fitted:
+        return None
+    above |= {one: end.deviance - fitted[first].deviance for one, end in fitted.items()}
+    return Behaviours(first, above, fitted, steps, count)
+
+
+def _promise(problem: Problem, poles: Complex) -> float:
+    """``-2 log L`` that a Gauss-Newton step leads to expect, the noise model held."""
+    point = evaluate(problem, poles)
+    return point.objective - point.step(0.0).decrease
+
+
+def better_behaviour(found: Behaviours, suggested: Behaviour) -> Behaviour:
+    """What to use where nothing was stated.
+
+    Parameters
+    ----------
+    found : Behaviours
+    suggested : str
+        By the samples alone (`Record.behaviour`): kept where the likelihoods are equal.
+    """
+    best, least = found.best, found.clearly if found.staircase else TIE
+    clear = suggested not in found.above or found.fall(best, suggested) >= least
+    return best if clear else suggested
+
+
+def is_staircase(records: Sequence[Record]) -> bool:
+    """Whether the inputs repeat their values exactly at most samples.
+
+    Examples
+    --------
+    >>> is_staircase([Record([0, 1, 1, 1, 1], np.zeros(5), dt=1.0)])
+    True
+    """
+    moved = [np.any(np.diff(record.u, axis=0) != 0.0, axis=1) for record in records]
+    return float(np.mean(np.concatenate(moved))) < REPEATS
+
+
+def intersample_findings(estimate: Estimate, found: Behaviours) -> list[Finding]:
+    """A word where another behaviour than the one stated explains the record clearly better."""
+    fall = found.fall(found.best, found.present)
+    if found.best == found.present or fall < found.clearly:
+        return []
+    best, present = found.attempts[found.best], found.attempts[found.present]
+    moved = coefficients(best.point) - coefficients(present.point)
+    std = np.where(estimate.std > 0, estimate.std, np.inf)
+    sizes = np.abs(moved) / std
+    k = int(np.argmax(sizes))
+    before, after = (coefficients(one.point)[k] for one in (present, best))
+    outputs = zip(estimate.output_names, present.fits, best.fits, strict=True)
+    fits = ", ".join(f"fit of {name} from {a:.2f} to {b:.2f} %" for name, a, b in outputs)
+    return [
+        Finding(
+            "intersample",
+            "warning" if sizes[k] > MATTERS else "note",
+            f"The input is taken as {IN_WORDS[found.present]}; {IN_WORDS[found.best]} explains the "
+            f"record clearly better (-2 log L lower by {fall:.3g}).",
+            f"State intersample={found.best!r} (--intersample {found.best}), or 'auto', if the "
+            "input was not as stated.",
+            effect=f"With it: {estimate.names[k]} from {before:.4g} to {after:.4g} "
+            f"({sizes[k]:.1f} standard errors), {fits}.",
+        )
+    ]
+
+
+def _with(problem: Problem, behaviour: str) -> Problem:
+    experiments = tuple(replace(e, intersample=behaviour) for e in problem.experiments)
+    return replace(problem, experiments=experiments)
+
+
+def _allows_band_limited(problem: Problem) -> bool:
+    return all(e.t is None and e.n_samples >= FEWEST for e in problem.experiments)
+
+
+def _beginning(record: Record) -> Record:
+    if record.n_samples <= LONGEST or not np.isfinite(record.y[:LONGEST]).any(axis=0).all():
+        return record
+    return record.slice(None, float(record.t[LONGEST - 1]))

@@ -1,0 +1,237 @@
+"""Rows that were lost without a trace: instants at which the state jumps.
+
+Where rows are missing between two samples that seem to follow each other, all that comes after is
+the response to the recorded input plus a free response ``c(t) x`` of the model from there on. For
+``n`` poles that is ``n`` known columns, the same at every instant but for a shift, so that what all
+instants would explain of a residual is a correlation (a matched filter). A single bad sample is
+another such column, an impulse; the two are told apart by which of them explains more, largest
+first, as innovative and additive outliers are (Tsay 1988; Chen & Liu 1993).
+
+References: R. Tsay, J. Forecasting 7 (1988) 1-20. C. Chen & L.-M. Liu, J. American Statistical
+Association 88 (1993) 284-297.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.special import chdtri
+
+from tridentify.errors import TridentifyError
+from tridentify.judgement.causes.present import Present
+from tridentify.judgement.causes.rivals import Rival, one
+from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.realization import Cascade
+from tridentify.numerics.robust import median_scale
+from tridentify.record.record import Record
+
+Array = NDArray[np.float64]
+
+FALSE_ALARM = 1e-4
+"""Chance that noise alone shows a jump somewhere in a record."""
+
+MOST = 8
+"""Jumps of one record; more are no rows that were lost."""
+
+CLEAR = 0.75
+"""Share of the limit that all that is left must stay below: a disturbance that shakes the state now
+and then has jumps of every size."""
+
+MOST_SPIKES = 40
+"""Single samples that are set aside beside them."""
+
+LEAST_PIECE = 12
+"""Samples of a piece: what comes earlier after a cut, or a start, is left in the piece before."""
+
+FORGOTTEN = 0.01
+"""Share of a free response below which it is over."""
+
+
+class Place(NamedTuple):
+    """Where a state jumps.
+
+    Attributes
+    ----------
+    experiment : int
+    sample : int
+        The first one after it.
+    """
+
+    experiment: int
+    sample: int
+
+
+def lost_rival(present: Present, places: Sequence[Place]) -> Iterator[Rival]:
+    """The records cut at some places, every piece from an initial state of its own.
+
+    Parameters
+    ----------
+    present : Present
+    places : sequence of Place
+        From `jumps`.
+    """
+    pieces: list[Record] = []
+    times: list[float] = []
+    for e, record in enumerate(present.records):
+        own, left = [place.sample for place in places if place.experiment == e], record
+        for k in _apart(own, record.n_samples):
+            at = float(record.t[k])
+            try:
+                first, left = left.split(at)
+            except TridentifyError:
+                # a band-limited input takes longer pieces
+                return
+            pieces.append(first)
+            times.append(at)
+        pieces.append(left)
+    if not times:
+        return
+    freed = replace(present.nuisances, initial_state="free")
+    cut = replace(present, records=tuple(pieces), nuisances=freed)
+    many = "rows that were lost" if len(times) == 1 else f"rows that were lost, {len(times)} times"
+    count = sum(record.n_samples for record in present.records)
+    found = one(
+        "lost-rows",
+        cut,
+        many,
+        "Cut the record there (record.split, --start and --stop) and identify the parts together, "
+        "or mend the time stamps from a counter of the recorder.",
+    )
+    yield replace(found, price=2.0 * len(times) * float(np.log(count)), times=tuple(times))
+
+
+def _apart(places: Sequence[int], count: int) -> list[int]:
+    """Those that leave pieces that are long enough."""
+    kept: list[int] = []
+    for k in sorted(places):
+        before = kept[-1] if kept else 0
+        if k - before >= LEAST_PIECE and count - k >= LEAST_PIECE:
+            kept.append(k)
+    return kept
+
+
+class _Template(NamedTuple):
+    """Free responses of one output from a sample on, whitened, and the impulse beside them."""
+
+    free: Array
+    spike: Array
+
+
+def jumps(
+    residuals: Sequence[Array], banks: Sequence[Cascade], noise: Sequence[Array], step: float
+) -> list[Place]:
+    """Instants at which a free response begins that noise does not explain.
+
+    Parameters
+    ----------
+    residuals : sequence of (n_samples, n_outputs) arrays
+        Per experiment, not whitened; ``nan`` where a sample is missing.
+    banks : sequence of Cascade
+        Poles of every denominator once.
+    noise : sequence of (p,) arrays
+        Of every output, what whitens it.
+    step : float
+        Sampling interval [s].
+
+    Returns
+    -------
+    list of Place
+        In time; empty where there are more than noise and lost rows would make.
+    """
+    most = max(one.shape[0] for one in residuals)
+    free = _free_responses(banks, step, most)
+    templates = [_template(free, a) for a in noise]
+    found: list[Place] = []
+    for e, residual in enumerate(residuals):
+        white, size = [], []
+        for i, a in enumerate(noise):
+            own = whiten(np.ascontiguousarray(residual[:, i]), a)[0]
+            seen = own[np.isfinite(own)]
+            scale = median_scale(seen) if seen.size else 0.0
+            white.append(np.nan_to_num(own) / scale if scale > 0 else np.zeros(own.size))
+            size.append(scale)
+        if max(size) > 0:
+            found += [Place(e, k) for k in _places(np.stack(white, axis=1), templates)]
+    return found if len(found) <= MOST * len(residuals) else []
+
+
+def _free_responses(banks: Sequence[Cascade], step: float, most: int) -> Array:
+    """(length, n) the responses of every state to an impulse, until they are over."""
+    columns = []
+    slowest = min(float(np.min(-bank.poles.real)) for bank in banks)
+    length = most
+    if slowest > 0:
+        length = min(most, int(np.ceil(-np.log(FORGOTTEN) / (slowest * step))) + 2)
+    for bank in banks:
+        move = expm(bank.a * step)
+        states = np.empty((length, bank.order))
+        states[0] = bank.b
+        for k in range(1, length):
+            states[k] = move @ states[k - 1]
+        columns.append(states)
+    return np.hstack(columns)
+
+
+def _template(free: Array, a: Array) -> _Template:
+    # imported here, as below: it takes half a second
+    from scipy.signal import lfilter
+
+    taps = np.concatenate([[1.0], a])
+    columns = lfilter(taps, [1.0], free, axis=0)
+    u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+    return _Template(u[:, s > 1e-6 * s[0]], taps / np.linalg.norm(taps))
+
+
+def _places(white: Array, templates: Sequence[_Template]) -> list[int]:
+    """Samples of one experiment at which jumps begin, the largest taken out first.
+
+    None where single samples are more, or where what is left has others nearly as large.
+    """
+    left, n = white.copy(), white.shape[0]
+    dimension = sum(one.free.shape[1] for one in templates)
+    far = float(chdtri(dimension, FALSE_ALARM / n))
+    far_alone = float(chdtri(1, FALSE_ALARM / n))
+    found: list[int] = []
+    singles = 0
+    for _ in range(MOST + MOST_SPIKES):
+        jump = np.zeros(n)
+        spikes = np.zeros_like(left)
+        for i, own in enumerate(templates):
+            jump += sum(_along(left[:, i], column) ** 2 for column in own.free.T)
+            spikes[:, i] = _along(left[:, i], own.spike) ** 2
+        alone = spikes.max(axis=1)
+        over_jump, over_spike = jump - far, alone - far_alone
+        over_jump[:1] = -np.inf
+        if max(over_jump.max(), over_spike.max()) <= 0:
+            apart = jump[1:].max() < CLEAR * far
+            return sorted(found) if apart and len(found) >= singles else []
+        if over_jump.max() >= over_spike.max():
+            k = int(np.argmax(over_jump))
+            for i, own in enumerate(templates):
+                _take_out(left[:, i], own.free, k)
+            found.append(k)
+        else:
+            k, i = divmod(int(np.argmax(spikes)), spikes.shape[1])
+            singles += 1
+            _take_out(left[:, i], templates[i].spike[:, None], k)
+    return []
+
+
+def _along(series: Array, column: Array) -> Array:
+    """Products of a column with a series, for every sample that it may begin at."""
+    from scipy.signal import fftconvolve
+
+    return np.asarray(fftconvolve(series, column[::-1])[column.size - 1 :])
+
+
+def _take_out(series: Array, columns: Array, at: int) -> None:
+    """Leave nothing of a series along columns that begin at a sample."""
+    length = min(columns.shape[0], series.size - at)
+    own = series[at : at + length]
+    q = np.linalg.qr(columns[:length])[0]
+    own -= q @ (q.T @ own)

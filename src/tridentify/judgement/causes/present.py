@@ -1,0 +1,136 @@
+"""The present explanation of some records, and others made from it by a change of one thing."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.numerics.realization import Complex
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+Zeros = tuple[tuple[int, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Present:
+    """A model on some records: what other explanations are made from.
+
+    Attributes
+    ----------
+    records : tuple of Record
+        With the behaviour of their inputs settled.
+    order : int or tuple of tuples of int
+        Numbers of poles, as in `Structure`.
+    zeros : tuple of tuples of int
+        ``[output][input]``.
+    delay : (n_outputs, n_inputs) array
+        [s].
+    nuisances : Nuisances
+    noise : tuple of (p,) arrays
+        Autoregressive coefficients of each output's noise.
+    poles : (n_poles,) complex array
+        [rad/s], group by group.
+    """
+
+    records: tuple[Record, ...]
+    order: int | tuple[tuple[int, ...], ...]
+    zeros: Zeros
+    delay: Array
+    nuisances: Nuisances
+    noise: tuple[Array, ...]
+    poles: Complex
+
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[Record],
+        structure: Structure,
+        delay: Array,
+        nuisances: Nuisances,
+        noise: Sequence[Array],
+        poles: Complex,
+    ) -> Present:
+        """With the orders of a structure."""
+        shape = records[0].n_outputs, records[0].n_inputs
+        zeros = tuple(tuple(row) for row in structure.zeros_matrix(*shape))
+        order = structure.poles
+        if not isinstance(order, int):
+            order = tuple(tuple(row) for row in order)
+        return cls(
+            tuple(records), order, zeros, np.array(delay), nuisances, tuple(noise), np.array(poles)
+        )
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Of the noise models."""
+        return tuple(a.size for a in self.noise) if self.has_noise else (0,) * self.n_outputs
+
+    @property
+    def has_noise(self) -> bool:
+        """Whether the noise has a model that the samples allow."""
+        even = all(record.dt is not None for record in self.records)
+        return even and any(a.size for a in self.noise)
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return self.records[0].n_outputs
+
+    @property
+    def step(self) -> float:
+        """Typical sampling interval [s]."""
+        first = self.records[0]
+        return float(np.median(np.diff(first.t))) if first.dt is None else float(first.dt)
+
+    def problem(self) -> Problem:
+        """What the estimators work on."""
+        structure = Structure(
+            self.order,
+            self.zeros,
+            delay=tuple(map(tuple, self.delay.tolist())),
+            offset=self.nuisances.offset,
+            drift=self.nuisances.drift,
+            initial_state=self.nuisances.initial_state,  # type: ignore[arg-type]
+        )
+        problem = build(self.records, structure, self.nuisances)
+        return problem.whitened(self.noise) if self.has_noise else problem
+
+    def with_inputs(self, extra: Sequence[Array], name: str, zeros: int) -> Present:
+        """The same with one more input.
+
+        Parameters
+        ----------
+        extra : sequence of (n_samples,) arrays
+            Per experiment.
+        name : str
+            Of the input.
+        zeros : int
+            Of its numerator.
+        """
+        records = []
+        for record, own in zip(self.records, extra, strict=True):
+            scale = float(np.max(np.abs(own), initial=0.0)) or 1.0
+            u = np.column_stack([record.u, own / scale])
+            records.append(
+                Record(
+                    u,
+                    record.y,
+                    t=record.t,
+                    intersample=record.intersample,
+                    input_names=(*record.input_names, name),
+                    output_names=record.output_names,
+                )
+            )
+        return replace(
+            self,
+            records=tuple(records),
+            zeros=tuple((*row, zeros) for row in self.zeros),
+            delay=np.column_stack([self.delay, np.zeros(self.n_outputs)]),
+        )

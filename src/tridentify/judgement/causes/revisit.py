@@ -1,0 +1,76 @@
+"""An estimate turned back into the problem that it solved, at the poles where it ended."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+
+def stated(estimate: Estimate) -> Nuisances:
+    """The nuisance terms that were decided on."""
+    s = estimate.structure
+    return Nuisances(str(s.initial_state), bool(s.offset), bool(s.drift))
+
+
+def problem_of(estimate: Estimate, records: Sequence[Record], nuisances: Nuisances) -> Problem:
+    """The problem of an estimate on some records, without its constraints.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Its orders, delays, and noise model.
+    records : sequence of Record
+    nuisances : Nuisances
+        Terms that belong to the records.
+
+    Returns
+    -------
+    Problem
+        Whitened by the noise model of the estimate where time is even.
+    """
+    given = estimate.structure
+    structure = Structure(
+        given.poles,
+        given.zeros,
+        delay=estimate.model.delay.tolist(),
+        offset=nuisances.offset,
+        drift=nuisances.drift,
+        initial_state=nuisances.initial_state,  # type: ignore[arg-type]
+    )
+    problem = build(records, structure, nuisances)
+    if not any(record.dt is None for record in records):
+        problem = problem.whitened(estimate.noise_model)
+    if given.delay == "free":
+        problem = problem.freed(np.full(problem.n_inputs, np.inf))
+    return problem
+
+
+def poles_of_estimate(estimate: Estimate, problem: Problem) -> Complex:
+    """Poles of every denominator, moved where a record cannot show them."""
+    found = []
+    for group in problem.groups:
+        i, j = group.channels[0]
+        found.append(sort_poles(np.roots(estimate.model.den[i][j]).astype(np.complex128)))
+    return problem.admissible(np.concatenate(found))[0]
+
+
+def without_outliers(estimate: Estimate, records: Sequence[Record]) -> list[Record]:
+    """The records without the samples that a robust fit counts as outliers."""
+    if not len(estimate.outliers):
+        return list(records)
+    found = []
+    for e, record in enumerate(records):
+        y = np.array(record.y)
+        for _, i, k, _ in estimate.outliers[estimate.outliers[:, 0] == e]:
+            if int(k) < len(y):
+                y[int(k), int(i)] = np.nan
+        found.append(record._derive(y=y))
+    return found

@@ -1,0 +1,227 @@
+"""Other explanations of a record, each the present one with one thing changed.
+
+*Nonlinear.* A static non-linearity ``f`` of the actuator, ``u + k f(u)``, and a restoring force
+``a(p) y + k f(y) = b(p) u`` are both one more input, ``f(u)`` or ``-f(y)``, of the same
+denominator; in the second ``y`` is the fitted output, which carries no noise. Even powers make what
+is not symmetric, odd ones what stiffens or saturates, ``sign(dy/dt)`` is dry friction (Billings,
+*Nonlinear System Identification*, 2013, chapter 2, for the classes).
+
+*Varying.* Both halves of the record with coefficients of their own, the second from an initial
+state of its own; *disagreeing experiments* likewise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.judgement.causes.present import Present
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.record.record import Record
+
+Array = NDArray[np.float64]
+
+MOST_POLES = 20
+"""As many as `identify` takes."""
+
+RATES = 6
+"""Places over the band of the record at which another pole may begin."""
+
+LONG_ENOUGH = 40
+"""Samples of a half record below which it is not fitted by itself."""
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Between what one output stays.
+
+    Attributes
+    ----------
+    output : int
+    low, high : float
+        Infinite where there is no limit.
+    records : tuple of Record
+        With the samples beyond, that a rival is fitted without.
+    """
+
+    output: int
+    low: float
+    high: float
+    records: tuple[Record, ...]
+
+    @property
+    def count(self) -> int:
+        """Levels."""
+        return int(np.isfinite(self.low)) + int(np.isfinite(self.high))
+
+
+@dataclass(frozen=True, eq=False)
+class Rival:
+    """One explanation that may be tried.
+
+    Attributes
+    ----------
+    code : str
+        Of the finding that names it (`finding.CODES`).
+    parts : tuple of Present
+        One, or several with coefficients of their own.
+    starts : tuple of tuples of complex arrays
+        Where the poles of each part may begin.
+    what : str
+        What it says is the case, in words that follow "the residual is explained by".
+    advice : str
+        What to do about it.
+    refits : bool
+        Whether the advice is to identify with what was changed here, so that its coefficients are
+        those that the advice leads to.
+    price : float
+        What choosing it among many costs beside its unknowns, in ``-2 log L``.
+    times : tuple of float
+        Instants that it names [s].
+    """
+
+    code: str
+    parts: tuple[Present, ...]
+    starts: tuple[tuple[Complex, ...], ...]
+    what: str
+    advice: str
+    refits: bool = True
+    price: float = 0.0
+    times: tuple[float, ...] = ()
+    limits: Limits | None = None
+
+
+def one(code: str, present: Present, what: str, advice: str, *, refits: bool = True) -> Rival:
+    """A rival of one part that begins at the present poles."""
+    return Rival(code, (present,), ((present.poles,),), what, advice, refits)
+
+
+def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Rival]:
+    """Even and odd powers of inputs and outputs, and dry friction.
+
+    Parameters
+    ----------
+    present : Present
+    fitted : sequence of (n_samples, n_outputs) arrays
+        Outputs of the present model.
+    """
+    if not isinstance(present.order, int):
+        return
+    records = present.records
+    advice = (
+        "Use smaller amplitudes, or identify each operating point on its own; no order of a linear "
+        "model stands for it."
+    )
+    for j, name in enumerate(records[0].input_names):
+        for power, which in ((2, "even"), (3, "odd")):
+            extra = [(record.u[:, j] - np.mean(record.u[:, j])) ** power for record in records]
+            m = max(row[j] for row in present.zeros)
+            what = f"an {which} non-linearity of the input {name}"
+            other = present.with_inputs(extra, "non-linear", m)
+            yield one("nonlinear", other, what, advice, refits=False)
+    for i, name in enumerate(records[0].output_names):
+        for power, which in ((2, "even"), (3, "odd")):
+            extra = [_centred(f[:, i]) ** power for f in fitted]
+            what = f"an {which} non-linearity in the output {name} (a stiffness, a level)"
+            other = present.with_inputs(extra, "non-linear", 0)
+            yield one("nonlinear", other, what, advice, refits=False)
+        extra = [np.sign(_smooth_slope(f[:, i])) for f in fitted]
+        what = f"dry friction against the movement of {name}"
+        other = present.with_inputs(extra, "friction", min(1, present.order))
+        yield one("nonlinear", other, what, advice, refits=False)
+
+
+def _centred(values: Array) -> Array:
+    whole = np.nan_to_num(values, nan=float(np.nanmean(values)))
+    return np.asarray(whole - whole.mean())
+
+
+def _smooth_slope(values: Array) -> Array:
+    return np.asarray(np.gradient(_centred(values)))
+
+
+def drift_rivals(present: Present) -> Iterator[Rival]:
+    """A straight line, and an offset where there is none."""
+    terms = present.nuisances
+    if not terms.offset:
+        other = replace(present, nuisances=replace(terms, offset=True))
+        yield one("drift", other, "an offset", "Estimate an offset (offset=True; --offset yes).")
+    if not terms.drift:
+        other = replace(present, nuisances=replace(terms, offset=True, drift=True))
+        yield one(
+            "drift",
+            other,
+            "a drift of the output",
+            "Estimate a drift along (drift=True; --drift yes), or cut the record.",
+        )
+
+
+def varying_rivals(present: Present) -> Iterator[Rival]:
+    """Coefficients of their own in both halves, and in every experiment."""
+    records = present.records
+    if len(records) > 1:
+        parts = tuple(replace(present, records=(record,)) for record in records)
+        yield Rival(
+            "disagreeing-experiments",
+            parts,
+            ((present.poles,),) * len(parts),
+            "coefficients that differ between the experiments",
+            "Identify the experiments on their own and compare them; join only those of one system "
+            "at one operating point.",
+            refits=False,
+        )
+        return
+    (record,) = records
+    middle = record.n_samples // 2
+    if middle < LONG_ENOUGH:
+        return
+    first, second = record.split(float(record.t[middle]))
+    freed = replace(present.nuisances, initial_state="free")
+    parts = (
+        replace(present, records=(first,)),
+        replace(present, records=(second,), nuisances=freed),
+    )
+    yield Rival(
+        "varying",
+        parts,
+        ((present.poles,),) * 2,
+        "coefficients that differ between the first and the second half",
+        "Identify the parts on their own, or follow the coefficients with "
+        "online.ThreeModel(forgetting=...).",
+        refits=False,
+    )
+
+
+def order_rivals(present: Present) -> Iterator[Rival]:
+    """One or two poles more, or another zero, and where their new poles may begin."""
+    if not isinstance(present.order, int):
+        return
+    n, zeros = present.order, np.array(present.zeros)
+    slow = 2.0 / max(record.duration for record in present.records)
+    rates = np.geomspace(slow, 1.0 / present.step, RATES)
+    real = tuple(sort_poles(np.append(present.poles, -w)) for w in rates)
+    pairs = tuple(
+        sort_poles(np.append(present.poles, [w * (-0.1 + 0.995j), w * (-0.1 - 0.995j)]))
+        for w in rates
+    )
+    wanted: list[tuple[int, Array, tuple[Complex, ...]]] = []
+    if np.all(zeros < n):
+        wanted.append((n, zeros + 1, (present.poles,)))
+    wanted += [(n + 1, zeros, real), (n + 1, zeros + 1, real), (n + 2, zeros + 2, pairs)]
+    for order, m, starts in wanted:
+        if order > MOST_POLES:
+            continue
+        most = int(m.max())
+        several = "" if len(np.unique(m)) == 1 else "up to "
+        changed = tuple(tuple(int(k) for k in row) for row in m)
+        yield Rival(
+            "order-low",
+            (replace(present, order=order, zeros=changed),),
+            (starts,),
+            f"{order} poles and {several}{most} zero{'' if most == 1 else 's'}",
+            f"Use poles={order} and zeros={most}, or compare several orders "
+            "(select_structure; tridentify select).",
+        )

@@ -1,0 +1,39 @@
+"""A slow disturbance: a few slow waves that act beside the input, through the same poles.
+
+What moves an output slowly and not because of the input is, for frequencies well below those of the
+poles, the same as a slow signal at the input: a constant gain apart. So the waves are further
+inputs without zeros, which every estimator takes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from tridentify.judgement.causes.present import Present
+from tridentify.judgement.causes.rivals import Rival, one
+
+HALVES = 6
+"""Half periods of the fastest wave in a record: faster ones are noise, or a response."""
+
+
+def slow_rivals(present: Present) -> Iterator[Rival]:
+    """Cosines of one to a few half periods in each record."""
+    if not isinstance(present.order, int) or len(present.records) > 1:
+        return
+    (record,) = present.records
+    phase = np.pi * (record.t - record.t[0]) / record.duration
+    other = present
+    for k in range(1, HALVES + 1):
+        other = other.with_inputs([np.cos(k * phase)], f"wave {k}", 0)
+    freed = replace(other, nuisances=replace(present.nuisances, offset=True, drift=True))
+    yield one(
+        "drift",
+        freed,
+        "a slow disturbance of the output",
+        "Use a noise model (noise='ar', --noise ar), which takes what wanders for noise, or cut "
+        "the record to where it is calm; a straight drift (drift=True) does not stand for it.",
+        refits=False,
+    )

@@ -1,0 +1,106 @@
+"""What to be careful about: findings that go with an estimate wherever it is shown.
+
+They need the record, so they are drawn up once, when the estimate is made, and kept with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding, joined, same_thing
+from tridentify.judgement.causes.fewer import order_findings
+from tridentify.judgement.causes.first_samples import Predictions
+from tridentify.judgement.causes.intersample import Behaviours, intersample_findings
+from tridentify.judgement.cautions.coefficients import coefficient_findings
+from tridentify.judgement.cautions.outliers import outlier_findings
+from tridentify.judgement.cautions.residual import residual_findings, response_as_noise
+from tridentify.judgement.cautions.sensors import sensor_findings
+from tridentify.judgement.validation.assess import looked_at
+from tridentify.judgement.validation.explained import TRIED, WITHOUT_THEM
+from tridentify.record.record import Record
+
+
+def judged(
+    estimate: Estimate, records: Sequence[Record], between: Behaviours | None = None
+) -> tuple[Finding, ...]:
+    """What a reader should know before using the numbers.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+    between : Behaviours, optional
+        What other behaviours of the input between its samples would make of the records.
+
+    Returns
+    -------
+    tuple of Finding
+        What matters most first; empty when nothing stands out.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, identify
+    >>> noise = np.random.default_rng(0).standard_normal(100)
+    >>> record = Record(np.sign(noise[::-1]), noise, dt=0.1)
+    >>> identify(record, Structure(1, 0), throw=False).findings[0].code
+    'no-response'
+    """
+    known = Predictions(estimate)
+    # those of the method come first: what it alone could see
+    found = [*estimate.findings, *coefficient_findings(estimate, records)]
+    if not any(one.code == "no-response" for one in found):
+        found += order_findings(estimate, records)
+    seen = [*outlier_findings(estimate, records, known)]
+    found += response_as_noise(estimate)
+    found += [] if between is None else intersample_findings(estimate, between)
+    tested = looked_at(estimate, records) if estimate.status.ok else ()
+    for number, record in enumerate(records):
+        found += _missing(record, number if len(records) > 1 else None)
+        seen += sensor_findings(estimate, record, number, known)
+        if not tested:
+            found += residual_findings(estimate, record, number, known)
+    return joined(_with_trial(seen, tested), tested, [*found, *seen])
+
+
+SEEN = {"saturation": TRIED, "bad-samples": WITHOUT_THEM}
+"""What shows in single samples, and where what a trial says of it begins in the tests' words."""
+
+
+def _with_trial(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[Finding]:
+    """What was both seen in samples and tried: what was seen, then what the trial brought."""
+    found: list[Finding] = []
+    for one in seen:
+        same = (t for t in tested if one.code in SEEN and same_thing(one, t))
+        trial = next(same, None)
+        if trial is None:
+            continue
+        first = not any(same_thing(one, other) for other in found)
+        _, begins, rest = trial.message.partition(SEEN[one.code])
+        message = f"{one.message} {begins}{rest}" if first and begins else one.message
+        found.append(replace(trial, message=message, times=one.times, experiment=one.experiment))
+    return found
+
+
+def _missing(record: Record, experiment: int | None) -> list[Finding]:
+    """Samples that are not there."""
+    lost = np.isnan(record.y)
+    missing = int(lost.sum())
+    if not missing:
+        return []
+    where = "" if experiment is None else f" in experiment {experiment + 1}"
+    at = record.t[lost.any(axis=1)]
+    return [
+        Finding(
+            "missing-samples",
+            "note",
+            f"{missing} output samples are missing{where}; they do not count.",
+            experiment=experiment,
+            times=(at[0], at[-1]),
+        )
+    ]

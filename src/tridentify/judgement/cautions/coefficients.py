@@ -1,0 +1,238 @@
+"""What the coefficients themselves give away: vague, held, not stable, without a response."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
+from tridentify.record.record import Record
+
+VAGUE = 0.5
+"""Relative standard error above which a coefficient says little about itself."""
+
+BEYOND_RECORD = 3.0
+"""Time constant over the length of the record from which its response is hardly seen: in a third
+of a time constant a step reaches 28 % of its end."""
+
+TURNS = 1.6
+"""Angle of a mode between two samples [rad], four samples a period, from which it is suspicious."""
+
+TOGETHER = 0.9
+"""Correlation of two errors above which the coefficients cannot be told apart."""
+
+
+def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
+    """All that needs the estimate and the size of the records alone.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+    """
+    found = [*_no_response(estimate, records), *_constant_input(estimate, records)]
+    # what is fixed has no standard error, whatever its value
+    unsure = [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
+    vague = [name for name in unsure if not name.startswith("delay")]
+    late = [name for name in unsure if name.startswith("delay")]
+    if vague and np.isnan(estimate.std).all():
+        found.append(
+            Finding(
+                "not-determined",
+                "warning",
+                f"{estimate.method} gives no standard errors.",
+                "ThreeModel() does.",
+            )
+        )
+    elif vague:
+        found.append(
+            Finding(
+                "not-determined",
+                "warning",
+                f"Standard error above half of the value: {', '.join(vague)}. Do not rely on these "
+                "coefficients one by one.",
+                "Excite the system more, or use fewer poles or zeros.",
+            )
+        )
+    if not np.isnan(estimate.std).all():
+        found += _unsure_delays(estimate, late, vague)
+    found += [
+        Finding(
+            "not-determined",
+            "warning",
+            f"{told[0].upper()}{told[1:]}. The standard errors allow for them.",
+            "Record longer, or excite the system faster, to tell them apart.",
+        )
+        for told in estimate.trace.decisions
+        if told.startswith(OTHER_DELAYS)
+    ]
+    found += [
+        Finding(
+            "not-determined",
+            "warning",
+            f"{told[0].upper()}{told[1:]}. The standard errors do not allow for the others.",
+            "Check that so short a delay makes sense, or excite the system with an input that "
+            "does not repeat.",
+        )
+        for told in estimate.trace.decisions
+        if told.startswith(REPEATED_INPUT)
+    ]
+    found += _outside(estimate, records)
+    found += _at_bounds(estimate)
+    parameters = estimate.parameters.values()
+    integrates = any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters)
+    if not (estimate.model.is_stable or integrates):
+        found.append(
+            Finding(
+                "unstable",
+                "warning",
+                "The model is not stable.",
+                "Check whether the system is, or use fewer poles.",
+            )
+        )
+    return found
+
+
+def _unsure_delays(estimate: Estimate, late: Sequence[str], vague: Sequence[str]) -> list[Finding]:
+    """Delays that may be zero, and those that a numerator can stand for.
+
+    For a slow input ``exp(-p L) = 1 - p L + ...``: the delay moves the output as the next higher
+    coefficient of the numerator does, and the two errors go together.
+    """
+    found, zero = [], []
+    for name in late:
+        at = estimate.names.index(name)
+        channel = name.removeprefix("delay").strip("[]").split(",")[-1]
+        rivals = []
+        for other in vague:
+            k = estimate.names.index(other)
+            size = float(estimate.std[at] * estimate.std[k])
+            own = other.startswith("b") and (not channel or other.endswith((f"{channel}]",)))
+            if own and size > 0 and abs(float(estimate.cov[at, k])) > TOGETHER * size:
+                rivals.append(other)
+        if not rivals:
+            zero.append(name)
+            continue
+        found.append(
+            Finding(
+                "not-determined",
+                "warning",
+                f"{name} and {', '.join(rivals)} cannot be told apart: the response to a later "
+                "input is that to another numerator, and their errors go together.",
+                "Use fewer zeros for that input, give the delay (--delay, in Python delay=...), or "
+                "excite the system faster.",
+            )
+        )
+    if zero:
+        found.append(
+            Finding(
+                "not-determined",
+                "warning",
+                f"Not distinguishable from zero: {', '.join(zero)}.",
+                "Leave it out, or excite the system faster if the delay matters.",
+            )
+        )
+    return found
+
+
+def _no_response(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
+    """Compare with a constant for each output: Akaike's criterion on what the fit gains."""
+    samples = sum(np.isfinite(record.y).sum(axis=0) for record in records)
+    left = np.maximum(1.0 - estimate.fit / 100.0, 1e-12)
+    gained = float(np.sum(-2.0 * samples * np.log(left)))
+    poles = estimate.model.den[0][0].size - 1
+    # each pair of poles is the best of as many frequencies as there are samples
+    price = 2.0 * len(estimate.names) + 2.0 * np.log(float(samples.sum())) * ((poles + 1) // 2)
+    if not gained < price:
+        return []
+    return [
+        Finding(
+            "no-response",
+            "error",
+            "The output is explained no better than by a constant (AIC): the record shows no "
+            "response to this input.",
+            "Check the channels, excite the system more, or reduce the noise.",
+        )
+    ]
+
+
+def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
+    """Time constants far beyond the record, and oscillations that the samples cannot show."""
+    longest = max(record.duration for record in records)
+    step = min(float(np.median(np.diff(record.t))) for record in records)
+    poles = np.unique(np.concatenate([np.ravel(row) for row in _denominators(estimate)]))
+    found = []
+    slow = [p for p in poles if 0.0 < abs(p.real) * longest < 1.0 / BEYOND_RECORD and not p.imag]
+    if slow:
+        constant = 1.0 / min(abs(p.real) for p in slow)
+        found.append(
+            Finding(
+                "outside-the-record",
+                "warning",
+                f"A time constant of {constant:.3g} s is {constant / longest:.1f} times as long as "
+                "the record: the record shows the beginning of its response alone, so that time "
+                "constant and gain depend on what the model assumes.",
+                "Fix the pole at zero if the system integrates (fixed={'a0': 0}; --fix a0=0), use "
+                "one pole fewer with a drift, or record longer.",
+            )
+        )
+    fast = [p for p in poles if abs(p.imag) * step > TURNS]
+    if fast:
+        turns = 2.0 * np.pi / (max(abs(p.imag) for p in fast) * step)
+        found.append(
+            Finding(
+                "outside-the-record",
+                "warning",
+                f"A mode oscillates with {turns:.1f} samples a period: noise and what lies between "
+                "the samples make such modes.",
+                "Use two poles fewer, or sample faster if the mode is real.",
+            )
+        )
+    return found
+
+
+def _denominators(estimate: Estimate) -> list[list[complex]]:
+    dens = [den for row in estimate.model.den for den in row]
+    return [list(np.roots(den)) for den in dens]
+
+
+def _at_bounds(estimate: Estimate) -> list[Finding]:
+    """Name the coefficients that a bound holds."""
+    held = []
+    for name, (low, high) in (estimate.structure.bounds or {}).items():
+        parameter = estimate.parameters[name]
+        if parameter.value in (low, high) and not parameter.std:
+            held.append(f"{name} = {parameter.value:.6g}")
+    if not held:
+        return []
+    return [
+        Finding(
+            "at-bound",
+            "warning",
+            f"Held by a bound: {', '.join(held)}. The record pulls beyond it; the standard errors "
+            "are those of a model where it is fixed there.",
+            "Check whether the bound is right.",
+        )
+    ]
+
+
+def _constant_input(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
+    assumed = [
+        name
+        for j, name in enumerate(estimate.input_names)
+        if all(np.ptp(record.u[:, j]) == 0 for record in records)
+    ]
+    if not assumed:
+        return []
+    return [
+        Finding(
+            "constant-input",
+            "warning",
+            f"Input {', '.join(assumed)} never changes: the result holds only if it was switched "
+            "on at the first sample, with the system at rest before.",
+        )
+    ]

@@ -1,0 +1,211 @@
+"""Samples too far off for Gaussian noise, where squares were minimised.
+
+The scale of the residual is taken from its middle, so that what is looked for does not hide itself:
+the larger of the median absolute value and the 80 % quantile, both consistent for Gaussian noise.
+The limit is that of the largest of ``N`` Gaussian samples (Bonferroni), widened for the error of
+the scale in short records. A response that the model misses has large residuals too, but in bursts;
+outliers stand alone, so most of those found must be more than twice as far off as their neighbours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.judgement.causes.first_samples import Predictions, beginning
+from tridentify.numerics.robust import median_scale
+from tridentify.record.record import Record
+
+Array = NDArray[np.float64]
+
+FALSE_ALARMS = 1e-3
+LEAST = 5.0
+SHORT = 6.0
+SHARE = 0.5
+QUANTILE = 0.8
+ROUNDING = 1e-9
+FEWEST = 12
+LONGEST = 100_000
+FEW = 10_000
+CLEARLY = 0.9
+MOST_SPIKES = 50
+"""Samples taken out of one experiment's noise, one by one."""
+BESIDE = 3
+"""Samples within which two that are far off are one burst."""
+MOST_NAMED = 5
+"""Times that are written out."""
+
+
+def outlier_findings(
+    estimate: Estimate, records: Sequence[Record], known: Predictions | None = None
+) -> list[Finding]:
+    """Advice to fit with a robust loss, where the residual has gross outliers.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified; the first 100,000 samples of each are looked at.
+    known : Predictions, optional
+        What was computed before.
+
+    Notes
+    -----
+    Gaussian noise is taken for outliers in fewer than one of 1,000 records.
+    """
+    if estimate.loss != "squared" or not estimate.status.ok:
+        return []
+    records = [beginning(record, LONGEST) for record in records]
+    known = known or Predictions(estimate)
+    residuals = [known.residual(record, e) for e, record in enumerate(records)]
+    found = []
+    for i, name in enumerate(estimate.output_names):
+        series = [one[:, i] for one in residuals]
+        places, farthest = _outliers(series)
+        if not places and estimate.noise_model[i].size:
+            places, farthest = spikes(series, estimate.noise_model[i])
+        count = len(places)
+        size = math.sqrt(float(np.nanmean(np.concatenate([r.y[:, i] for r in records]) ** 2)))
+        if count and math.sqrt(float(estimate.noise_variance[i])) > ROUNDING * size:
+            many = f"{count} samples of {name} lie" if count > 1 else f"A sample of {name} lies"
+            times = [float(records[e].t[k]) for e, k in places]
+            found.append(
+                Finding(
+                    "bad-samples",
+                    "warning",
+                    f"{many} farther from the model than Gaussian noise explains (up to "
+                    f"{farthest:.0f} standard deviations of the others; {_at(places, times)}). "
+                    "Least squares follows such outliers.",
+                    "Fit with a robust loss (--loss huber or student, in Python "
+                    "ThreeModel(loss='huber')), or mark them as missing (nan).",
+                    (name,),
+                    places[0][0] if len({e for e, _ in places}) == 1 < len(records) else None,
+                    tuple(times),
+                )
+            )
+    return found
+
+
+def _at(places: Sequence[tuple[int, int]], times: Sequence[float]) -> str:
+    """When, in words."""
+    several = len({e for e, _ in places}) > 1
+    said = [
+        f"{t:.4g} s" + (f" of experiment {e + 1}" if several else "")
+        for (e, _), t in zip(places, times, strict=True)
+    ]
+    more = f" and {len(said) - MOST_NAMED} more" if len(said) > MOST_NAMED else ""
+    return f"at {', '.join(said[:MOST_NAMED])}{more}"
+
+
+def _outliers(series: Sequence[Array]) -> tuple[list[tuple[int, int]], float]:
+    """Their (experiment, sample), and the distance of the farthest in standard deviations."""
+    joined = np.concatenate(series)
+    seen = joined[np.isfinite(joined)]
+    if seen.size < FEWEST or _clearly_none(seen):
+        return [], 0.0
+    middle = np.median(seen)
+    size = np.abs(seen - middle)
+    scale = _scale(size)
+    if scale == 0:
+        return [], 0.0
+    limit = _limit(seen.size)
+    places, alone = [], 0
+    if not size.max() / scale > limit:
+        return [], 0.0
+    for e, one in enumerate(series):
+        far = np.nan_to_num(np.abs(one - middle) / scale)
+        padded = np.concatenate([[0.0], far, [0.0]])
+        beside = np.maximum(padded[:-2], padded[2:])
+        places += [(e, int(k)) for k in np.flatnonzero(far > limit)]
+        alone += int(np.sum((far > limit) & (beside < SHARE * far)))
+    if 2 * alone < max(len(places), 1):
+        return [], 0.0
+    return places, float(size.max()) / scale
+
+
+def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], float]:
+    """Single samples that stand out of coloured noise, though not from its size.
+
+    Each sample is told from its neighbours on both sides, by ``sum_j c_j v(k + j) / c_0`` with
+    ``c`` the autocorrelation of ``(1, a)``: what is left has the variance ``s^2 / c_0``. The
+    farthest is taken out, and all is looked at again, so that what it does to its neighbours does
+    not count.
+
+    Parameters
+    ----------
+    series : sequence of (n_samples,) arrays
+        Residuals, not whitened; ``nan`` marks a missing sample.
+    a : (p,) array
+        What whitens them.
+
+    Returns
+    -------
+    places : list of (experiment, sample)
+        None where those that are far off stand together, as those of a missed response do.
+    farthest : float
+        In standard deviations of what is left of the others.
+    """
+    whole = np.concatenate([[1.0], a])
+    taps = np.correlate(whole, whole, "full") / float(whole @ whole)
+    parts = [_from_neighbours(one, taps) for one in series]
+    seen = np.concatenate([one[np.isfinite(one)] for one in parts])
+    if seen.size < FEWEST:
+        return [], 0.0
+    scale = _scale(np.abs(seen - np.median(seen)))
+    limit = _limit(seen.size) * scale
+    places, farthest = [], 0.0
+    for e, one in enumerate(parts):
+        left = one.copy()
+        for _ in range(MOST_SPIKES):
+            size = np.nan_to_num(np.abs(left))
+            k = int(np.argmax(size))
+            if not size[k] > limit:
+                break
+            places.append((e, k))
+            farthest = max(farthest, float(size[k]) / scale)
+            first, last = max(k - a.size, 0), min(k + a.size + 1, left.size)
+            left[first:last] -= left[k] * taps[first - k + a.size : last - k + a.size]
+    apart = sum(
+        all(
+            other == here or other[0] != here[0] or abs(other[1] - here[1]) > BESIDE
+            for other in places
+        )
+        for here in places
+    )
+    return (sorted(places), farthest) if places and 2 * apart >= len(places) else ([], 0.0)
+
+
+def _from_neighbours(series: Array, taps: Array) -> Array:
+    """What is left of each sample that has all its neighbours."""
+    found = np.full(series.size, np.nan)
+    if series.size >= taps.size:
+        half = taps.size // 2
+        found[half : series.size - half] = np.convolve(series, taps, "valid")
+    return found
+
+
+def _scale(size: Array) -> float:
+    """Of Gaussian noise whose absolute values these are."""
+    far = float(np.quantile(size, QUANTILE)) / float(ndtri(0.5 + QUANTILE / 2))
+    return max(median_scale(size), far)
+
+
+def _limit(count: int) -> float:
+    """The largest of so many, in standard deviations."""
+    return max(LEAST, -float(ndtri(FALSE_ALARMS / count / 2))) * (1.0 + SHORT / count)
+
+
+def _clearly_none(seen: Array) -> bool:
+    """Whether no sample of many comes near the limit, by the scale of every few of them."""
+    if seen.size < 2 * FEW:
+        return False
+    few = seen[:: seen.size // FEW]
+    middle = float(np.median(few))
+    farthest = max(float(seen.max()) - middle, middle - float(seen.min()))
+    return farthest < CLEARLY * _limit(seen.size) * _scale(np.abs(few - middle))

@@ -1,0 +1,202 @@
+"""What the residual gives away at a glance: colour, and a share that follows the input."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtri
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
+from tridentify.estimation.likelihood.raster import on_raster, places_on_raster, spread_out
+from tridentify.judgement.causes.first_samples import Predictions, beginning
+from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.correlation import autocorrelation
+from tridentify.numerics.whiteness import input_share
+from tridentify.record.record import Record
+
+Array = NDArray[np.float64]
+
+ROUNDING = 1e-9
+"""Residual over output below which there is nothing but rounding."""
+
+LONGEST_TESTED = 20_000
+"""Samples of a record that are looked at."""
+
+MOST_LAGS = 40
+
+BOUND_99 = 2.5758
+"""Quantile of the normal distribution that 99 % stay within."""
+
+MOST_OUTSIDE = 3
+"""Of 40 lags of white noise more than three lie outside in one of 1,300 records."""
+
+MISSED = 1e-3
+"""Probability of taking noise for a response."""
+
+
+def residual_findings(
+    estimate: Estimate, record: Record, experiment: int, known: Predictions
+) -> list[Finding]:
+    """Colour of the residual, and what of it follows the input, in one experiment."""
+    several = len(estimate.nuisance) > 1
+    where = f" in experiment {experiment + 1}" if several else ""
+    own = experiment if several else None
+    found = []
+    whitened = dict(zip(estimate.output_names, estimate.noise_model, strict=True))
+    for name, outside, n_lags in coloured_outputs(estimate, record, experiment, known):
+        which = "whitened residual" if whitened[name].size else "residual"
+        found.append(
+            Finding(
+                "noise-model",
+                "warning",
+                f"The {which} of {name}{where} is not white: {outside} of {n_lags} lags lie "
+                "outside the 99 % bounds. The noise is coloured or the model misses some of the "
+                "response; the standard errors may be too small.",
+                "Try a drift (--drift auto, in Python drift='auto'), more poles or zeros, or an "
+                "input shifted by a delay (--delay, in Python delay='free' or a number).",
+                (name,),
+                own,
+            )
+        )
+    for name in missed_outputs(estimate, record, experiment, known):
+        found.append(
+            Finding(
+                "unmodelled-response",
+                "warning",
+                f"The residual of {name}{where} is not white, and part of it follows the input: "
+                "the model misses some of the response. The standard errors allow for noise of "
+                "that colour, not for the missing part.",
+                "Try more poles or zeros, or an input shifted by a delay (--delay, in Python "
+                "delay='free' or a number).",
+                (name,),
+                own,
+            )
+        )
+    return found
+
+
+def response_as_noise(estimate: Estimate) -> list[Finding]:
+    """Slow parts of the output that are a response or noise, as the method saw it."""
+    return [
+        Finding(
+            "noise-model",
+            "warning" if told.startswith(RESPONSE_AS_NOISE) else "note",
+            f"{told[0].upper()}{told[1:]}. The record cannot say which of the two is right.",
+            "Compare with ThreeModel(noise='white'), and try a drift, or more poles or zeros.",
+        )
+        for told in estimate.trace.decisions
+        if told.startswith((RESPONSE_AS_NOISE, SLOW_AS_NOISE))
+    ]
+
+
+def coloured_outputs(
+    estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
+) -> list[tuple[str, int, int]]:
+    """Outputs whose residual is not white.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record
+        Its first 20,000 samples are looked at.
+    experiment : int
+        Position of the record among those identified.
+    known : Predictions, optional
+        What was computed before.
+
+    Returns
+    -------
+    list of (name, lags outside the 99 % bounds, lags)
+
+    Notes
+    -----
+    White noise leaves the bounds at 4 or more of 40 lags once in 1,300 records. A residual that
+    is no more than rounding is not judged. Where the noise has a model, the residual is whitened
+    first.
+    """
+    record = beginning(record, LONGEST_TESTED)
+    residual = evenly(estimate, record, experiment, known)
+    n_lags = min(MOST_LAGS, record.n_samples // 4)
+    found = []
+    for i, name in enumerate(estimate.output_names):
+        size = float(np.sqrt(np.nanmean(np.square(record.y[:, i]))))
+        if not float(np.sqrt(np.nanmean(np.square(residual[:, i])))) > ROUNDING * size:
+            continue
+        innovations = whiten(residual[:, i], estimate.noise_model[i])[0]
+        correlation, count = autocorrelation(innovations, n_lags)
+        outside = int(np.sum(np.abs(correlation[1:]) > BOUND_99 / math.sqrt(max(count, 1))))
+        if outside > MOST_OUTSIDE:
+            found.append((name, outside, n_lags))
+    return found
+
+
+def evenly(
+    estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
+) -> Array:
+    """The residual on its raster, without the samples that a robust loss set aside.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record
+        The beginning of one that was identified.
+    experiment : int
+    known : Predictions, optional
+
+    Returns
+    -------
+    (n, n_outputs) array
+        ``nan`` where nothing was recorded, and at outliers.
+    """
+    residual = (known or Predictions(estimate)).residual(record, experiment)
+    rows = estimate.outliers[estimate.outliers[:, 0] == experiment]
+    rows = rows[rows[:, 2] < record.n_samples]
+    residual[rows[:, 2].astype(int), rows[:, 1].astype(int)] = np.nan
+    places = None if record.dt is not None else places_on_raster(np.asarray(record.t))
+    return residual if places is None else spread_out(residual, places)
+
+
+def missed_outputs(
+    estimate: Estimate, record: Record, experiment: int, known: Predictions | None = None
+) -> list[str]:
+    """Outputs with a noise model whose residual follows the input.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record
+        Its first 20,000 samples are looked at.
+    experiment : int
+        Position of the record among those identified.
+    known : Predictions, optional
+        What was computed before.
+
+    Returns
+    -------
+    list of str
+        Their names.
+
+    Notes
+    -----
+    By `numerics.whiteness.input_share`; noise is taken for a response in at most one of
+    1,000 records.
+    """
+    if not any(a.size for a in estimate.noise_model):
+        return []
+    record = beginning(record, LONGEST_TESTED)
+    full = on_raster(record)
+    residual = evenly(estimate, record, experiment, known)
+    if len(residual) != full.n_samples:
+        return []
+    found = []
+    for i, name in enumerate(estimate.output_names):
+        if not estimate.noise_model[i].size:
+            continue
+        _, statistic, dimension = input_share(residual[:, i], full.u, estimate.noise_model[i])
+        if statistic > chdtri(float(dimension), MISSED):
+            found.append(name)
+    return found

@@ -1,0 +1,150 @@
+"""What `identify` and `select_structure` share: records, method, the input's behaviour."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
+
+from tridentify.checks.samples import Behaviour
+from tridentify.errors import OptionError, SampleTypeError, shown
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.base import Method, Progress
+from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.filtered.bias_compensated_least_squares import (
+    BiasCompensatedLeastSquares,
+)
+from tridentify.estimation.methods.filtered.refined_instrumental_variable import (
+    RefinedInstrumentalVariable,
+)
+from tridentify.estimation.methods.filtered.svf_instrumental_variable import SvfInstrumentalVariable
+from tridentify.estimation.methods.filtered.svf_least_squares import SvfLeastSquares
+from tridentify.estimation.methods.output_error import OutputError
+from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.judgement.causes.intersample import (
+    IN_WORDS,
+    Behaviours,
+    behaviours,
+    better_behaviour,
+)
+from tridentify.judgement.cautions import judged
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+from tridentify.writing.layout import as_call
+
+METHODS: Mapping[str, Callable[[], Method]] = MappingProxyType(
+    {
+        "three-model": ThreeModel,
+        "output-error": OutputError,
+        "refined-instrumental-variable": RefinedInstrumentalVariable,
+        "svf-instrumental-variable": SvfInstrumentalVariable,
+        "svf-least-squares": SvfLeastSquares,
+        "bias-compensated-least-squares": BiasCompensatedLeastSquares,
+    }
+)
+"""Name -> method with its default options; the command line and the contract tests read it."""
+
+
+def with_behaviour(
+    method: Method, records: list[Record], structure: Structure, progress: Progress | None
+) -> tuple[Estimate, list[Record], Behaviours | None, tuple[str, ...]]:
+    """The estimate, with what explains the record best where the input's behaviour is left open.
+
+    The search runs with what the samples suggest; at its end every behaviour is fitted from there,
+    and another search with the best of them follows where that is another one.
+    """
+    stated = all(record.intersample != "auto" for record in records)
+    left_open = [record.behaviour for record in records if record.intersample == "auto"]
+    suggested: Behaviour = left_open[0] if left_open else "zoh"
+    tried: list[Behaviour] = []
+    wanted = suggested
+    while True:
+        seen = [record.settled(wanted) for record in records]
+        tried.append(wanted)
+        estimate = method.estimate(seen, structure, progress)
+        found = behaviours(estimate, seen)
+        if stated:
+            return estimate, seen, found, ()
+        if found is None:
+            told = f"input taken as {IN_WORDS[wanted]}, which its samples suggest"
+            return estimate, seen, None, (told,)
+        better = better_behaviour(found, suggested)
+        if better in tried or not _can_be(better, method):
+            return estimate, seen, found, (found.in_words(),)
+        wanted = better
+
+
+def _can_be(behaviour: Behaviour, method: Method) -> bool:
+    """Whether a method takes an input of that behaviour."""
+    can = getattr(method, "capabilities", Capability.NONE)
+    return behaviour != "band-limited" or Capability.BAND_LIMITED in can
+
+
+def with_judgement(
+    estimate: Estimate,
+    records: Sequence[Record],
+    method: Method,
+    between: Behaviours | None,
+    told: Sequence[str] = (),
+) -> Estimate:
+    """The estimate with what is to be said of it, and how it was asked for.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        With the behaviour of the input that was used.
+    method : Method
+    between : Behaviours or None
+        How other behaviours of the input compare.
+    told : sequence of str
+        Further decisions for its trace.
+    """
+    found = judged(estimate, list(records), between)
+    trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *told))
+    return replace(estimate, findings=found, trace=trace, call=as_call(method))
+
+
+def checked_method(method: object) -> Method:
+    """Give the method that was chosen, or the default one.
+
+    Raises
+    ------
+    OptionError
+        It is a name of `METHODS`, a class, or no method at all.
+    """
+    if method is None:
+        return ThreeModel()
+    if isinstance(method, Method) and not isinstance(method, type):
+        return method
+    found, write = shown(method), "ThreeModel()"
+    if isinstance(method, str) and method in METHODS:
+        made = METHODS[method]
+        write = f"{getattr(made, '__name__', write)}(), or METHODS[{method!r}]()"
+    elif isinstance(method, type):
+        found = f"the class {method.__name__}"
+        if issubclass(method, tuple(m for m in METHODS.values() if isinstance(m, type))):
+            write = f"{method.__name__}()"
+    raise OptionError(
+        f"found method={found}; expected a method with its options; write method={write}"
+    )
+
+
+def listed(records: Record | Sequence[Record]) -> list[Record]:
+    """Records as a list.
+
+    Raises
+    ------
+    SampleTypeError
+        Something else is among them.
+    """
+    if isinstance(records, Record):
+        return [records]
+    found = list(records) if isinstance(records, Sequence) else [records]
+    wrong = [type(item).__name__ for item in found if not isinstance(item, Record)]
+    if wrong:
+        raise SampleTypeError(
+            f"found {wrong[0]} in place of a record; expected a Record or a list of them; write "
+            "Record(u, y, dt=...)"
+        )
+    return found

@@ -1,0 +1,277 @@
+"""Every candidate finished on the likelihood's maximum, all on the same terms.
+
+1. Each candidate is finished from the best of its starts: balanced truncations of the parallel
+   model and a discrete-time model. Single poles or pairs are then tried elsewhere
+   (`search.search.Search.move`), as in the search of one structure.
+2. A candidate that contains another one cannot explain less. Where it does, its end was a local
+   minimum, and it begins again from the poles of the lesser one with one pole more, taken from its
+   own starts.
+3. The residual of the candidate of lowest AICc is tested for whiteness. If it is noise that is not
+   white, *all* candidates get an autoregressive model of the same order, each with coefficients
+   from its own residual, and are finished again on whitened samples; once more, as the residuals
+   have changed. One set of coefficients for all would favour the candidate that it comes from.
+4. Offset, drift and initial state belong to the record, not to the order. Left to each candidate
+   they would blur the comparison, so where they are open the candidate of lowest BIC is finished
+   with every choice, and the choice of lowest BIC holds for all.
+
+A task is a value and its outcome depends on nothing else, so whoever runs the tasks, in whatever
+order, the table is the same to the last bit.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate, Status, Trace
+from tridentify.estimation.likelihood.answer import estimate_from
+from tridentify.estimation.likelihood.choose_nuisance import decide
+from tridentify.estimation.likelihood.cost import Point, evaluate_variant
+from tridentify.estimation.likelihood.levenberg_marquardt import at_rounding, criterion, finish
+from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.raster import are_even
+from tridentify.estimation.methods.base import Method, check
+from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.estimation.search.search import Search, SearchEnd, search_again
+from tridentify.estimation.search.starts import discrete_poles
+from tridentify.numerics.autoregression import (
+    deviance,
+    fit_autoregression,
+    most_coefficients,
+)
+from tridentify.numerics.realization import Complex
+from tridentify.numerics.threads import one_blas_thread
+from tridentify.numerics.whiteness import input_share, is_white
+from tridentify.record.record import Record
+from tridentify.structure import InitialState, Structure
+
+Array = NDArray[np.float64]
+
+FOLLOWED = 3
+FEW_STEPS = 12
+MOST_ROUNDS = 2
+MOSTLY = 0.5
+WORSE = 0.05
+ALLOWANCE = 6.0
+SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
+
+
+@dataclass(frozen=True, eq=False)
+class CandidateTask:
+    """One candidate and where to begin.
+
+    ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
+    Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
+    search for.
+    """
+
+    records: tuple[Record, ...]
+    structure: Structure
+    method: Method
+    seeds: tuple[Complex, ...] = ()
+    noise: tuple[Array, ...] = ()
+    shared: bool = True
+    search: bool = True
+    reach: float = -np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """What became of a candidate: an estimate with its residuals, or the reason why not.
+
+    ``longest`` is the duration of the longest experiment [s].
+    """
+
+    structure: Structure
+    estimate: Estimate | None
+    reason: str = ""
+    residuals: tuple[Array, ...] = ()
+    poles: Complex | None = None
+    shared: bool = True
+    longest: float = 1.0
+
+
+def run_task(task: CandidateTask) -> Entry:
+    """Finish one candidate; an exception is an entry, too."""
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"), one_blas_thread():
+            warnings.simplefilter("ignore")
+            estimate, poles = _finished(task) if task.shared else (_identified(task), None)
+            residuals = tuple(
+                np.asarray(estimate.residual(record, experiment=e))
+                for e, record in enumerate(task.records)
+            )
+    except (TridentifyError, np.linalg.LinAlgError, ValueError) as error:
+        reason = str(error).partition("\n")[0] or type(error).__name__
+        return Entry(task.structure, None, reason, shared=task.shared)
+    longest = max(record.duration for record in task.records)
+    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest)
+
+
+def _identified(task: CandidateTask) -> Estimate:
+    return task.method.estimate(task.records, task.structure)
+
+
+def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
+    """The likelihood's maximum from the seeds."""
+    records, structure = list(task.records), task.structure
+    check(records, structure, task.method.name, ThreeModel().capabilities)
+    most = task.method.max_passes if isinstance(task.method, ThreeModel) else 60
+    question = Question.of(records, structure, most=most).whitened(task.noise)
+    found = decide(question, [_best(question.base, question.variants, task).poles])
+    lacks = found.best.criterion > task.reach + ALLOWANCE
+    if found.best.status not in SOUND and task.search and lacks:
+        poles, _ = search_again(question, found.best.nuisances, found.best.point.poles)
+        other = decide(question, [poles])
+        found = other if other.best.criterion < found.best.criterion else found
+    done, decisions = found.best, found.decisions
+    trace = Trace(tuple(done.recorder.passes), (), decisions, done.why)
+    estimate = estimate_from(
+        done.point,
+        records,
+        structure,
+        done.nuisances,
+        done.status,
+        trace,
+        task.method.name,
+        done.criterion,
+    )
+    return estimate, done.point.poles
+
+
+def _best(base: Problem, variants: Sequence[Variant], task: CandidateTask) -> Point:
+    """The lowest point reached from the seeds, with all nuisance terms."""
+    variant = variants[-1]
+    at = partial(evaluate_variant, base, variant)
+    seeds = [base.admissible(poles)[0] for poles in task.seeds]
+    if task.search or not seeds:
+        seeds.append(discrete_poles(base))
+    points = sorted((at(poles) for poles in seeds), key=lambda point: point.objective)
+    if not task.search:
+        return points[0]
+    ends = [finish(at, point, None, FEW_STEPS)[0] for point in points[:FOLLOWED]]
+    best = min(ends, key=lambda point: point.objective)
+    if at_rounding(best) or criterion(best) < task.reach + ALLOWANCE:
+        return best
+    return Search(1).move(SearchEnd(base, best, variant, np.inf, False))
+
+
+def contained(small: Entry, large: Entry, shape: tuple[int, int]) -> bool:
+    """Whether one candidate is a special case of another, nuisance terms included."""
+    if small.estimate is None or large.estimate is None:
+        return False
+    one, other = small.estimate.structure, large.estimate.structure
+    if not (one.shared and other.shared) or one.delay != other.delay:
+        return False
+    more = other.common_poles - one.common_poles
+    few, many = one.zeros_matrix(*shape), other.zeros_matrix(*shape)
+    wide = all(
+        m + more <= k for a, b in zip(few, many, strict=True) for m, k in zip(a, b, strict=True)
+    )
+    along = (not one.offset or other.offset) and (not one.drift or other.drift)
+    free = one.initial_state == other.initial_state or other.initial_state == "free"
+    return more >= 0 and wide and bool(along) and free and one is not other
+
+
+def noise_orders(entry: Entry, records: Sequence[Record]) -> tuple[int, ...]:
+    """Order of an autoregression for each output's residual, by BIC; 0 where it passes for white.
+
+    Also 0 for a residual that mostly follows the input, which is a response that is missed, for
+    one that is no more than rounding, and where time is no raster.
+    """
+    assert entry.estimate is not None
+    n_outputs = len(entry.estimate.output_names)
+    if not are_even(records):
+        return (0,) * n_outputs
+    found = []
+    for i in range(n_outputs):
+        series = [one[:, i] for one in entry.residuals]
+        count = sum(int(np.isfinite(one).sum()) for one in series)
+        size = float(np.mean([np.nanmean(record.y[:, i] ** 2) for record in records]))
+        power = sum(float(np.nansum(one**2)) for one in series) / max(count, 1)
+        most = most_coefficients(count - 2 * len(entry.estimate.names))
+        if most == 0 or power <= 1e-18 * size or is_white(series):
+            found.append(0)
+            continue
+        a = fit_autoregression(series, most, fewest=1)
+        shares = [
+            input_share(one, np.asarray(r.u), a)[0] * one.size
+            for one, r in zip(series, records, strict=True)
+        ]
+        follows = sum(shares) > MOSTLY * sum(one.size for one in series)
+        found.append(0 if follows else _lean_order(series, a.size, count))
+    return tuple(found)
+
+
+def _lean_order(series: Sequence[Array], most: int, count: int) -> int:
+    """The order up to ``most`` of lowest BIC, at least 1."""
+    prices = [
+        deviance(series, fit_autoregression(series, p, p)) + p * np.log(count)
+        for p in range(1, most + 1)
+    ]
+    return int(np.argmin(prices)) + 1
+
+
+def nuisance_choices(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, ...]:
+    """What a structure leaves open of offset, drift and initial state."""
+    return candidates(records, structure)
+
+
+def with_nuisances(task: CandidateTask, terms: Nuisances) -> CandidateTask:
+    """The same candidate with one choice of nuisance terms."""
+    pinned = replace(
+        task.structure,
+        offset=terms.offset,
+        drift=terms.drift,
+        initial_state=cast("InitialState", terms.initial_state),
+    )
+    return replace(task, structure=pinned)
+
+
+def noise_of_orders(residuals: Sequence[Array], orders: Sequence[int]) -> tuple[Array, ...]:
+    """Autoregressions of given orders for the residuals of each output."""
+    return tuple(
+        fit_autoregression([one[:, i] for one in residuals], p, p) if p else np.zeros(0)
+        for i, p in enumerate(orders)
+    )
+
+
+def raised(seeds: Sequence[Complex], poles: Complex) -> list[Complex]:
+    """Poles of a lesser candidate, filled up from seeds of a higher order with the farthest."""
+    found = []
+    for seed in seeds:
+        more = seed.size - poles.size
+        if more <= 0:
+            continue
+        distance = np.array(
+            [np.min(np.abs(np.log(np.abs(z)) - np.log(np.abs(poles)))) for z in seed]
+        )
+        order = np.argsort(-distance, kind="stable")
+        picked: list[complex] = []
+        for k in order:
+            z = complex(seed[k])
+            need = more - len(picked)
+            if z.imag == 0 and need >= 1:
+                picked.append(z)
+            elif z.imag > 0 and need >= 2:
+                picked += [z, z.conjugate()]
+        while len(picked) < more:
+            picked.append(complex(-np.abs(seed[order[0]])))
+        found.append(np.concatenate([poles, np.array(picked, dtype=np.complex128)]))
+    return found
+
+
+def narrowed(
+    task: CandidateTask, poles: Sequence[Complex], noise: tuple[Array, ...]
+) -> CandidateTask:
+    """The same candidate from poles that were found already."""
+    return replace(task, seeds=tuple(poles), noise=noise, search=False)

@@ -1,0 +1,242 @@
+"""The cross-validated fit: on a second record, or on blocks of the first that the fit did not see.
+
+*A second record.* Coefficients are held; offset and initial state, which belong to each record,
+are fitted to it.
+
+*Without one* the usual cut into a first and a second half does not serve a manoeuvre: the response
+to a step has died away in the second half, which then says nothing. Here blocks of output samples
+all over the record are marked as missing, the coefficients are fitted to what is left, from where
+the candidate's own estimate ended and with its own noise model, and judged on the blocks. Every
+sample is left out once: five folds, each of several blocks, so that no fold loses the whole
+transient. The blocks are contiguous because neighbouring samples of coloured noise know each other
+(Burman, Chow & Nolan, Biometrika 81, 1994, 351-358; Racine, Journal of Econometrics 99, 2000,
+39-61).
+
+*Offset, drift and initial state* belong to the record, not to the plant. Fitted without the first
+block, a free initial state has to be run backwards through it, which explodes for every pole that
+is faster than the block. Fitted to each block by itself, it would explain the block of a slow
+plant whatever the input did. So with the coefficients held they are fitted once, to all samples of
+the record, and the state at a block's begin follows from the input all the way. A sample helps to
+fix these few terms; what that saves it pays back: its error is divided by ``1 - h``, ``h`` its
+leverage on them, which makes it the error of a fit without that sample (Allen, Technometrics 16,
+1974, 125-127).
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.likelihood.answer import model_of
+from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, finish
+from tridentify.estimation.methods.output_error import OutputError
+from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
+from tridentify.judgement.selection.paired import without
+from tridentify.numerics.threads import one_blas_thread
+from tridentify.record.record import Record
+from tridentify.simulate import simulate
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+FOLDS = 5
+BLOCKS = 4
+FEWEST = 40
+MOST_STEPS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class HeldEstimate:
+    """One estimate, its records, perhaps records that it has not seen, and what was asked for."""
+
+    estimate: Estimate | None
+    records: tuple[Record, ...]
+    validation: tuple[Record, ...]
+    asked: Structure | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOut:
+    """What became of the samples that were not fitted.
+
+    Attributes
+    ----------
+    fit : (n_outputs,) array
+        NRMSE [percent]; nan where there is none, minus infinity where a response grows without
+        bound.
+    errors : tuple of (n_samples, n_outputs) arrays
+        One for each record that was judged; empty where there is none.
+    reason : str
+        Why there is none.
+    terms : tuple of tuples of (n_samples, k) arrays
+        For each of these records and every output, what offset, drift and initial state may add
+        where the structure as asked for leaves them open.
+    """
+
+    fit: Array
+    errors: tuple[Array, ...] = ()
+    reason: str = ""
+    terms: tuple[tuple[Array, ...], ...] = ()
+
+
+def cross_fit(task: HeldEstimate) -> HeldOut:
+    """Fit and errors on samples that were not fitted."""
+    if task.estimate is None:
+        return HeldOut(np.zeros(0), reason="no estimate")
+    nothing = np.full(len(task.estimate.output_names), np.nan)
+    seen = task.validation or task.records
+    if not task.validation and sum(record.n_samples for record in seen) < FEWEST:
+        return HeldOut(nothing, reason=f"fewer than {FEWEST} samples")
+    try:
+        with warnings.catch_warnings(), np.errstate(all="ignore"), one_blas_thread():
+            warnings.simplefilter("ignore")
+            if task.validation:
+                errors = [_on_all(task.estimate, task.estimate.model, one, False) for one in seen]
+            else:
+                errors = _left_out(task)
+            terms = tuple(_open_terms(task, one) for one in seen)
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        return HeldOut(nothing, reason="not determined without every part of the record")
+    return HeldOut(_percent(errors, seen), tuple(errors), terms=terms)
+
+
+def _percent(errors: Sequence[Array], records: Sequence[Record]) -> Array:
+    """Fit over all records, on the samples that have an error."""
+    found = np.full(errors[0].shape[1], np.nan)
+    for i in range(found.size):
+        energy = spread = 0.0
+        for one, record in zip(errors, records, strict=True):
+            seen = np.isfinite(np.asarray(record.y)[:, i])
+            y = np.asarray(record.y)[seen, i]
+            energy += float(np.sum(one[seen, i] ** 2))
+            spread += float(np.sum((y - y.mean()) ** 2)) if y.size else 0.0
+        if not np.isfinite(energy):
+            found[i] = -np.inf
+        elif spread > 0:
+            found[i] = 100.0 * (1.0 - np.sqrt(energy / spread))
+    return found
+
+
+def blocks(n_samples: int) -> NDArray[np.intp]:
+    """(n_samples,) number of the block of each sample."""
+    return np.asarray(np.arange(n_samples) * FOLDS * BLOCKS // n_samples, dtype=np.intp)
+
+
+def folds(n_samples: int) -> NDArray[np.intp]:
+    """(n_samples,) number of the fold that leaves out each sample.
+
+    Examples
+    --------
+    >>> np.bincount(folds(100)).tolist(), folds(100)[:12].tolist()
+    ([20, 20, 20, 20, 20], [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2])
+    """
+    return np.asarray(blocks(n_samples) % FOLDS, dtype=np.intp)
+
+
+def _left_out(task: HeldEstimate) -> list[Array]:
+    """Errors of every sample by the coefficients that did not see it."""
+    assert task.estimate is not None
+    errors = [np.full(record.y.shape, np.nan) for record in task.records]
+    numbers = [folds(record.n_samples) for record in task.records]
+    for fold in range(FOLDS):
+        kept = tuple(
+            record.mask(number == fold)
+            for record, number in zip(task.records, numbers, strict=True)
+        )
+        model = _again(task.estimate, kept)
+        for e, record in enumerate(task.records):
+            out = numbers[e] == fold
+            errors[e][out] = _on_all(task.estimate, model, record, True)[out]
+    return errors
+
+
+def _again(estimate: Estimate, kept: Sequence[Record]) -> TransferFunction:
+    """The model without some samples, from where the estimate ended, with its noise model."""
+    if estimate.structure.constrained:
+        structure = estimate.structure
+        if structure.delay == "free":
+            structure = replace(structure, delay=estimate.model.delay.tolist())
+        return OutputError(estimate.model, MOST_STEPS).estimate(list(kept), structure).model
+    problem = problem_of(estimate, kept, stated(estimate))
+    at = partial(evaluate, problem)
+    # no covariance is formed: a fast initial state that no kept sample shows is no obstacle
+    point = finish(at, at(poles_of_estimate(estimate, problem)), None, MOST_STEPS)[0]
+    return model_of(point.problem, coefficients(point), kept[0])
+
+
+def _on_all(estimate: Estimate, model: TransferFunction, record: Record, own: bool) -> Array:
+    """Errors with coefficients held, offset and free response fitted to the whole record.
+
+    Of its ``own`` records an estimate says which of them there are; another one may have any.
+    """
+    known = estimate.structure
+    free, offset = not own or known.initial_state == "free", not own or bool(known.offset)
+    begin = record.u[0] if not own or known.initial_state == "equilibrium" else 0.0
+    error = np.array(record.y - simulate(model, record._on_its_times(record.u - begin)))
+    for i, columns in enumerate(
+        _columns(estimate, model, record, Open(offset, bool(known.drift), free))
+    ):
+        error[:, i] = without(columns, error[:, i])
+    return error
+
+
+@dataclass(frozen=True)
+class Open:
+    """Which nuisance terms there are."""
+
+    offset: bool
+    drift: bool
+    free: bool
+
+
+def _open_terms(task: HeldEstimate, record: Record) -> tuple[Array, ...]:
+    """What offset, drift and initial state may add to a record, where they are left open."""
+    assert task.estimate is not None
+    asked = task.asked or task.estimate.structure
+    beyond = bool(task.validation)
+    terms = Open(
+        beyond or asked.offset is not False,
+        asked.drift is not False,
+        beyond or asked.initial_state in ("auto", "free"),
+    )
+    return tuple(_columns(task.estimate, task.estimate.model, record, terms))
+
+
+def _columns(
+    estimate: Estimate, model: TransferFunction, record: Record, terms: Open
+) -> list[Array]:
+    """For every output, (n_samples, k) what its nuisance terms may add."""
+    still = record._on_its_times(np.zeros_like(record.u))
+    found = []
+    for i in range(record.n_outputs):
+        columns = [np.ones(record.n_samples)] if terms.offset else []
+        for j in range(record.n_inputs) if terms.free else ():
+            if j and estimate.structure.shared:
+                continue
+            for k in range(model.den[i][j].size - 1):
+                unit = _unit(estimate, model, i, j, k)
+                columns.append(simulate(model, still, free_response=unit)[:, i])
+        if terms.drift:
+            columns.append(np.asarray(record.t - record.t[0]))
+        found.append(np.column_stack(columns) if columns else np.zeros((record.n_samples, 0)))
+    return found
+
+
+def _unit(estimate: Estimate, model: TransferFunction, output: int, input_: int, k: int) -> Array:
+    """The free response ``p^k / a(p)`` of one channel alone."""
+    if estimate.structure.shared:
+        free = np.zeros((model.n_outputs, model.den[output][0].size - 1))
+        free[output, -1 - k] = 1.0
+        return free
+    longest = max(den.size - 1 for row in model.den for den in row)
+    nested = np.zeros((model.n_outputs, model.n_inputs, longest))
+    nested[output, input_, -1 - k] = 1.0
+    return nested

@@ -1,0 +1,123 @@
+"""The candidates: a table of orders where none are given, and what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+from tridentify.errors import CandidateError, OptionError, shown
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+MOST_POLES = 4
+PER_COEFFICIENT = 10
+
+
+def default_candidates(
+    records: Sequence[Record], template: Structure | None = None, max_poles: int = MOST_POLES
+) -> tuple[Structure, ...]:
+    """Structures with 1 to ``max_poles`` poles and every number of zeros below that of the poles.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Orders for which there are fewer than ten output samples a coefficient are left out.
+    template : Structure, optional
+        Offset, drift, initial state and delay are taken over from it; its orders are not.
+    max_poles : int
+        Most poles.
+
+    Returns
+    -------
+    tuple of Structure
+        Ten of them for a record that is long enough: (1, 0), (2, 0), (2, 1), ..., (4, 3). One
+        denominator for all channels, and numerators of one degree.
+
+    Raises
+    ------
+    CandidateError
+        The template holds knowledge of single coefficients, which belong to its orders.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> record = Record(np.ones(500), np.ones(500), dt=0.1)
+    >>> [(s.poles, s.zeros) for s in default_candidates([record])][:4]
+    [(1, 0), (2, 0), (2, 1), (3, 0)]
+    >>> len(default_candidates([record], Structure(1, 0, delay="free")))
+    10
+    """
+    if template is not None and not isinstance(template, Structure):
+        raise OptionError(
+            f"found template={type(template).__name__}; expected a Structure; write for example "
+            "template=Structure(1, 0, offset=True)"
+        )
+    plain = Structure(1, 0) if template is None else template
+    if plain.constrained:
+        raise CandidateError(
+            "found knowledge of coefficients in the template; expected offset, drift, initial "
+            "state and delay alone, as a coefficient belongs to its order; list the candidates"
+        )
+    samples = min((record.n_samples for record in records), default=0)
+    found = []
+    for n in range(1, max_poles + 1):
+        for m in range(n):
+            if n == 1 or PER_COEFFICIENT * (n + m + 1) <= samples:
+                found.append(replace(plain, poles=n, zeros=m))
+    return tuple(found)
+
+
+def checked_candidates(given: Any) -> tuple[Structure, ...]:
+    """Give the candidates as a tuple, each once.
+
+    Raises
+    ------
+    CandidateError
+        There are none, or one of them is not a Structure.
+    """
+    if isinstance(given, Structure):
+        return (given,)
+    try:
+        listed = list(given)
+    except TypeError:
+        raise CandidateError(
+            f"found candidates={shown(given)}; expected a list of Structure; write for example "
+            "[Structure(1, 0), Structure(2, 1)]"
+        ) from None
+    if not listed:
+        raise CandidateError(
+            "found no candidate; expected at least one Structure; leave candidates out for a table "
+            "of orders"
+        )
+    for item in listed:
+        if not isinstance(item, Structure):
+            raise CandidateError(
+                f"found {shown(item)} among the candidates; expected a Structure; write for "
+                "example Structure(poles=2, zeros=1)"
+            )
+    kept: list[Structure] = []
+    for item in listed:
+        if item not in kept:
+            kept.append(item)
+    return tuple(kept)
+
+
+def order_label(structure: Structure) -> str:
+    """Poles and zeros as text, ``"2, 1"``; nested ones with their brackets.
+
+    Examples
+    --------
+    >>> order_label(Structure(2, 1)), order_label(Structure(2, [[1], [0]]))
+    ('2, 1', '2, [[1], [0]]')
+    >>> order_label(Structure(1, 0, delay="free"))
+    '1, 0, free delay'
+    """
+
+    def plain(value: Any) -> str:
+        return str([list(row) for row in value]) if isinstance(value, tuple) else str(value)
+
+    label = f"{plain(structure.poles)}, {plain(structure.zeros)}"
+    if structure.delay == "free":
+        label += ", free delay"
+    return label + (", constrained" if structure.constrained else "")

@@ -1,0 +1,296 @@
+r"""Which row is recommended, and why.
+
+Two questions, since simulated records have a true order and measured ones have none.
+
+*Does the likelihood speak?* A candidate with more unknowns always fits better. The lowest AICc asks
+whether it predicts better, on average; asked of many candidates at once, it often says yes to one
+of them by luck. A superfluous pole can be put anywhere in the band with a zero on top of it, and
+the best place fits the noise: the fall of ``-2 log L`` is the largest of many nearly independent
+chi-squares, not one of them (Davies 1977, 1987). So a candidate is *adequate* if no usable
+candidate with more unknowns lowers ``-2 log L`` by more than
+
+    N log(1 + d log N / (N - k)),
+
+for ``d`` more unknowns, ``k`` in all: the price of BIC (Schwarz 1978) with the factor of an F test
+where ``N`` is small. Of the adequate candidates the one with the fewest unknowns is the
+*likeliest*; those whose poles the record hardly determines stand back. It is to be believed if it
+*explains* the record: it is sound and its residual does not follow the input. That a pole and a
+zero cancel within their errors is no objection where the likelihood refutes it (`refuted`), and
+that coefficients are badly known is none where larger candidates explain no more (`levels_off`).
+
+*What does a measured record support?* There every candidate is wrong, and enough samples refute all
+but the largest. Wanted is the smallest *sound* candidate (`soundness`: not at a limit, its
+coefficients determined, no slow swing that only follows a disturbance) that predicts what it has
+not seen as well as the best sound one, within the scatter of their difference (`paired`: over few
+groups of equal evidence; as it is, or on fair terms). Where a candidate that is not sound predicts
+as well as the best sound one and has fewer coefficients, more of them are not wanted either: then
+the smaller sound candidates are compared with each other, as far as they are of use.
+
+*Both together.* Where the likeliest candidate explains the record and predicts held-out samples no
+worse than the one that the second question names (compared on errors whitened by its noise model),
+it is recommended; else the latter is. Where no candidate explains the record, or only one that is
+itself not sharply known, a difference of less than one percent of the output's size buys no poles
+either: the wrong structure alone leaves more than that.
+
+*Measured*: on random systems in `benchmarks/trust.py` and `tests/statistical/test_selection.py`; on
+random plants with drifts, gusts, surroundings that warm up, springs that stiffen, friction and
+saturation in `tests/statistical/test_selection_wrong_worlds.py`; on measured records in
+`benchmarks/real_records.py`.
+
+References: R. Davies, Biometrika 64 (1977) 247-254 and 74 (1987) 33-43. G. Schwarz, Annals of
+Statistics 6 (1978) 461-464. L. Ljung, *System Identification*, 2nd ed., chapter 16 (1999).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+from tridentify.judgement.selection.criteria import Criteria
+from tridentify.judgement.selection.paired import Unseen, contrasts
+
+POINT = 1.0
+"""Held-out fit [percent of the output's size] that is no reason for more coefficients where no
+candidate explains the record."""
+
+USELESS = 0.05
+"""Share of the outputs' variance that a smaller candidate may leave unexplained more than the best
+and still be of use."""
+
+
+@dataclass(frozen=True)
+class Contender:
+    """What the rule sees of a row; ``known`` says that the record determines its poles."""
+
+    criteria: Criteria
+    n_poles: int
+    usable: bool
+    known: bool = True
+
+
+def needed(few: Contender, many: Contender) -> float:
+    """Fall of ``-2 log L`` that a larger candidate has to bring.
+
+    Parameters
+    ----------
+    few, many : Contender
+        ``many`` has more unknowns.
+    """
+    d = many.criteria.n_unknowns - few.criteria.n_unknowns
+    n = many.criteria.n_samples
+    room = max(n - many.criteria.n_unknowns, 1)
+    return n * math.log1p(d * math.log(n) / room)
+
+
+def adequate(rows: Sequence[Contender]) -> list[bool]:
+    """Whether nothing larger explains significantly more, row by row."""
+    found = []
+    for few in rows:
+        ok = few.usable
+        for many in rows if ok else ():
+            if not many.usable or many.criteria.n_unknowns <= few.criteria.n_unknowns:
+                continue
+            fall = few.criteria.deviance - many.criteria.deviance
+            ok = ok and fall <= needed(few, many)
+        found.append(ok)
+    return found
+
+
+def choose(rows: Sequence[Contender]) -> int | None:
+    """Position of the recommended row; None where no row is usable.
+
+    Examples
+    --------
+    >>> rows = [Contender(Criteria(k, 500, d), n, True)
+    ...         for k, d, n in ((3, 90.0, 1), (5, 10.0, 2), (7, 2.0, 3))]
+    >>> choose(rows)
+    1
+    """
+    kept = [k for k, ok in enumerate(adequate(rows)) if ok]
+    kept = [k for k in kept if rows[k].known] or kept
+    if not kept:
+        return None
+    return min(kept, key=lambda k: (rows[k].criteria.n_unknowns, rows[k].criteria.deviance))
+
+
+def refuted(rows: Sequence[Contender], orders: Sequence[tuple[int, int] | None]) -> list[bool]:
+    """Whether the likelihood refutes that a pole and a zero cancel, row by row.
+
+    Errors of a pole near a zero are those of a straight line through a curved likelihood, and often
+    too large. If the two did cancel, the candidate with one pole and one zero less would explain as
+    much.
+
+    Parameters
+    ----------
+    rows : sequence of Contender
+    orders : sequence of (poles, zeros) or None
+        None where there is more than one of either.
+
+    Examples
+    --------
+    >>> rows = [Contender(Criteria(k, 500, d), 1, True) for k, d in ((3, 90.0), (5, 10.0))]
+    >>> refuted(rows, [(1, 0), (2, 1)])
+    [False, True]
+    """
+    found = []
+    for own, order in zip(rows, orders, strict=True):
+        less = None if order is None else (order[0] - 1, order[1] - 1)
+        lesser = [
+            row
+            for row, other in zip(rows, orders, strict=True)
+            if other is not None and other == less and row.usable and own.usable
+        ]
+        falls = [row.criteria.deviance - own.criteria.deviance > needed(row, own) for row in lesser]
+        found.append(bool(falls) and all(falls))
+    return found
+
+
+def levels_off(rows: Sequence[Contender], likeliest: int | None) -> bool:
+    """Whether there are candidates with more poles than the likeliest, which explain no more.
+
+    Then the order is found, however badly the record determines the coefficients. In a world
+    without a true order the likelihood goes on to the largest candidate.
+
+    Examples
+    --------
+    >>> rows = [Contender(Criteria(k, 500, d), n, True)
+    ...         for k, d, n in ((3, 90.0, 1), (5, 10.0, 2), (7, 2.0, 3))]
+    >>> levels_off(rows, 1), levels_off(rows, 2), levels_off(rows, None)
+    (True, False, False)
+    """
+    if likeliest is None:
+        return False
+    return any(row.usable and row.n_poles > rows[likeliest].n_poles for row in rows)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A candidate on samples that it has not seen.
+
+    Attributes
+    ----------
+    size : int
+        Coefficients that are not held.
+    unseen : Unseen
+        Its held-out errors; without any where it has none.
+    whitened : Unseen
+        The same, whitened by the noise model of the likeliest candidate.
+    sound : bool
+        Whether nothing speaks against recommending it.
+    usable : bool
+        Whether it could be recommended if nothing better is there.
+    """
+
+    size: int
+    unseen: Unseen
+    whitened: Unseen
+    sound: bool
+    usable: bool
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The recommended row, and what decided.
+
+    Attributes
+    ----------
+    place : int or None
+    best : int or None
+        The eligible candidate that predicts held-out samples best.
+    by : {"likelihood", "held-out", "size", "useful", "none"}
+        "size": a further percent would buy the larger ones. "useful": nothing larger predicts
+        better than a smaller one that is not sound.
+    sound : bool
+        Whether it is sound.
+    """
+
+    place: int | None
+    best: int | None
+    by: str
+    sound: bool
+
+
+def recommend(
+    trials: Sequence[Trial], likeliest: int | None, *, explains: bool, sharp: bool
+) -> Verdict:
+    """Combine likelihood and held-out prediction.
+
+    Parameters
+    ----------
+    trials : sequence of Trial
+    likeliest : int or None
+        `choose` of them.
+    explains : bool
+        Whether it is sound and its residual does not follow the input.
+    sharp : bool
+        Whether its coefficients are known to where the likelihood is as good as Gaussian.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rng = np.random.default_rng(0)
+    >>> e, wave = rng.standard_normal((200, 1)), np.sin(0.3 * np.arange(200))[:, None]
+    >>> unseen = [Unseen((one,), ((np.ones((200, 1)),),))
+    ...           for one in (0.2 * wave, 0.004 * e, 0.0039 * e)]
+    >>> trials = [Trial(2 * k + 2, one, one, True, True) for k, one in enumerate(unseen)]
+    >>> recommend(trials, 2, explains=False, sharp=True).place
+    1
+    """
+    judged = [k for k, one in enumerate(trials) if one.usable and math.isfinite(one.unseen.loss)]
+    eligible = [k for k in judged if trials[k].sound] or judged
+    if not eligible:
+        by = "none" if likeliest is None else "likelihood"
+        return Verdict(likeliest, None, by, likeliest is not None and trials[likeliest].sound)
+    best = min(eligible, key=lambda k: trials[k].unseen.loss)
+    place, by = _of_held_out(trials, judged, eligible, best)
+    speaks = likeliest is not None and explains and likeliest in judged
+    if likeliest is not None and speaks and _is_believed(trials[likeliest], trials[place]):
+        place, by = likeliest, "likelihood"
+    if not (explains and sharp):
+        near = [k for k in eligible if _points(trials[k], trials[best]) <= POINT]
+        small = _smallest(trials, near)
+        if trials[small].size < trials[place].size:
+            place, by = small, "size"
+    return Verdict(place, best, by, trials[place].sound)
+
+
+def _of_held_out(
+    trials: Sequence[Trial], judged: Sequence[int], eligible: Sequence[int], best: int
+) -> tuple[int, str]:
+    """The smallest eligible candidate that predicts as well as the best one, and why that one."""
+    as_good = [k for k in judged if _as_good(trials[k], trials[best])]
+    place = _smallest(trials, [k for k in as_good if k in eligible])
+    least = trials[_smallest(trials, as_good)].size
+    lesser = [
+        k
+        for k in eligible
+        if trials[k].size <= least and trials[k].unseen.loss <= trials[best].unseen.loss + USELESS
+    ]
+    if trials[place].size <= least or not lesser:
+        return place, "held-out"
+    first = min(lesser, key=lambda k: trials[k].unseen.loss)
+    return _smallest(trials, [k for k in lesser if _as_good(trials[k], trials[first])]), "useful"
+
+
+def _smallest(trials: Sequence[Trial], among: Sequence[int]) -> int:
+    return min(among, key=lambda k: (trials[k].size, trials[k].unseen.loss))
+
+
+def _as_good(one: Trial, best: Trial) -> bool:
+    """Whether a candidate predicts as well as the best: as it is, or on fair terms."""
+    return any(contrast.as_good for contrast in contrasts(one.unseen, best.unseen))
+
+
+def _is_believed(likeliest: Trial, place: Trial) -> bool:
+    """Whether what the likelihood says stands before what held-out samples say."""
+    if likeliest.size > place.size:
+        return all(own.own <= own.other for own in contrasts(likeliest.whitened, place.whitened))
+    return _as_good(
+        replace(likeliest, unseen=likeliest.whitened), replace(place, unseen=place.whitened)
+    )
+
+
+def _points(trial: Trial, best: Trial) -> float:
+    """How far the held-out fit lies below the best [percent of the outputs' size]."""
+    return min(contrast.points for contrast in contrasts(trial.unseen, best.unseen))

@@ -1,0 +1,234 @@
+"""The recommendation in words."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from tridentify.judgement.selection.numbers import percent, share
+from tridentify.judgement.selection.orders import order_label
+from tridentify.judgement.selection.result import SelectionRow
+from tridentify.judgement.selection.rule import POINT, Contender, Verdict, needed
+from tridentify.structure import Structure
+
+POORLY = 0.5
+CLOSE = 10.0
+
+
+def in_words(
+    rows: Sequence[SelectionRow],
+    contenders: Sequence[Contender],
+    verdict: Verdict,
+    missed: bool,
+) -> str:
+    """Say what decided.
+
+    Parameters
+    ----------
+    rows : sequence of SelectionRow
+    contenders : sequence of Contender
+        What the likelihood says of them.
+    verdict : Verdict
+    missed : bool
+        Whether the residual of the recommended one follows the input.
+    """
+    place = verdict.place
+    if place is None or verdict.by == "likelihood" or verdict.best is None:
+        return reason_of(rows, contenders, place, missed)
+    own, name = rows[place], _capital(named(rows[place].structure))
+    fit = percent(own.cross_fit)
+    if verdict.best == place:
+        text = f"{name} predict samples that were left out best ({fit} %)"
+        if not verdict.sound:
+            text += " of those that are usable"
+        told = [text + "."]
+    else:
+        joint = "" if verdict.by == "held-out" else ","
+        within = _within(rows, verdict)
+        told = [f"{name} predict samples that were left out to {fit} %{joint} {within}."]
+    told.append(_passed_over(rows, place))
+    if not verdict.sound:
+        told.append(f"It is not sound: {'; '.join(own.doubts) or own.held_out_reason}.")
+    if missed:
+        told.append(MISSED)
+    return " ".join(filter(None, told))
+
+
+def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
+    """How the recommended candidate compares with the one of the best held-out fit."""
+    assert verdict.place is not None
+    assert verdict.best is not None
+    own, other = rows[verdict.place], rows[verdict.best]
+    best = f"{named(other.structure)} ({percent(other.cross_fit)} %)"
+    if verdict.by == "held-out":
+        return f"as well as the best, {best}, within the scatter of the difference"
+    if verdict.by == "useful":
+        return (
+            f"which is of use: of the larger ones up to {best} none predicts clearly better than a "
+            "candidate that has no more coefficients and is not determined"
+        )
+    gap = float(other.cross_fit.min() - own.cross_fit.min())
+    fair = " where offset and initial state are left aside" if gap > POINT else ""
+    return (
+        f"less than {POINT:g} % of the output's size below the best, {best}{fair}, which is no "
+        "reason for more coefficients where no candidate explains the record"
+    )
+
+
+MISSED = (
+    "Its residual still follows the input, so it does not explain the record: the smallest useful "
+    "model is recommended; try a delay, an offset or drift, or look for what is not linear."
+)
+
+
+def _passed_over(rows: Sequence[SelectionRow], place: int) -> str:
+    """The candidate of the best held-out fit that something speaks against, and what."""
+    own = rows[place].cross_fit.min(initial=float("inf"))
+    better = [
+        row
+        for row in rows
+        if row.doubts
+        and row.cross_fit.size
+        and row.cross_fit.min() > own
+        and row is not rows[place]
+    ]
+    if not better:
+        return ""
+    best = max(better, key=lambda row: float(row.cross_fit.min()))
+    return (
+        f"{_capital(named(best.structure))} reach {percent(best.cross_fit)} %, but: "
+        f"{'; '.join(best.doubts)}."
+    )
+
+
+def reason_of(
+    rows: Sequence[SelectionRow],
+    contenders: Sequence[Contender],
+    place: int | None,
+    missed: bool,
+) -> str:
+    """Say why a row is recommended, in a few sentences.
+
+    Parameters
+    ----------
+    rows : sequence of SelectionRow
+    contenders : sequence of Contender
+        What the rule saw of them.
+    place : int or None
+        Which one is recommended.
+    missed : bool
+        Whether its residual follows the input.
+    """
+    if place is None:
+        if all(row.estimate is None for row in rows):
+            return f"no candidate could be estimated; the first one: {rows[0].reason}"
+        first = next(row for row in rows if row.estimate is not None)
+        return f"no candidate has a usable end; the first one: {first.status}"
+    told = [
+        _against_larger(rows, contenders, place),
+        _against_smaller(rows, contenders, place),
+        _unusable(rows, contenders, place),
+    ]
+    own = rows[place]
+    if own.relative_std > POORLY:
+        told.append(
+            f"Its {own.widest} is known to {share(own.relative_std)} only: a simpler model may do."
+        )
+    if missed:
+        told.append(
+            "Its residual still follows the input, so no candidate explains the record: try more "
+            "poles, a delay, or an offset or drift."
+        )
+    return " ".join(filter(None, told))
+
+
+def named(structure: Structure) -> str:
+    """Orders in words.
+
+    Examples
+    --------
+    >>> named(Structure(2, 1)), named(Structure(1, 0)), named(Structure(2, [[1], [0]]))
+    ('2 poles and 1 zero', '1 pole and no zero', 'poles, zeros = 2, [[1], [0]]')
+    """
+    n, m = structure.poles, structure.zeros
+    if not isinstance(n, int) or not isinstance(m, int) or structure.constrained:
+        return f"poles, zeros = {order_label(structure)}"
+    zeros = "no zero" if m == 0 else "1 zero" if m == 1 else f"{m} zeros"
+    delay = " and a free delay" if structure.delay == "free" else ""
+    return f"{n} pole{'s' if n > 1 else ''} and {zeros}{delay}"
+
+
+def _against_larger(
+    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int
+) -> str:
+    """Against the candidate of the lowest AICc, or the best of those with more unknowns."""
+    own, name = contenders[place].criteria, named(rows[place].structure)
+    usable = [k for k, c in enumerate(contenders) if c.usable]
+    best = min(usable, key=lambda k: contenders[k].criteria.aicc)
+    if best != place:
+        other = contenders[best].criteria
+        gain = own.aicc - other.aicc
+        only = " only" if gain < CLOSE else ""
+        text = f"{_capital(named(rows[best].structure))} lower AICc by {gain:.1f}{only}"
+        if rows[best].relative_std > POORLY:
+            text += f", while {rows[best].widest} is known to {share(rows[best].relative_std)}"
+        if other.n_unknowns > own.n_unknowns:
+            price = needed(contenders[place], contenders[best])
+            fall = own.deviance - other.deviance
+            text += (
+                f"; -2 log L falls by {max(fall, 0.0):.1f}, less than the {price:.1f} that "
+                "the further unknowns must bring"
+            )
+        else:
+            text += ", but the record hardly determines its poles"
+        return f"{text}: {name} are recommended."
+    larger = [k for k in usable if contenders[k].criteria.n_unknowns > own.n_unknowns]
+    if not larger:
+        return f"{_capital(name)} have the lowest AICc, and no candidate is larger."
+    near = min(larger, key=lambda k: contenders[k].criteria.aicc)
+    above = contenders[near].criteria.aicc - own.aicc
+    return (
+        f"{_capital(name)} have the lowest AICc; the best of the larger candidates, "
+        f"{named(rows[near].structure)}, lies {above:.1f} above."
+    )
+
+
+def _against_smaller(
+    rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int
+) -> str:
+    own = contenders[place].criteria
+    smaller = [
+        k for k, c in enumerate(contenders) if c.usable and c.criteria.n_unknowns < own.n_unknowns
+    ]
+    if not smaller:
+        return ""
+    near = min(smaller, key=lambda k: contenders[k].criteria.aicc)
+    fall = contenders[near].criteria.deviance - own.deviance
+    price = needed(contenders[near], contenders[place])
+    if fall <= price:
+        return ""
+    return (
+        f"{_capital(named(rows[near].structure))} are too few: -2 log L is {fall:.1f} higher, "
+        f"more than the {price:.1f} that needless unknowns may bring."
+    )
+
+
+def _unusable(rows: Sequence[SelectionRow], contenders: Sequence[Contender], place: int) -> str:
+    """Candidates out of the race that explain more."""
+    own = contenders[place].criteria
+    better = [
+        k
+        for k, c in enumerate(contenders)
+        if rows[k].estimate is not None and not c.usable and c.criteria.aicc < own.aicc - CLOSE
+    ]
+    if not better:
+        return ""
+    best = min(better, key=lambda k: contenders[k].criteria.aicc)
+    gain = own.aicc - contenders[best].criteria.aicc
+    return (
+        f"{_capital(named(rows[best].structure))} would lower AICc by {gain:.1f}, but ended "
+        f"{rows[best].status}: something fast is missing, perhaps a delay or a direct feedthrough."
+    )
+
+
+def _capital(text: str) -> str:
+    return text[:1].upper() + text[1:]

@@ -1,0 +1,367 @@
+"""The front door: an estimate and a record in, whether to trust it out.
+
+The tests of every output (`validation.evidence`), and on another record those of
+`validation.transfer`, form one family. Holm's procedure rejects in it so that a model which is
+right is called wrong with at most the probability ``1 - level``, whatever the dependence between
+the tests; a tenth of it is spent on outliers. What is rejected is put into words
+(`validation.verdict`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtri
+
+from tridentify.errors import OptionError, SampleTypeError, TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.likelihood.answer import fingerprint
+from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.validation.correlation import correlate
+from tridentify.judgement.validation.evidence import (
+    CALLED,
+    Evidence,
+    suspicious,
+)
+from tridentify.judgement.validation.remembered import remember, remembered
+from tridentify.judgement.validation.residuals import View, look
+from tridentify.judgement.validation.result import (
+    Check,
+    CrossCorrelation,
+    Stationarity,
+    Transfer,
+    Validation,
+    Whiteness,
+)
+from tridentify.judgement.validation.transfer import carried_over
+from tridentify.judgement.validation.tried import may_react, torn_at, try_causes
+from tridentify.judgement.validation.verdict import KnownCauses, family, findings, in_words
+from tridentify.numerics.lagrange import holm
+from tridentify.numerics.threads import one_blas_thread
+from tridentify.record.record import Record
+
+Array = NDArray[np.float64]
+
+FEWEST_LAGS, MOST_SHOWN_LAGS = 20, 60
+LEVEL = 0.99
+LONGEST_LOOK = 5_000
+"""Samples of each record that every estimate is judged by; `validate` takes them all."""
+OUTLIERS = 0.1
+"""Share of the false alarms that is spent on outliers."""
+
+
+def validate(
+    estimate: Estimate,
+    record: Record | Sequence[Record],
+    *,
+    experiment: int | None = None,
+    level: float = LEVEL,
+    n_lags: int | None = None,
+) -> Validation:
+    """Test whether an estimate explains a record but for noise, and say what it misses.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record or sequence of Record
+        The identified ones, or others with the same channels. Offset and initial state of others
+        are fitted, those of lowest AICc, with the coefficients held.
+    experiment : int, optional
+        The record is this experiment of the estimate; its offset and initial state are used.
+    level : float
+        Probability that a right model passes all tests together, and that one value of a
+        correlation lies within its bounds.
+    n_lags : int, optional
+        Largest lag of the correlations that are given back [samples]; by default from the settling
+        time of the model. The tests choose their own.
+
+    Returns
+    -------
+    Validation
+
+    Raises
+    ------
+    ChannelCountError
+        The record has other channels.
+    TooFewSamplesError
+        There is no output, or too little of it to test.
+    OptionError
+        ``level`` or ``n_lags`` is out of range.
+    SampleTypeError
+        It is no record, or ``estimate`` is no estimate.
+
+    References
+    ----------
+    L. Ljung, *System Identification*, 2nd ed., chapter 16 (1999). L. Godfrey, *Misspecification
+    Tests in Econometrics*, Cambridge (1988), for tests of added columns.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
+    >>> rng = np.random.default_rng(1)
+    >>> u = np.repeat(rng.choice([-1.0, 1.0], 50), 8)
+    >>> y = simulate(TransferFunction([9.0], [1.0, 1.2, 9.0]), Record(u, u, dt=0.1))[:, 0]
+    >>> record = Record(u, y + 0.1 * rng.standard_normal(400), dt=0.1)
+    >>> validate(identify(record, Structure(2, 0)), record).ok
+    True
+    >>> validate(identify(record, Structure(1, 0)), record).findings[0].code
+    'order-low'
+    """
+    if not isinstance(estimate, Estimate):
+        raise SampleTypeError(
+            f"found {type(estimate).__name__} in place of an estimate; expected what identify or "
+            "Estimate.load gives, before the record; write validate(estimate, record)"
+        )
+    records = [one.settled(estimate.intersample) for one in _listed(record)]
+    if not (isinstance(level, float) and 0.5 <= level < 1.0):
+        raise OptionError(
+            f"found level={level!r}; expected a probability from 0.5 to below 1; write level=0.99"
+        )
+    if n_lags is not None and (not isinstance(n_lags, int) or n_lags < 1):
+        raise OptionError(
+            f"found n_lags={n_lags!r}; expected a whole number of at least 1; leave it out"
+        )
+    with one_blas_thread():
+        usual = experiment is None and n_lags is None and level == LEVEL
+        known = remembered(estimate, records) if usual else None
+        if known is not None:
+            return known
+        view = look(estimate, records, experiment)
+        return _judge(estimate, view, level, n_lags or _lags(estimate, view))
+
+
+def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]:
+    """What all tests find of the records that were identified, where a look calls for them.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified, their inputs' behaviour settled.
+
+    Returns
+    -------
+    tuple of Finding
+        As `validate`; empty where a quick look finds nothing, or too little is there to test.
+    """
+    short = [beginning(record, LONGEST_LOOK) for record in records]
+    cut = any(a is not b for a, b in zip(short, records, strict=True))
+    try:
+        view = look(estimate, short, None, own=True)
+        if any(output.is_rounding for output in view.outputs):
+            return ()
+        outputs = range(len(view.outputs))
+        called = any(suspicious(view, i, estimate) for i in outputs)
+        if not (called or torn_at(view) or may_react(view)):
+            return ()
+        found = _judge(estimate, view, LEVEL, _lags(estimate, view))
+    except (TridentifyError, np.linalg.LinAlgError):
+        return ()
+    if cut:
+        return tuple(f for f in found.findings if f.code != "noise-size")
+    if fingerprint(records) == estimate.record_fingerprint:
+        remember(estimate, records, found)
+    return found.findings
+
+
+def _listed(record: Record | Sequence[Record]) -> list[Record]:
+    found = [record] if isinstance(record, Record) else list(record)
+    if not found or not all(isinstance(one, Record) for one in found):
+        what = type(found[0]).__name__ if found else "nothing"
+        raise SampleTypeError(
+            f"found {what} in place of a record; expected a Record or a list of them; write "
+            "Record(u, y, dt=...)"
+        )
+    return found
+
+
+def _lags(estimate: Estimate, view: View) -> int:
+    """Three of the slowest time constants, within reason."""
+    decay = np.min(np.abs(view.point.poles.real))
+    fewest = min(record.n_samples for record in view.records) // 4
+    wanted = int(min(3.0 / (decay * view.step), MOST_SHOWN_LAGS)) if decay > 0 else MOST_SHOWN_LAGS
+    return max(min(max(wanted, FEWEST_LAGS), fewest), 2)
+
+
+def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validation:
+    if any(output.is_rounding for output in view.outputs):
+        return _exact(estimate, view, level)
+    outputs, n_inputs = range(len(view.outputs)), view.records[0].n_inputs
+    rate = (1.0 - level) * OUTLIERS / len(outputs)
+    torn = torn_at(view)
+    tried = try_causes(view, estimate, n_lags, rate, torn)
+    if torn and (tried.named is None or tried.named.rival.code != "lost-rows"):
+        tried = try_causes(view, estimate, n_lags, rate, ())
+    view, evidence, explained = tried.view, tried.evidence, tried.explained
+    noises = [one.noise for one in evidence]
+    transfer = None if view.own else carried_over(view, estimate, noises)
+    tests = family(evidence, estimate.output_names, transfer)
+    made = [k for k, test in enumerate(tests) if np.isfinite(test.p_value)]
+    p_values = np.array([tests[k].p_value for k in made])
+    for k, rejected in zip(made, holm(p_values, (1.0 - level) * (1.0 - OUTLIERS)), strict=True):
+        tests[k] = replace(tests[k], rejected=bool(rejected))
+    pictures = tuple(
+        correlate(
+            view,
+            i,
+            j,
+            noises[i],
+            n_lags,
+            level,
+            evidence[i].by_input[j],
+            evidence[i].level < CALLED,
+        )
+        for i in outputs
+        for j in range(n_inputs)
+    )
+    found = findings(
+        view,
+        evidence,
+        pictures,
+        tests,
+        transfer,
+        KnownCauses(estimate, explained, tried.again, tried.without_bad),
+    )
+    if estimate.loss != "squared":
+        # a robust loss does not follow them
+        found = tuple(replace(f, severity="note") if f.code == "bad-samples" else f for f in found)
+    fit, r2 = _fits(view)
+    return _assemble(
+        estimate,
+        view,
+        level,
+        (fit, r2),
+        evidence,
+        pictures,
+        transfer,
+        tuple(tests),
+        (found, in_words(found, view, transfer, fit.tolist()), _notes(view, evidence)),
+    )
+
+
+def _assemble(
+    estimate: Estimate,
+    view: View,
+    level: float,
+    fits: tuple[Array, Array],
+    evidence: Sequence[Evidence],
+    pictures: tuple[CrossCorrelation, ...],
+    transfer: Transfer | None,
+    tests: tuple[Check, ...],
+    said: tuple[tuple, str, tuple[str, ...]],  # type: ignore[type-arg]
+) -> Validation:
+    innovations = zip(*(one.innovations for one in evidence), strict=True)
+    return Validation(
+        fits[0],
+        fits[1],
+        tuple(_whiteness(one, view, i, level) for i, one in enumerate(evidence)),
+        pictures,
+        tuple(one.normality for one in evidence),
+        tuple(_stationarity(one, view, i) for i, one in enumerate(evidence)),
+        transfer,
+        tests,
+        said[0],
+        said[1],
+        said[2],
+        level,
+        view.own,
+        estimate.output_names,
+        estimate.input_names,
+        tuple(np.array(record.t) for record in view.records),
+        _residual(view),
+        tuple(np.stack(one, axis=1) for one in innovations),
+        dict(estimate.units),
+        view.uneven,
+    )
+
+
+def _exact(estimate: Estimate, view: View, level: float) -> Validation:
+    """A record without noise: the residual is rounding, and there is nothing to test."""
+    fit, r2 = _fits(view)
+    nothing = tuple(np.zeros_like(one) for one in _residual(view))
+    return Validation(
+        fit,
+        r2,
+        (),
+        (),
+        (),
+        (),
+        None,
+        (),
+        (),
+        "Nothing speaks against the model: the residual of an output is no more than rounding.",
+        (*view.told, "a residual that is rounding is not tested"),
+        level,
+        view.own,
+        estimate.output_names,
+        estimate.input_names,
+        tuple(np.array(record.t) for record in view.records),
+        _residual(view),
+        nothing,
+        dict(estimate.units),
+        view.uneven,
+    )
+
+
+def _residual(view: View) -> tuple[Array, ...]:
+    rows = zip(*(output.residual for output in view.outputs), strict=True)
+    return tuple(np.stack(one, axis=1) for one in rows)
+
+
+def _fits(view: View) -> tuple[Array, Array]:
+    """NRMSE [percent], each experiment about its own mean as in the estimate, and R2_T."""
+    fit, r2 = [], []
+    for output in view.outputs:
+        energy = spread = variance = 0.0
+        for y, r in zip(output.y, output.residual, strict=True):
+            there = np.isfinite(r)
+            energy += float(np.sum(r[there] ** 2))
+            spread += float(np.sum((y[there] - y[there].mean()) ** 2))
+            variance += float(np.sum((r[there] - r[there].mean()) ** 2))
+        fit.append(100.0 * (1.0 - np.sqrt(energy / spread)) if spread > 0 else np.nan)
+        r2.append(1.0 - variance / spread if spread > 0 else np.nan)
+    return np.array(fit), np.array(r2)
+
+
+def _whiteness(one: Evidence, view: View, index: int, level: float) -> Whiteness:
+    found, test = one.autocorrelation, one.whiteness
+    return Whiteness(
+        view.outputs[index].name,
+        np.asarray(np.arange(1, found.value.size + 1) * view.step, dtype=np.float64),
+        found.value - found.mean,
+        np.asarray(float(ndtri(0.5 + level / 2)) * found.std, dtype=np.float64),
+        test.lags,
+        test.statistics,
+        test.p_values,
+        test.p_value,
+    )
+
+
+def _stationarity(one: Evidence, view: View, index: int) -> Stationarity:
+    name = view.outputs[index].name
+    return Stationarity(name, one.level, one.scale, one.later, one.edges, one.scales)
+
+
+def _notes(view: View, evidence: Sequence[Evidence]) -> tuple[str, ...]:
+    told = list(view.told)
+    if view.uneven:
+        told.append(
+            "time is uneven: lags count samples and stand for the typical step, so correlation "
+            "over "
+            "a fixed time is not tested, and the noise is taken as white in the estimate"
+        )
+    lost = sum(int(np.isnan(one).sum()) for output in view.outputs for one in output.residual)
+    if lost:
+        told.append(f"{lost} missing samples do not count")
+    for one, output in zip(evidence, view.outputs, strict=True):
+        if one.noise.size and one.noise is not output.noise:
+            told.append(
+                f"the tests of {output.name} allow for noise that is autoregressive of order "
+                f"{one.noise.size}"
+            )
+    return tuple(told)

@@ -1,0 +1,166 @@
+"""Columns for each cause that can be named beyond a linear response: where power is, few columns.
+
+A test of many columns sees little of a misfit that one of them would show. So every cause has few
+of its own, made as the cause would make them:
+
+*Non-linearity within the loop.* A restoring force ``a(p) y + k f(y) = b(p) u`` adds the response of
+``1 / a(p)`` to ``-f(y)``, not ``f(y)`` itself; an actuator that is not linear the response of the
+model to ``f(u)``; dry friction that of ``1 / a(p)`` to ``-sign(dy/dt)``. The fitted output stands
+for ``y``: it carries no noise, so that the columns are as good as fixed (Ramsey, J. Royal
+Statistical Society B 31, 1969, 350-371; Billings, *Nonlinear System Identification*, 2013).
+
+*Limits.* A sensor that saturates takes away the part of the output beyond a level; as the level is
+unknown, those beyond several quantiles are added. An actuator likewise, through the model.
+
+*A late or smoothed input.* The response of the model to each input, some samples later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.validation.residuals import View
+from tridentify.record.record import Record
+from tridentify.simulate import simulate
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+Columns = tuple[Array, ...]
+
+TAILS = (0.05, 0.12, 0.2)
+"""Shares of the samples that lie beyond a level, on either side: few samples tell a level that is
+rarely reached, and one that is reached by more than a fifth moves the coefficients first."""
+
+INPUT_TAILS = (0.1, 0.25)
+"""The same for an actuator."""
+
+LEVELS = 4
+"""Values of an input from which a limit can be told from a smaller gain."""
+
+SHIFTS = (1, 2, 4, 8, 16, 32)
+"""By how much the response is moved [samples]; together they make any that is late or smoother."""
+
+FEW_SHIFTS = (1, 3, 9)
+"""Fewer, which see a single delay better."""
+
+LEAST_LEFT = 8
+"""Samples over the largest shift."""
+
+
+def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
+    """Columns of every kind of non-linearity, kind by kind.
+
+    Parameters
+    ----------
+    view : View
+    output : int
+    estimate : Estimate
+        Whose model filters what acts within the loop.
+
+    Returns
+    -------
+    list of tuples of (n_samples, k) arrays
+        Per kind, one array per experiment.
+    """
+    records, shapes = view.records, _shapes(view, output)
+    den = estimate.model.den[output][0]
+    inner = TransferFunction([den[-1] or 1.0], den)
+    found = [
+        _through(inner, records, [np.stack([y**2, y**3], axis=1) for y in shapes]),
+        _through(inner, records, [np.sign(np.gradient(y))[:, None] for y in shapes]),
+        _limits(shapes, TAILS),
+    ]
+    powers, limited = [], []
+    for j in range(records[0].n_inputs):
+        own = _channel(estimate, output, j)
+        u = _scaled([np.asarray(record.u[:, j]) for record in records])
+        powers.append(_through(own, records, [np.stack([x**2, x**3], axis=1) for x in u]))
+        if np.unique(np.concatenate(u)).size >= LEVELS:
+            limited.append(_through(own, records, _limits(u, INPUT_TAILS)))
+    return found + [_beside(several) for several in (powers, limited) if several]
+
+
+def late(view: View, output: int, estimate: Estimate) -> list[Columns]:
+    """The fitted output, and the response to each of several inputs, some samples later.
+
+    Parameters
+    ----------
+    view : View
+    output : int
+    estimate : Estimate
+
+    Returns
+    -------
+    list of tuples of (n_samples, k) arrays
+        Per kind, one array per experiment.
+    """
+    shortest = min(record.n_samples for record in view.records)
+    few, many = ([k for k in one if k * LEAST_LEFT <= shortest] for one in (FEW_SHIFTS, SHIFTS))
+    fitted = [np.nan_to_num(one) for one in view.outputs[output].fitted]
+    found = [tuple(_later(one, shifts) for one in fitted) for shifts in (few, many)]
+    n_inputs = view.records[0].n_inputs
+    if n_inputs == 1:
+        return found
+    several = []
+    for j in range(n_inputs):
+        u = [np.asarray(record.u[:, [j]]) for record in view.records]
+        moved = _through(_channel(estimate, output, j), view.records, u)
+        several.append(tuple(_later(one[:, 0], few) for one in moved))
+    return [*found, _beside(several)]
+
+
+def _later(series: Array, shifts: Sequence[int]) -> Array:
+    columns = [np.pad(series, (k, 0), mode="edge")[: series.size] for k in shifts]
+    return np.stack(columns, axis=1)
+
+
+def _channel(estimate: Estimate, output: int, j: int) -> TransferFunction:
+    model = estimate.model
+    late_by = float(model.delay[output, j])
+    return TransferFunction(model.num[output][j], model.den[output][j], delay=late_by)
+
+
+def _shapes(view: View, output: int) -> list[Array]:
+    return _scaled([np.nan_to_num(one) for one in view.outputs[output].fitted])
+
+
+def _scaled(series: Sequence[Array]) -> list[Array]:
+    """About their common mean, over their common standard deviation."""
+    joined = np.concatenate(series)
+    size = float(np.std(joined)) or 1.0
+    return [(one - joined.mean()) / size for one in series]
+
+
+def _through(
+    model: TransferFunction, records: Sequence[Record], inputs: Sequence[Array]
+) -> Columns:
+    """Responses of one transfer function, from rest, to (n_samples, k) inputs."""
+    found = []
+    for record, columns in zip(records, inputs, strict=True):
+        kept = []
+        for one in columns.T:
+            alone = Record(one - one[0], one, t=record.t, intersample=record.intersample)
+            kept.append(simulate(model, alone._on_its_times(alone.u))[:, 0])
+        responses = np.stack(kept, axis=1)
+        # an unstable model may leave the range of a float: such a column tells nothing
+        found.append(np.where(np.isfinite(responses).all(axis=0), responses, 0.0))
+    return tuple(found)
+
+
+def _limits(series: Sequence[Array], tails: Sequence[float]) -> Columns:
+    """What lies beyond quantiles on either side."""
+    joined = np.concatenate(series)
+    low = np.quantile(joined, tails)
+    high = np.quantile(joined, 1.0 - np.array(tails))
+    return tuple(
+        np.hstack([np.minimum(x[:, None] - low, 0.0), np.maximum(x[:, None] - high, 0.0)])
+        for x in series
+    )
+
+
+def _beside(several: Sequence[Columns]) -> Columns:
+    return tuple(np.hstack(one) for one in zip(*several, strict=True))

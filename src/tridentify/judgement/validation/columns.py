@@ -1,0 +1,124 @@
+"""What a residual is searched for: inputs past and coming, drifts, later changes.
+
+All are columns beside the residual, experiment by experiment, not whitened. What the input was
+before the record is unknown and taken for its first value: a column need not be the truth to be
+uncorrelated with noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
+
+from tridentify.judgement.validation.residuals import Output, View
+
+Array = NDArray[np.float64]
+
+MOST_LAGS = 40
+AHEAD = 4
+"""Samples to come at which feedback is looked for first, where the input is not held."""
+FIRST_LAGS = 4
+PER_COLUMN = 6
+WAVES = 4
+
+
+def past_lags(view: View, output: Output) -> list[int]:
+    """Knots [samples] of the responses that are looked for: first each lag, then wider."""
+    n_inputs = view.records[0].n_inputs
+    most = max(min(MOST_LAGS, output.count // (PER_COLUMN * n_inputs)), 3)
+    longest = max(min(record.n_samples for record in view.records) // 4, most)
+    grown = np.round(np.geomspace(1.0, longest + 1.0, most)).astype(int) - 1
+    return sorted({*range(min(FIRST_LAGS, most)), *grown.tolist()})
+
+
+def moved_input(view: View, channel: int, lag: int) -> tuple[Array, ...]:
+    """One input so many samples earlier (later, where ``lag`` is negative), per experiment."""
+    found = []
+    for record in view.records:
+        u = np.asarray(record.u[:, channel] - record.u[0, channel])
+        n = u.size
+        k = min(abs(lag), n)
+        kept = u[: n - k] if lag >= 0 else u[k:]
+        pad = (k, 0) if lag >= 0 else (0, k)
+        found.append(np.pad(kept, pad, constant_values=0.0 if lag >= 0 else float(u[-1])))
+    return tuple(found)
+
+
+def responses(
+    view: View, channels: Sequence[int], lags: Sequence[int], *, coming: bool = False
+) -> tuple[Array, ...]:
+    """Responses to several inputs that together make any smooth one, (n_samples, k) per experiment.
+
+    Parameters
+    ----------
+    view : View
+    channels : sequence of int
+        Inputs.
+    lags : sequence of int
+        Knots: response ``k`` rises from knot ``k - 1``, has its peak at knot ``k``, is zero from
+        knot ``k + 1`` on.
+    coming : bool
+        Of the samples to come in place of those before.
+    """
+    found = []
+    for record in view.records:
+        columns = []
+        for j in channels:
+            u = np.asarray(record.u[:, j] - record.u[0, j])
+            if coming:
+                # the last value stays; the present one belongs to the past, and so do the next
+                # ones of an input that is not held: what lies between the samples is not known
+                ahead = 1 if record.behaviour == "zoh" else AHEAD
+                moved = np.append(u[ahead:], np.full(ahead, u[-1]))[::-1]
+                columns += [one[::-1] for one in _hats(moved - moved[0], lags)]
+            else:
+                columns += _hats(u, lags)
+        found.append(np.stack(columns, axis=1))
+    return tuple(found)
+
+
+def _hats(u: Array, lags: Sequence[int]) -> list[Array]:
+    size = next_fast_len(2 * u.size, real=True)
+    spectrum = rfft(u, size)
+    found = []
+    for k, peak in enumerate(lags):
+        low = lags[k - 1] if k else peak - 1
+        high = lags[k + 1] if k + 1 < len(lags) else peak + 1
+        at = np.arange(low + 1, high)
+        up, down = (at - low) / (peak - low), (high - at) / (high - peak)
+        taps = np.zeros(high)
+        taps[at] = np.minimum(up, down)
+        if at.size == 1:
+            # one tap: the input itself, later
+            found.append(np.pad(u, (peak, 0))[: u.size])
+            continue
+        found.append(np.asarray(irfft(spectrum * rfft(taps, size), size)[: u.size]))
+    return found
+
+
+def waves(view: View) -> tuple[Array, ...]:
+    """A constant and slow cosines, for each experiment its own."""
+    many = len(view.records)
+    count = WAVES if many == 1 else 2 if many < 4 else 1
+    found = []
+    for e, record in enumerate(view.records):
+        since = record.t - record.t[0]
+        phase = np.pi * since / since[-1]
+        own = np.zeros((record.n_samples, many * count))
+        own[:, e * count : (e + 1) * count] = np.cos(np.outer(phase, np.arange(count)))
+        found.append(own)
+    return tuple(found)
+
+
+def later(view: View, output: Output) -> tuple[Array, ...]:
+    """The derivatives by the coefficients, in the second half of all samples only."""
+    total = sum(record.n_samples for record in view.records)
+    before, found = 0, []
+    for one in output.coefficients:
+        position = before + np.arange(one.shape[0])
+        found.append(one * (position >= total // 2)[:, None])
+        before += one.shape[0]
+    return tuple(found)

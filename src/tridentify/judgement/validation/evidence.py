@@ -1,0 +1,492 @@
+"""Every test of one output's residual, each allowing for what the others found.
+
+All tests but those of distribution and scale are score tests of added columns
+(`numerics.lagrange`) on samples that are whitened by a model of the noise; the columns are those of
+`validation.columns`. Two things need care.
+
+*The noise.* An estimate that takes the noise for white may be right about the system and wrong
+about the noise. So the noise is looked at where it cannot be confused with a response that the
+model misses: in what is left after past inputs and slow drifts have been fitted along. If that is
+not white, an autoregressive model is fitted to it, allowing for what the columns took
+(`numerics.autoregression`), and the tests of added columns are made on samples whitened by that
+model.
+
+*Confusion.* A drift may look like a late response to a step, and missing dynamics like a change of
+the coefficients. Where both drift and past inputs are called for, each is tested again beside the
+other. Later tests are made beside whatever was found before: feedback beside past inputs, changed
+coefficients and bends beside both. And where a cause was found (`tridentify.judgement.causes`), all
+but the past inputs is tested on what that leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import fdtrc
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.validation import bends, columns
+from tridentify.judgement.validation.distribution import distribution
+from tridentify.judgement.validation.residuals import Output, View
+from tridentify.judgement.validation.result import Normality
+from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
+from tridentify.numerics.lagrange import added, span
+from tridentify.numerics.least_squares import triangle
+from tridentify.numerics.portmanteau import (
+    Autocorrelation,
+    Portmanteau,
+    autocorrelation_of_fit,
+    portmanteau,
+    spread_of_statistics,
+)
+from tridentify.numerics.robust import median_scale
+
+Array = NDArray[np.float64]
+
+PRETEST = 0.05
+ROUNDS = 2
+WORTH_CHECKING = 0.02
+LONG = 20_000
+CALLED = 0.001
+SUSPICIOUS = 0.01
+"""p-value of a score test from which an estimate is looked at more closely."""
+LEAST_FEEDBACK = 0.02
+"""Share of the residual that samples of the input to come must explain to be called feedback."""
+PER_STRETCH = 25
+MOST_STRETCHES = 8
+FARTHEST = 4.0
+HEAVY = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What was found about one output.
+
+    Attributes
+    ----------
+    autocorrelation : Autocorrelation
+        Under the estimate's own model of the noise.
+    whiteness : Portmanteau
+    coloured : float
+        p-value of what is left after past inputs and drifts being white.
+    noise : (p,) array
+        The model of the noise that the other tests use.
+    past, level, feedback, later, linear, scale : float
+        p-values.
+    by_input : tuple of float
+        p-values of the past of each input beside that of the others.
+    lags : tuple of int
+        At which past inputs were looked for [samples].
+    normality : Normality
+    edges, scales : array
+        See `result.Stationarity`.
+    innovations : tuple of (n_samples,) arrays
+        Under the estimate's own model of the noise, of variance one.
+    """
+
+    autocorrelation: Autocorrelation
+    whiteness: Portmanteau
+    coloured: float
+    noise: Array
+    past: float
+    level: float
+    feedback: float
+    later: float
+    linear: float
+    scale: float
+    by_input: tuple[float, ...]
+    lags: tuple[int, ...]
+    normality: Normality
+    edges: Array
+    scales: Array
+    innovations: tuple[Array, ...]
+
+
+def examine(view: View, index: int, estimate: Estimate, n_lags: int, rate: float) -> Evidence:
+    """Make all tests of one output.
+
+    Parameters
+    ----------
+    view : View
+    index : int
+        Of the output.
+    estimate : Estimate
+    n_lags : int
+        Of the autocorrelation.
+    rate : float
+        Probability of a false outlier.
+    """
+    output = view.outputs[index]
+    fitted = tuple(
+        np.hstack(pair) for pair in zip(output.coefficients, output.nuisance, strict=True)
+    )
+    found = _Columns.of(view, index, estimate)
+    own = _white(output, output.noise, fitted)
+    correlation = _autocorrelation(output, own, n_lags)
+    larger = tuple(np.hstack(three) for three in zip(fitted, found.past, found.wave, strict=True))
+    coloured, freer = _noise(output, larger)
+    p = _tested(output, fitted, found, freer)
+    plain = _studentised(output, *_beside(output, fitted, found, freer, p))
+    times = tuple(record.t for record in view.records)
+    scale, edges, scales = _scale(output, plain, own[0])
+    whiteness = _portmanteau(output, own, correlation, output.noise)
+    if scale < CALLED:
+        # noise that changes its size has far samples and uncertain correlations
+        plain = _levelled(output, plain, edges)
+        even = np.nan_to_num(np.concatenate(_levelled(output, _studentised(output, *own), edges)))
+        again = _autocorrelation(output, (even, own[1]), n_lags)
+        whiteness = _portmanteau(output, (even, own[1]), again, output.noise)
+        coloured = max(coloured, whiteness.p_value)
+    normality = distribution(output.name, plain, times, rate)
+    return Evidence(
+        correlation,
+        whiteness,
+        coloured,
+        freer,
+        p.past,
+        p.level,
+        p.feedback,
+        p.later,
+        p.linear,
+        scale,
+        p.by_input,
+        found.lags,
+        normality,
+        edges,
+        scales,
+        _studentised(output, *own),
+    )
+
+
+def suspicious(view: View, index: int, estimate: Estimate) -> bool:
+    """Whether a look at one output's residual calls for all tests and other explanations.
+
+    The score tests alone, under the noise model of the estimate and without what makes their
+    p-values exact: one in twenty right records is called for, and what follows then decides.
+    """
+    output = view.outputs[index]
+    pairs = zip(output.coefficients, output.nuisance, strict=True)
+    fitted = tuple(np.hstack(pair) for pair in pairs)
+    found = _Columns.of(view, index, estimate)
+    e, basis = _white(output, output.noise, fitted)
+    kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
+    for extra in kinds:
+        columns_ = span(output.white(extra, output.noise), basis)
+        if added(e, basis, columns_, output.count).p_value < SUSPICIOUS:
+            return True
+    return False
+
+
+@dataclass(frozen=True, eq=False)
+class _Columns:
+    """All that a residual is searched for, not whitened; one array per experiment."""
+
+    lags: tuple[int, ...]
+    past: tuple[Array, ...]
+    coming: tuple[Array, ...]
+    wave: tuple[Array, ...]
+    later: tuple[Array, ...]
+    late: tuple[tuple[Array, ...], ...]
+    bends: tuple[tuple[Array, ...], ...]
+
+    @classmethod
+    def of(cls, view: View, index: int, estimate: Estimate) -> _Columns:
+        output = view.outputs[index]
+        lags = columns.past_lags(view, output)
+        inputs = range(view.records[0].n_inputs)
+        few = lags[: max(len(lags) // 2, 2)]
+        return cls(
+            tuple(lags),
+            columns.responses(view, inputs, lags),
+            columns.responses(view, inputs, few, coming=True),
+            columns.waves(view),
+            columns.later(view, output),
+            tuple(bends.late(view, index, estimate)),
+            tuple(bends.bends(view, index, estimate)),
+        )
+
+
+class _Tested(NamedTuple):
+    """p-values under one model of the noise."""
+
+    past: float
+    level: float
+    feedback: float
+    later: float
+    linear: float
+    by_input: tuple[float, ...]
+
+
+def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: Array) -> _Tested:
+    """All tests of added columns under one model of the noise."""
+    e, basis = _white(output, noise, fitted)
+    n = output.count
+    past, wave = output.white(found.past, noise), output.white(found.wave, noise)
+    n_lags = len(found.lags)
+    p_past = _past(past, basis, e, n_lags, n)
+    level = added(e, basis, span(wave, basis), n).p_value
+    p_past = _checked(output, fitted, found.past, noise, p_past)
+    p_late = []
+    for one in found.late:
+        p = added(e, basis, span(output.white(one, noise), basis), n).p_value
+        p_late.append(_checked(output, fitted, one, noise, p))
+    p_past = min(1.0, (1 + len(p_late)) * min(p_past, *p_late))
+    level = _checked(output, fitted, found.wave, noise, level)
+    if p_past < CALLED and level < CALLED:
+        p_past, level = _told_apart(past, wave, (basis, e), n_lags, n, p_past)
+    n_inputs = past.shape[1] // n_lags
+    by_input = (1.0,) * n_inputs
+    if p_past < CALLED:
+        by_input = tuple(_one_input(past, j, basis, e, n_lags, n) for j in range(n_inputs))
+    more = (found.past,) if p_past < CALLED else ()
+    drift = (found.wave,) if level < CALLED else ()
+    beside, wide = _joined(fitted, *more, *drift), _joined(fitted, found.past, *drift)
+
+    def p_value(extra: tuple[Array, ...], known: tuple[Array, ...], least: float = 0.0) -> float:
+        own = span(output.white(known, noise))
+        test = added(e, own, span(output.white(extra, noise), own), n)
+        # in a long record the slightest imperfection is significant, and means nothing
+        p = test.p_value if test.share > least else max(test.p_value, PRETEST)
+        return _checked(output, known, extra, noise, p)
+
+    return _Tested(
+        p_past,
+        level,
+        p_value(found.coming, wide, LEAST_FEEDBACK),
+        p_value(found.later, beside),
+        min(1.0, len(found.bends) * min(p_value(one, wide) for one in found.bends)),
+        by_input,
+    )
+
+
+def _joined(*several: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(np.hstack(one) for one in zip(*several, strict=True))
+
+
+def _checked(
+    output: Output, known: tuple[Array, ...], extra: tuple[Array, ...], noise: Array, p: float
+) -> float:
+    """A p-value that holds although the noise's model was fitted to the same samples.
+
+    Under the model that belongs to the added columns the score test rejects too easily, under one
+    that was fitted without them too seldom: it may have taken them for noise. Where the first
+    rejects, the likelihood ratio decides, each side with a model of its own of the same order, in
+    F form; without a model it is the same test.
+    """
+    most = most_coefficients(output.count)
+    if p > WORTH_CHECKING or not most or output.count > LONG:
+        return p
+    alone = _modelled(output, known, np.zeros(0), most, 0)
+    order = max(alone.size, noise.size)
+    if order == 0:
+        return p
+    both = _joined(known, extra)
+    before, rank = _deviance(output, known, order, most)
+    after, larger = _deviance(output, both, order, most)
+    k, freedom = larger - rank, output.count - larger - order
+    if k < 1 or freedom < 1:
+        return 1.0
+    gain = np.expm1(max(before - after, 0.0) / output.count)
+    return max(p, float(fdtrc(k, freedom, gain * freedom / k)))
+
+
+def _deviance(
+    output: Output, fitted: tuple[Array, ...], order: int, most: int
+) -> tuple[float, int]:
+    """``-2 log L`` with columns and a noise model of given order, and the rank of the columns."""
+    noise = np.zeros(0)
+    for _ in range(ROUNDS):
+        noise = _modelled(output, fitted, noise, most, 0, order)
+    e, basis = _white(output, noise, fitted)
+    scale = sum(whiten(one, noise)[1] for one in output.residual)
+    n = output.count
+    return n * float(np.log(max(float(e @ e) / n, 1e-300))) + scale, basis.shape[1]
+
+
+def _beside(
+    output: Output, fitted: tuple[Array, ...], found: _Columns, noise: Array, p: _Tested
+) -> tuple[Array, Array]:
+    """The whitened residual, and what it is judged beside."""
+    e, basis = _white(output, noise, fitted)
+    if p.past < CALLED:
+        basis = np.hstack([basis, span(output.white(found.past, noise), basis)])
+    if p.level < CALLED:
+        basis = np.hstack([basis, span(output.white(found.wave, noise), basis)])
+    return e, basis
+
+
+def without_outliers(view: View, index: int, found: Evidence) -> View:
+    """The same view with the outliers of one output missing, for tests that they would spoil."""
+    output = view.outputs[index]
+    residual = [np.array(one) for one in output.residual]
+    for e, t, _ in found.normality.outliers:
+        times = view.records[int(e)].t
+        residual[int(e)][int(np.argmin(np.abs(times - t)))] = np.nan
+    outputs = list(view.outputs)
+    outputs[index] = replace(output, residual=tuple(residual))
+    return replace(view, outputs=tuple(outputs))
+
+
+def _white(output: Output, noise: Array, fitted: tuple[Array, ...]) -> tuple[Array, Array]:
+    """The residual, whitened and free of all that a fit takes, and a basis of that."""
+    basis = span(output.white(fitted, noise))
+    e = output.white(tuple(np.nan_to_num(one) for one in output.residual), noise)
+    return np.asarray(e - basis @ (basis.T @ e)), basis
+
+
+def _split(output: Output, stacked: Array) -> list[Array]:
+    ends = np.cumsum([one.size for one in output.residual])[:-1]
+    return np.split(stacked, ends)
+
+
+def _autocorrelation(output: Output, own: tuple[Array, Array], n_lags: int) -> Autocorrelation:
+    seen = [one.astype(np.float64) for one in output.seen]
+    return autocorrelation_of_fit(_split(output, own[0]), seen, _split(output, own[1]), n_lags)
+
+
+def _portmanteau(
+    output: Output, own: tuple[Array, Array], found: Autocorrelation, noise: Array
+) -> Portmanteau:
+    seen = [one.astype(np.float64) for one in output.seen]
+    spread = spread_of_statistics(found, noise, seen, _split(output, own[1]))
+    return portmanteau(found, noise, spread)
+
+
+def _noise(output: Output, larger: tuple[Array, ...]) -> tuple[float, Array]:
+    """Whether what no column explains is white under the estimate's model, and a model of it.
+
+    The estimate's own model may have taken a missed response for noise, so that of the tests begins
+    with white noise.
+    """
+    most = most_coefficients(output.count)
+    n_lags = max(most, output.noise.size + 4)
+    white = np.zeros(0)
+    e, basis = _white(output, white, larger)
+    found = _autocorrelation(output, (e, basis), n_lags)
+    free = _portmanteau(output, (e, basis), found, white).p_value
+    own = free
+    if output.noise.size:
+        fit = _white(output, output.noise, larger)
+        found = _autocorrelation(output, fit, n_lags)
+        own = _portmanteau(output, fit, found, output.noise).p_value
+    noise = white
+    stated = output.noise.size > 0
+    if most and (stated or free <= PRETEST):
+        for _ in range(ROUNDS):
+            noise = _modelled(output, larger, noise, most, int(stated))
+    return own, noise
+
+
+def _modelled(
+    output: Output,
+    larger: tuple[Array, ...],
+    noise: Array,
+    most: int,
+    fewest: int,
+    order: int | None = None,
+) -> Array:
+    """A model of what no column explains, the columns fitted under the model before."""
+    stacked = [np.where(s[:, None], c, 0.0) for s, c in zip(output.seen, larger, strict=True)]
+    raw = np.vstack(stacked)
+    norms = np.sqrt(np.einsum("ij,ij->j", raw, raw))
+    norms = np.where(norms > 0, norms, 1.0)
+    scaled = output.white(tuple(one / norms for one in larger), noise)
+    white = output.white(tuple(np.nan_to_num(one) for one in output.residual), noise)
+    # the triangle of the columns and the residual beside them is all that is needed of them
+    r = triangle(np.column_stack([scaled, white]))
+    u, s, vt = np.linalg.svd(r[:, :-1], full_matrices=False)
+    kept = s > 1e-6 * s[0]
+    root = (vt[kept].T / s[kept]) / norms[:, None]
+    along = u[:, kept].T @ r[:, -1]
+    freedom = max(output.count - int(kept.sum()), 1)
+    spread = np.sqrt(max(float(white @ white - along @ along), 0.0) / freedom)
+    joined = np.concatenate([np.nan_to_num(one) for one in output.residual])
+    left, took = joined - raw @ (root @ along), spread * (raw @ root)
+    series, taken = [], []
+    pieces = zip(output.seen, _split(output, left), _split(output, took), strict=True)
+    for there, r, t in pieces:
+        series.append(np.where(there, r, np.nan))
+        taken += [np.where(there, t[:, k], np.nan) for k in range(t.shape[1])]
+    return fit_autoregression(series, most, order, fewest, taken)
+
+
+def _past(past: Array, basis: Array, e: Array, n_lags: int, n: int) -> float:
+    """Test of past inputs, at the first few lags and at all of them."""
+    first = np.arange(past.shape[1]) % n_lags < columns.FIRST_LAGS
+    short = added(e, basis, span(past[:, first], basis), n).p_value
+    return min(1.0, 2.0 * min(short, added(e, basis, span(past, basis), n).p_value))
+
+
+def _told_apart(
+    past: Array, wave: Array, fit: tuple[Array, Array], n_lags: int, n: int, p_past: float
+) -> tuple[float, float]:
+    """p-values of past inputs beside a drift, and of a drift beside past inputs."""
+    basis, e = fit
+    with_wave = np.hstack([basis, span(wave, basis)])
+    p_beside = _past(past, with_wave, e, n_lags, n)
+    with_past = np.hstack([basis, span(past, basis)])
+    level = added(e, with_past, span(wave, with_past), n).p_value
+    if min(p_beside, level) > CALLED:
+        # either alone explains the other; the response is the simpler cause
+        return p_past, level
+    return p_beside, level
+
+
+def _one_input(past: Array, j: int, basis: Array, e: Array, n_lags: int, n: int) -> float:
+    """Test of one input's past, beside that of the others."""
+    mine = np.arange(past.shape[1]) // n_lags == j
+    known = np.hstack([basis, span(past[:, ~mine], basis)])
+    return _past(past[:, mine], known, e, n_lags, n)
+
+
+def _studentised(output: Output, e: Array, basis: Array) -> tuple[Array, ...]:
+    """The residual over the standard deviation that it has at each sample."""
+    left = e - basis @ (basis.T @ e)
+    freedom = max(output.count - basis.shape[1], 1)
+    spread = np.sqrt(left @ left / freedom)
+    kept = 1.0 - np.einsum("ij,ij->i", basis, basis)
+    there = np.concatenate(output.seen) & (kept > 1.0 - HEAVY)
+    scale = spread * np.sqrt(np.where(there, kept, 1.0))
+    found = np.where(there, left / np.where(scale > 0, scale, 1.0), np.nan)
+    return tuple(_split(output, found))
+
+
+def _levelled(output: Output, plain: tuple[Array, ...], edges: Array) -> tuple[Array, ...]:
+    """Each stretch over its own size."""
+    joined = np.concatenate(plain)
+    for a, b in pairwise(edges.astype(int).tolist()):
+        seen = joined[a:b][np.isfinite(joined[a:b])]
+        size = median_scale(seen) if seen.size else 0.0
+        joined[a:b] /= size if size > 0 else 1.0
+    return tuple(_split(output, joined))
+
+
+def _scale(output: Output, plain: tuple[Array, ...], own: Array) -> tuple[float, Array, Array]:
+    """Whether the size of the noise changes from stretch to stretch (Brown & Forsythe 1974).
+
+    The absolute values are compared by their analysis of variance, gross outliers cut off.
+    """
+    joined = np.concatenate(plain)
+    count = int(np.clip(output.count // PER_STRETCH, 2, MOST_STRETCHES))
+    edges = np.linspace(0, joined.size, count + 1).round().astype(int)
+    parts, scales = [], []
+    for a, b in pairwise(edges.tolist()):
+        one = joined[a:b]
+        seen = one[np.isfinite(one)]
+        scales.append(float(np.sqrt(np.mean(own[a:b] ** 2))) if seen.size else np.nan)
+        if seen.size > 2:
+            parts.append(np.minimum(np.abs(seen), FARTHEST))
+    n, k = sum(one.size for one in parts), len(parts)
+    if k < 2 or n <= k:
+        return 1.0, edges.astype(np.float64), np.array(scales)
+    # the square root brings the absolute value of a Gaussian near a Gaussian
+    parts = [np.sqrt(one) for one in parts]
+    mean = sum(float(one.sum()) for one in parts) / n
+    between = sum(one.size * (float(one.mean()) - mean) ** 2 for one in parts) / (k - 1)
+    within = sum(float(np.sum((one - one.mean()) ** 2)) for one in parts) / (n - k)
+    p_value = float(fdtrc(k - 1, n - k, between / within)) if within > 0 else 1.0
+    return p_value, edges.astype(np.float64), np.array(scales)

@@ -1,0 +1,220 @@
+"""Causes that were tried on the records at hand, put into findings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.judgement.causes.attempt import Attempt
+from tridentify.judgement.causes.explain import Explanation, Explanations, explain, moved, settle
+from tridentify.judgement.causes.lost import Place
+from tridentify.judgement.causes.present import Present
+from tridentify.judgement.validation.residuals import View
+from tridentify.record.record import Record
+
+Array = NDArray[np.float64]
+
+TRIED = "Of all causes tried"
+WITHOUT_THEM = "Without them"
+"""Where in a message what was seen ends and what was tried begins."""
+
+HEADLINES = {
+    "lost-rows": "rows were lost there",
+    "intersample": "between its samples the input is not what it is taken for",
+    "delay": "a delay is missing",
+    "saturation": "a sensor or an actuator is at its limit",
+    "nonlinear": "the system is not linear over this range",
+    "varying": "the system changes during the record",
+    "disagreeing-experiments": "the experiments are not of one system",
+    "drift": "an offset or a drift is missing",
+    "order-low": "the order is too low",
+}
+"""Code of a cause that can be fitted -> what it is called."""
+
+SPOILS = ("lost-rows", "intersample", "delay")
+"""Causes with which the numbers are wrong, not only less sure."""
+
+ALONE = 12.0
+"""Fall of AICc from which a cause that was fitted is told although no test rejects: each test is
+one of many, and shares their level. Causes fitted to 180 right records lowered it by at most 11;
+more poles, which choose their frequency, by 19, so that these need a test."""
+
+MOSTLY = 0.5
+"""Share of a bad sample's residual that a cause leaves, below which it explains that sample."""
+
+HARDLY = 1.0
+"""Movement of a coefficient [standard errors] below which it may stay as it is."""
+
+
+def explanations(
+    view: View, estimate: Estimate, noises: Sequence[Array], torn: Sequence[Place] = ()
+) -> Explanations | None:
+    """Fit what may explain the records of a view better than the estimate.
+
+    Parameters
+    ----------
+    view : View
+    estimate : Estimate
+    noises : sequence of (p,) arrays
+        Model of each output's noise.
+    torn : sequence of Place
+        Where the state of the model seems to jump.
+
+    Returns
+    -------
+    Explanations or None
+        None for a structure with constraints: what is known is not to be given up for a fit.
+    """
+    if estimate.structure.constrained and not _integrates(estimate):
+        return None
+    skip = ("delay",) if estimate.structure.delay == "free" else ()
+    return explain(_present(view, estimate, noises), skip=skip, torn=torn)
+
+
+def _integrates(estimate: Estimate) -> bool:
+    """Whether all that is known is an integrator, which a pole that is slow enough stands for."""
+    given = estimate.structure
+    alone = given.static_gain is None and not given.bounds and not given.priors
+    return alone and isinstance(given.poles, int) and dict(given.fixed or {}) == {"a0": 0.0}
+
+
+def settled(view: View, estimate: Estimate, noises: Sequence[Array]) -> Attempt | None:
+    """The model of an estimate fitted to the samples of a view; None where it cannot be."""
+    if estimate.structure.constrained:
+        return None
+    return settle(_present(view, estimate, noises))
+
+
+def _present(view: View, estimate: Estimate, noises: Sequence[Array]) -> Present:
+    records = [_without(record, view, e) for e, record in enumerate(view.records)]
+    delay = np.array(estimate.model.delay)
+    return Present.of(
+        records, estimate.structure, delay, _nuisances(view), noises, view.point.poles
+    )
+
+
+def change(end: Attempt, estimate: Estimate) -> str:
+    """How far the coefficients move to where another fit ended; empty where they hardly do."""
+    found = coefficients(end.point)
+    if found.size != estimate.theta.size:
+        return ""
+    std = np.where(estimate.std > 0, estimate.std, np.inf)
+    size = np.abs(found - estimate.theta) / std
+    k = int(np.argmax(size))
+    if not size[k] > HARDLY:
+        return f"{WITHOUT_THEM} no coefficient moves by more than its standard error."
+    return (
+        f"{WITHOUT_THEM} {estimate.names[k]} goes from {estimate.theta[k]:.4g} to {found[k]:.4g} "
+        f"({size[k]:.1f} standard errors)."
+    )
+
+
+def _without(record: Record, view: View, experiment: int) -> Record:
+    """The record without the samples that the view leaves out."""
+    y = np.array(record.y)
+    for i, output in enumerate(view.outputs):
+        y[np.isnan(output.residual[experiment]), i] = np.nan
+    return record._derive(y=y)
+
+
+def _nuisances(view: View) -> Nuisances:
+    one = view.point.problem.experiments[0]
+    if one.free:
+        return Nuisances("free", one.offset, one.drift)
+    # an input that counts from another value than recorded started in equilibrium
+    moved_by = not np.array_equal(one.u, view.records[0].u)
+    return Nuisances("equilibrium" if moved_by else "rest", one.offset, one.drift)
+
+
+def finding_of(
+    found: Explanation, base: Attempt, estimate: Estimate, outputs: Sequence[str], where: str
+) -> Finding:
+    """A cause that was fitted, in words, with what it brings.
+
+    Parameters
+    ----------
+    found : Explanation
+    base : Attempt
+        The present explanation.
+    estimate : Estimate
+    outputs : sequence of str
+        Names of those whose residual is concerned.
+    where : str
+        What the residual shows, a sentence.
+    """
+    rival = found.rival
+    verb = "explain" if rival.code in ("order-low", "lost-rows") else "explains"
+    message = f"{where}: {HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
+    return Finding(
+        rival.code,
+        "error" if rival.refits and rival.code in SPOILS else "warning",
+        message,
+        rival.advice,
+        tuple(outputs),
+        times=rival.times,
+        effect=_effect(found, base, estimate),
+    )
+
+
+def _effect(found: Explanation, base: Attempt, estimate: Estimate) -> str:
+    """Fit from ... to ..., coefficient from ... to ...."""
+    said = []
+    if len(found.attempts) == 1:
+        pairs = zip(estimate.output_names, base.fits, found.fits(base), strict=True)
+        said += [f"fit of {name} from {a:.2f} to {b:.2f} %" for name, a, b in pairs]
+    k, before, after, size = moved(found, base, np.asarray(estimate.std))
+    if k >= 0 and size > 0.1:
+        name = estimate.names[k]
+        said.append(f"{name} from {before:.4g} to {after:.4g} ({size:.1f} standard errors)")
+    said.append(f"its sum of squares falls by {_percent(found.share)}")
+    return f"With it: {', '.join(said)}."
+
+
+def _percent(share: float) -> str:
+    percent = 100.0 * max(share, 0.0)
+    return f"{percent:.1f} %" if 0.05 < percent < 10 or percent > 99 else f"{percent:.0f} %"
+
+
+def told_alone(found: Explanation) -> bool:
+    """Whether a cause explains so much that no test of the residual has to reject."""
+    return found.rival.code != "order-low" and found.gain > ALONE
+
+
+def still_far(found: Explanation, view: View, output: int, rows: Array) -> Array:
+    """Bad samples that stay bad beside a cause.
+
+    Parameters
+    ----------
+    found : Explanation
+    view : View
+        With the samples.
+    output : int
+    rows : (k, 3) array
+        Experiment, time and size of each.
+    """
+    if not same_records(found):
+        return rows
+    (end,), limits = found.attempts, found.rival.limits
+    if len(end.point.problem.experiments) != len(view.records):
+        return rows
+    kept = []
+    for e, t, _ in rows:
+        k = int(np.argmin(np.abs(view.records[int(e)].t - t)))
+        there = float(end.point.outputs()[int(e)][k, output])
+        if limits is not None and limits.output == output:
+            there = float(np.clip(there, limits.low, limits.high))
+        seen = view.outputs[output]
+        left = abs(float(seen.y[int(e)][k]) - there)
+        kept.append(not left < MOSTLY * abs(float(seen.residual[int(e)][k])))
+    return np.asarray(rows[kept])
+
+
+def same_records(found: Explanation) -> bool:
+    """Whether a cause leaves one model on the records as they are, which can be looked at again."""
+    return len(found.attempts) == 1

@@ -1,0 +1,100 @@
+"""The judgement that came with an estimate, kept for whoever asks for it next.
+
+`identify` judges what it found by all tests where a first look calls for them, and a report, or the
+user, validates the same estimate on the same records right after that. One judgement is kept, until
+it is asked for or the next one is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.likelihood.answer import fingerprint
+from tridentify.judgement.validation.result import Validation
+from tridentify.record.record import Record
+
+SAID = ("findings", "trace", "call")
+"""What `identify` adds to an estimate after it was judged: no test looks at it."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Judgement:
+    """What was judged, and what came of it."""
+
+    judged: tuple[Any, ...]
+    records: tuple[str, ...]
+    validation: Validation
+
+    @classmethod
+    def of(
+        cls, estimate: Estimate, records: Sequence[Record], validation: Validation
+    ) -> _Judgement:
+        return cls(_judged(estimate), _signature(records), validation)
+
+    def fits(self, estimate: Estimate, records: Sequence[Record]) -> bool:
+        """Whether these are the ones."""
+        pairs = zip(self.judged, _judged(estimate), strict=True)
+        return all(_same(one, other) for one, other in pairs) and (
+            self.records == _signature(records)
+        )
+
+
+_last: list[_Judgement] = []
+
+
+def remember(estimate: Estimate, records: Sequence[Record], validation: Validation) -> None:
+    """Keep a judgement in place of the one before.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        All of them, whole.
+    validation : Validation
+        By the default options of `validate`.
+    """
+    _last[:] = [_Judgement.of(estimate, records, validation)]
+
+
+def remembered(estimate: Estimate, records: Sequence[Record]) -> Validation | None:
+    """The judgement of these, if it is the one that is kept; it is given away once.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What is said of it, its trace and its call may have been added since.
+    records : sequence of Record
+    """
+    try:
+        last = _last[0]
+    except IndexError:
+        return None
+    if not last.fits(estimate, records):
+        return None
+    _last.clear()
+    return last.validation
+
+
+def _judged(estimate: Estimate) -> tuple[Any, ...]:
+    return tuple(getattr(estimate, one.name) for one in fields(estimate) if one.name not in SAID)
+
+
+def _signature(records: Sequence[Record]) -> tuple[str, ...]:
+    return (fingerprint(records), *(record.behaviour for record in records))
+
+
+def _same(one: Any, other: Any) -> bool:
+    """Whether two attributes are one object, or plain values or arrays that are equal."""
+    if one is other:
+        return True
+    if isinstance(one, np.ndarray) and isinstance(other, np.ndarray):
+        return np.array_equal(one, other, equal_nan=True)
+    plain = (str, int, float, dict)
+    if isinstance(one, tuple) and isinstance(other, tuple) and len(one) == len(other):
+        return all(_same(a, b) for a, b in zip(one, other, strict=True))
+    return isinstance(one, plain) and type(one) is type(other) and bool(one == other)

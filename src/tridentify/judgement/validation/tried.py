@@ -1,0 +1,312 @@
+"""The tests of every output and the causes that were fitted, without the samples that are bad."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.causes.explain import Explanation, Explanations
+from tridentify.judgement.causes.feedback import coming_in, guard_of
+from tridentify.judgement.causes.intersample import is_staircase
+from tridentify.judgement.causes.lost import LEAST_PIECE, Place, jumps
+from tridentify.judgement.validation.distribution import distribution
+from tridentify.judgement.validation.evidence import (
+    CALLED,
+    Evidence,
+    examine,
+    suspicious,
+    without_outliers,
+)
+from tridentify.judgement.validation.explained import (
+    change,
+    explanations,
+    same_records,
+    settled,
+    still_far,
+    told_alone,
+)
+from tridentify.judgement.validation.residuals import View, refitted
+from tridentify.numerics.autoregression import whiten
+
+Array = NDArray[np.float64]
+
+AFTER_A_JUMP = 3
+"""Samples after a jump of a held input where a far sample is a misfit of the model."""
+
+MOSTLY_ALONE = 0.7
+"""Share of the far samples that stand elsewhere, from which jumps are a coincidence."""
+
+FADED = 0.5
+"""Share of the far samples that may be left beside a cause that they come from."""
+
+NOTHING = 1.0
+"""p-value of a test whose result another cause explains."""
+
+FEW_LEFT = 0.9
+FEW_BAD = 0.97
+"""Share of the samples that must be left where those that stand alone are taken out."""
+
+
+@dataclass(frozen=True, eq=False)
+class TriedCauses:
+    """What was found about all outputs.
+
+    Attributes
+    ----------
+    view : View
+        Without samples that are bad, where these were taken out.
+    evidence : list of Evidence
+        One per output.
+    explained : Explanations or None
+        Causes that were fitted; None where nothing called for it.
+    again : list of Evidence or None
+        Per output, what is found beside the cause that is named; None where that was not looked
+        at.
+    without_bad : str
+        How far the coefficients move without samples that are bad; empty where none are.
+    """
+
+    view: View
+    evidence: list[Evidence]
+    explained: Explanations | None
+    again: list[Evidence | None]
+    without_bad: str
+
+    @property
+    def named(self) -> Explanation | None:
+        """The cause that explains most."""
+        return None if self.explained is None else self.explained.named
+
+    @property
+    def cause(self) -> str:
+        """Code of the cause that is named; empty where none is."""
+        if self.explained is not None and any(self.explained.reacts):
+            return "feedback"
+        return "" if self.named is None else self.named.rival.code
+
+
+def torn_at(view: View) -> list[Place]:
+    """Where rows may have been lost: the state of the model jumps there."""
+    if view.uneven:
+        return []
+    residuals = [
+        np.stack([output.residual[e] for output in view.outputs], axis=1)
+        for e in range(len(view.records))
+    ]
+    noise = [output.noise for output in view.outputs]
+    return jumps(residuals, [one.inner for one in view.point.branches], noise, view.step)
+
+
+def may_react(view: View) -> bool:
+    """Whether inputs to come explain what is left of an output, as far as one look tells."""
+    if view.uneven or is_staircase(view.records):
+        return False
+    ahead = guard_of(view.point.problem, view.records)
+    for one in view.outputs:
+        own = [np.hstack(pair) for pair in zip(one.coefficients, one.nuisance, strict=True)]
+        if coming_in(one.residual, own, one.noise, view.records, ahead).is_clear(view.records):
+            return True
+    return False
+
+
+def try_causes(
+    view: View, estimate: Estimate, n_lags: int, rate: float, torn: Sequence[Place]
+) -> TriedCauses:
+    """Make all tests, and fit what may explain what they find.
+
+    Parameters
+    ----------
+    view : View
+    estimate : Estimate
+    n_lags : int
+        Of the autocorrelations.
+    rate : float
+        Probability of a false outlier.
+    torn : sequence of Place
+        From `torn_at`: far samples right after these are no outliers.
+    """
+    setting = _Setting(estimate, n_lags, rate, tuple(torn))
+    without = _tried(view, setting, True)
+    found = sum(len(one.normality.outliers) for one in without.evidence)
+    if not found or torn or not without.cause:
+        return without
+    # what the model misses has far samples too: do they stand out where the cause is fitted along?
+    whole = _tried(view, setting, False)
+    rows = _far_beside(view, whole, rate)
+    if whole.cause != without.cause or sum(len(one) for one in rows) > FADED * found:
+        return without
+    evidence = [
+        replace(one, normality=replace(one.normality, outliers=own))
+        for one, own in zip(whole.evidence, rows, strict=True)
+    ]
+    return replace(whole, evidence=evidence)
+
+
+class _Setting(NamedTuple):
+    """What all tests are made with."""
+
+    estimate: Estimate
+    n_lags: int
+    rate: float
+    torn: tuple[Place, ...]
+
+
+def _tried(view: View, setting: _Setting, without_bad: bool) -> TriedCauses:
+    """All tests and causes, with the bad samples or without."""
+    torn = setting.torn
+    outputs, given = range(len(view.outputs)), view
+    evidence = [_examined(view, i, setting) for i in outputs]
+    moved_by = ""
+    if without_bad and any(len(one.normality.outliers) for one in evidence):
+        view, evidence, moved_by = _without_bad_samples(view, evidence, setting)
+    explained = None
+    called = any(_called(one) or one.feedback < CALLED for one in evidence)
+    hinted = view.own and any(suspicious(view, i, setting.estimate) for i in outputs)
+    if torn or called or hinted or may_react(view):
+        explained = explanations(view, setting.estimate, [one.noise for one in evidence], torn)
+    evidence = _reacting(view, evidence, explained)
+    tried = TriedCauses(view, evidence, explained, [None for _ in outputs], moved_by)
+    named = tried.named
+    if named is None or not same_records(named):
+        return tried
+    if told_alone(named):
+        evidence = [_beside(named, given, i, one) for i, one in enumerate(evidence)]
+        tried = replace(tried, evidence=evidence)
+    pieces = view
+    if named.rival.code == "lost-rows":
+        pieces = replace(view, records=named.rival.parts[0].records)
+    other = refitted(pieces, named.attempts[0].point)
+    again = [
+        replace(_examined(other, i, setting._replace(torn=())), feedback=NOTHING)
+        if torn or _called(evidence[i])
+        else None
+        for i in outputs
+    ]
+    return replace(tried, again=again)
+
+
+def _beside(named: Explanation, view: View, i: int, one: Evidence) -> Evidence:
+    """Without the bad samples that the cause explains: those beyond a limit are none."""
+    rows = still_far(named, view, i, one.normality.outliers)
+    return replace(one, normality=replace(one.normality, outliers=rows))
+
+
+def _far_beside(view: View, tried: TriedCauses, rate: float) -> list[Array]:
+    """Outliers of every output in what the cause that is named leaves, whitened."""
+    assert tried.explained is not None
+    named = tried.named
+    ends = (tried.explained.present,) if named is None else named.attempts
+    lengths = np.cumsum([record.n_samples for record in view.records])[:-1]
+    times, found = [record.t for record in view.records], []
+    for i, output in enumerate(view.outputs):
+        whitened = []
+        for end in ends:
+            noise = end.point.problem.noise
+            a = noise[i] if noise else np.zeros(0)
+            whitened += [whiten(np.ascontiguousarray(one[:, i]), a)[0] for one in end.residuals()]
+        series = np.split(np.concatenate(whitened), lengths)
+        found.append(distribution(output.name, series, times, rate).outliers)
+    return found
+
+
+def _reacting(
+    view: View, evidence: Sequence[Evidence], explained: Explanations | None
+) -> list[Evidence]:
+    """With feedback only where no other cause explains as much, and without what it explains."""
+    found = []
+    for i, one in enumerate(evidence):
+        if explained is None:
+            commanded = is_staircase(view.records)
+            found.append(replace(one, feedback=NOTHING) if commanded else one)
+        elif (seen := explained.reacts[i]) is not None:
+            found.append(replace(one, feedback=seen.p_value, past=NOTHING))
+        else:
+            found.append(replace(one, feedback=NOTHING))
+    return found
+
+
+def _after(torn: Sequence[Place], view: View, rows: Array) -> Array:
+    """Outliers but for those right after a jump of the state."""
+    kept = np.ones(len(rows), dtype=bool)
+    for place in torn:
+        t = view.records[place.experiment].t
+        last = min(place.sample + LEAST_PIECE, t.size - 1)
+        near = (rows[:, 1] > t[place.sample - 1] - 1e-9) & (rows[:, 1] < t[last])
+        kept &= ~(near & (rows[:, 0] == place.experiment))
+    return rows[kept]
+
+
+def _without_bad_samples(
+    view: View, evidence: list[Evidence], setting: _Setting
+) -> tuple[View, list[Evidence], str]:
+    """The same model fitted without samples that stand alone, where these are few.
+
+    Returns
+    -------
+    view : View
+        Seen from there, where that is the identified record and something but noise was left.
+    evidence : list of Evidence
+    said : str
+        How far the coefficients move.
+    """
+    clean = view
+    for i, one in enumerate(evidence):
+        if len(one.normality.outliers):
+            clean = without_outliers(clean, i, one)
+    kept = [a.count / b.count for a, b in zip(clean.outputs, view.outputs, strict=True)]
+    if min(kept) < FEW_BAD:
+        return view, evidence, ""
+    end = settled(clean, setting.estimate, [one.noise for one in evidence])
+    if end is None:
+        return view, evidence, ""
+    said = change(end, setting.estimate)
+    if not (view.own and any(_called(one) for one in evidence)):
+        return view, evidence, said
+    seen = refitted(clean, end.point)
+    found = []
+    for i, one in enumerate(evidence):
+        again = _examined(seen, i, setting)
+        found.append(replace(again, normality=one.normality, innovations=one.innovations))
+    return replace(seen, own=True, has_errors=view.has_errors), found, said
+
+
+def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
+    """Without far samples that follow a jump of a held input: there the model misses something."""
+    rows = found.normality.outliers
+    if not len(rows) or not is_staircase(view.records):
+        return found
+    kept = []
+    for e, t, _ in rows:
+        record = view.records[int(e)]
+        at = int(np.argmin(np.abs(record.t - t)))
+        before = record.u[max(at - AFTER_A_JUMP, 0) : at + 1]
+        kept.append(not np.ptp(before, axis=0).any())
+    if np.mean(kept) > MOSTLY_ALONE:
+        return found
+    return replace(found, normality=replace(found.normality, outliers=rows[kept]))
+
+
+def _called(one: Evidence) -> bool:
+    """Whether something but noise may be left in a residual."""
+    return min(one.past, one.level, one.later, one.linear) < CALLED
+
+
+def _examined(view: View, index: int, setting: _Setting) -> Evidence:
+    """All tests of one output, on the samples that are no outliers."""
+    estimate, n_lags, rate, torn = setting
+    found = _with_bad_samples_alone(view, examine(view, index, estimate, n_lags, rate))
+    if torn and len(found.normality.outliers):
+        left = _after(torn, view, found.normality.outliers)
+        found = replace(found, normality=replace(found.normality, outliers=left))
+    if not len(found.normality.outliers) or found.past < CALLED:
+        return found
+    clean = without_outliers(view, index, found)
+    if clean.outputs[index].count < view.outputs[index].count * FEW_LEFT:
+        return found
+    again = examine(clean, index, estimate, n_lags, rate)
+    return replace(again, normality=found.normality, innovations=found.innovations)

@@ -1,1 +1,0 @@
-"""Estimation methods, one a file, all behind the seam of `tridentify.methods.base`."""

@@ -1,0 +1,569 @@
+"""The seam of the on-line estimators: ``init``, a pure ``step``, ``estimate``.
+
+An `Estimator` holds options only. What it knows is in the `State` that it is given and gives back.
+The samples go through a compiled loop; between them, on a slow clock, come the *events*: a chunk of
+samples to be kept, a tick at which filter and basis are adapted, an alarm. Events depend on the
+samples alone, so a record that is run through at once and one that is fed sample by sample end in
+the same state, bit for bit.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from tridentify.errors import (
+    ChannelCountError,
+    OptionError,
+    SampleTypeError,
+    SamplingError,
+    ScaleError,
+    TridentifyError,
+    UndeterminedError,
+    UnsupportedError,
+    shown,
+)
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.capability import Capability, refuse_unsupported
+from tridentify.online.kernels import slots
+from tridentify.online.kernels.workspace import LONGEST, Workspace
+from tridentify.online.layout import Blueprint, Setting
+from tridentify.online.state import MAKERS, State
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+LEAST_FORGETTING = 0.5
+SAME = 1e-9
+BATCH = 256
+
+
+class NotReadyError(UndeterminedError):
+    """The samples so far do not determine the coefficients."""
+
+
+LONG_RECORD = 4000
+
+
+class CompiledKernels(NamedTuple):
+    """The compiled functions of an estimator: one sample, and what gives the one for a block.
+
+    A block takes a sample in a third of the time, but some ten seconds more to compile on a
+    machine where that has not been done; so it is left for long records.
+    """
+
+    step: Callable[[Ints, Array, Array, float], float]
+    block: Callable[[], Callable[..., int]] | None = None
+
+    def run(
+        self, ints: Ints, c: Array, x: Array, u: Array, y: Array, start: int, stop: int,
+        innovations: Array, flags: Ints,
+    ) -> int:  # fmt: skip
+        """Samples ``start .. stop - 1``, up to the first with an event; gives the next."""
+        from tridentify.online.kernels.run import no_block, run_samples
+
+        many = self.block is not None and stop - start >= LONG_RECORD
+        block = self.block() if self.block is not None and many else no_block
+        room = Workspace.of(ints, x, LONGEST if many else 1)
+        return run_samples(
+            ints, c, x, u, y, start, stop, innovations, flags, self.step, block, *room
+        )
+
+
+class Estimator(ABC):
+    """What all on-line estimators have in common."""
+
+    name: ClassVar[str]
+    one_triangle: ClassVar[bool] = False
+    """Whether all outputs share one triangle, whose columns end with the coefficients."""
+
+    def __init_subclass__(cls) -> None:
+        if "name" in cls.__dict__:
+            MAKERS[cls.name] = cls
+
+    @staticmethod
+    @abstractmethod
+    def kernels() -> CompiledKernels:
+        """The compiled sample loop; compiled, or read from disk, at the first call."""
+
+    # ------------------------------------------------------------------ what each of them says
+    @abstractmethod
+    def begin(self, setting: Setting) -> State:
+        """The state before the first sample."""
+
+    @abstractmethod
+    def tick(self, state: State) -> State:
+        """What is done on the slow clock."""
+
+    @abstractmethod
+    def alarmed(self, state: State) -> State:
+        """What is done when the coefficients have moved."""
+
+    def full(self, state: State) -> State:
+        """What is done when more samples have been kept."""
+        return state
+
+    @abstractmethod
+    def estimate(self, state: State) -> Estimate:
+        """The coefficients with their standard errors.
+
+        Raises
+        ------
+        NotReadyError
+            The samples so far do not determine them.
+        """
+
+    @abstractmethod
+    def is_ready(self, state: State) -> bool:
+        """Whether the samples so far determine the coefficients."""
+
+    @abstractmethod
+    def constants_for(self, blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
+        """(k, ...) ``c`` of the kernels for samples that come after other intervals [s]."""
+
+    @abstractmethod
+    def rebuilt(self, setting: Setting, blueprint: Blueprint) -> Blueprint:
+        """The plan of a blueprint from a file, made again from the settings and its poles alone.
+
+        What an estimator has learnt, and keeps among the constants, is not in it.
+
+        Raises
+        ------
+        ValueError
+            The poles are none of this estimator's.
+        """
+
+    # ---------------------------------------------------------------------------- the seam
+    def init(
+        self,
+        structure: Structure,
+        dt: float,
+        *,
+        input_names: Sequence[str] = ("u",),
+        output_names: Sequence[str] = ("y",),
+        units: Mapping[str, str] | None = None,
+        intersample: str = "zoh",
+    ) -> State:
+        """The state before the first sample.
+
+        Parameters
+        ----------
+        structure : Structure
+            One denominator for all channels; delays are known, one for each input.
+        dt : float
+            Sampling interval [s].
+        input_names, output_names : sequence of str
+            Names of the channels, and so their number.
+        units : mapping of str to str, optional
+            Unit of each channel.
+        intersample : {"zoh", "foh"}
+            What the input does between the samples.
+
+        Returns
+        -------
+        State
+
+        Raises
+        ------
+        OptionError, SamplingError
+            An argument is out of range.
+        ChannelCountError, UnsupportedError
+            About the structure.
+        """
+        return self.begin(
+            self.setting(structure, dt, input_names, output_names, units, intersample)
+        )
+
+    def setting(
+        self,
+        structure: Structure,
+        dt: float,
+        input_names: Sequence[str],
+        output_names: Sequence[str],
+        units: Mapping[str, str] | None,
+        intersample: str,
+    ) -> Setting:
+        """What `init` was told, checked; parameters and errors are those of `init`."""
+        if not isinstance(structure, Structure):
+            raise OptionError(
+                f"found structure={type(structure).__name__}; expected a Structure; write for "
+                "example Structure(poles=2, zeros=1)"
+            )
+        if not is_number(dt) or not 0.0 < float(dt) < math.inf:
+            raise SamplingError(
+                f"found dt={shown(dt)}; expected a sampling interval above zero, in seconds; "
+                "correct it"
+            )
+        inputs, outputs = _names("input_names", input_names), _names("output_names", output_names)
+        if intersample not in ("zoh", "foh"):
+            raise UnsupportedError(
+                f"found intersample={shown(intersample)}; {self.name} on-line expects 'zoh' (held) "
+                "or 'foh' (straight lines), as the samples to come are not known; state one of "
+                "these"
+            )
+        # the record checks names and units as everywhere else; it is taller than wide
+        rows = 1 + max(len(inputs), len(outputs))
+        probe = Record(
+            np.zeros((rows, len(inputs))), np.zeros((rows, len(outputs))), dt=float(dt),
+            intersample="foh" if intersample == "foh" else "zoh", input_names=inputs,
+            output_names=outputs, units=units,
+        )  # fmt: skip
+        refuse_unsupported([probe], structure, f"{self.name} on-line", Capability.DELAY)
+        structure.poles_matrix(len(outputs), len(inputs))
+        structure.zeros_matrix(len(outputs), len(inputs))
+        delays = structure.delay_matrix(len(outputs), len(inputs))
+        if len(set(delays)) > 1:
+            raise UnsupportedError(
+                f"found delay={shown(structure.delay)}; {self.name} on-line expects the delay of "
+                "an input to be the same for all outputs; estimate the outputs one by one"
+            )
+        at_rest = structure.initial_state in ("rest", "equilibrium")
+        if intersample == "foh" and np.any(delays) and at_rest:
+            raise UnsupportedError(
+                f"found initial_state={structure.initial_state!r} with a delay and "
+                "intersample='foh'; expected initial_state='free' or 'auto', since the line on "
+                "which the input began is not known; leave it out"
+            )
+        return Setting(
+            structure, float(dt), tuple(probe.input_names), tuple(probe.output_names),
+            tuple(probe.units.items()), intersample,
+        )  # fmt: skip
+
+    def step(
+        self, state: State, u: ArrayLike, y: ArrayLike, *, interval: float | None = None
+    ) -> tuple[State, float | Array]:
+        """Take in one sample.
+
+        Parameters
+        ----------
+        state : State
+            It is left as it is.
+        u, y : float or array, (n_inputs,) and (n_outputs,)
+            The sample; ``nan`` where it is missing.
+        interval : float, optional
+            Time since the sample before [s], where it is not ``dt``.
+
+        Returns
+        -------
+        state : State
+        innovation : float or (n_outputs,) array
+            What of the output was not expected; ``nan`` where nothing was, or nothing came.
+
+        Raises
+        ------
+        ChannelCountError, SampleTypeError
+            The sample has other channels, or is no number.
+        SamplingError
+            The interval is not above zero.
+        """
+        if type(state) is not State:
+            check_state(state)
+        values, stage = state
+        if stage.method is not self:
+            check_owner(self, stage.method)
+        blueprint = stage.blueprint
+        ints = blueprint.ints
+        x = values.copy()
+        setting = stage.setting
+        m = len(setting.input_names)
+        p = len(setting.output_names)
+        if type(u) is float and type(y) is float and m == 1 and p == 1:
+            x[slots.INBOX] = u
+            x[slots.INBOX + 1] = y
+        else:
+            _put(x, setting, u, y)
+        if interval is None:
+            constants, seconds = blueprint.constants, setting.dt
+        else:
+            constants, seconds = _after(state, interval)
+        innovation = self.kernels().step(ints, constants, x, seconds)
+        found = State(x, stage)
+        if x[slots.EVENT]:
+            if p > 1:
+                found_innovations = found.innovations
+                return self._settle(found), found_innovations
+            return self._settle(found), innovation
+        return found, innovation if p == 1 else found.innovations
+
+    def feed(
+        self, state: State, u: Array, y: Array, intervals: Array | None = None
+    ) -> tuple[State, Array, NDArray[np.int64]]:
+        """Take in many samples: the same as `step` on one after the other, bit for bit.
+
+        Parameters
+        ----------
+        state : State
+        u, y : (n_samples, n_inputs) and (n_samples, n_outputs) arrays
+        intervals : (n_samples,) array, optional
+            Time since the sample before, where it is not ``dt`` [s].
+
+        Returns
+        -------
+        state : State
+        innovations : (n_samples, n_outputs) array
+        flags : (n_samples,) int array
+            As numbers (`online.Flag`).
+        """
+        u, y = (np.ascontiguousarray(_table(one), dtype=np.float64) for one in (u, y))
+        check_state(state)
+        setting = state.stage.setting
+        check_owner(self, state.stage.method)
+        if u.shape[1] != setting.n_inputs or y.shape[1] != setting.n_outputs or len(u) != len(y):
+            raise ChannelCountError(
+                f"found samples of shape {u.shape} and {y.shape}; expected "
+                f"(n_samples, {setting.n_inputs}) and (n_samples, {setting.n_outputs}); give one "
+                "row a sample"
+            )
+        innovations = np.full(y.shape, np.nan)
+        flags = np.zeros(len(y), dtype=np.int64)
+        if intervals is not None:
+            return self._feed_unevenly(state, u, y, intervals, innovations, flags)
+        run = self.kernels().run
+        k = 0
+        x = state.values.copy()
+        while k < len(y):
+            stage = state.stage
+            k = run(
+                stage.blueprint.ints, stage.blueprint.constants, x, u, y, k, len(y), innovations,
+                flags,
+            )  # fmt: skip
+            state = State(x, stage)
+            if x[slots.EVENT]:
+                state = self._settle(state)
+                x = state.values.copy() if k < len(y) else state.values
+        return state, innovations, flags
+
+    def _feed_unevenly(
+        self,
+        state: State,
+        u: Array,
+        y: Array,
+        intervals: Array,
+        innovations: Array,
+        flags: NDArray[np.int64],
+    ) -> tuple[State, Array, NDArray[np.int64]]:
+        """Sample by sample; the matrices of many intervals are made together."""
+        m = u.shape[1]
+        at, end = slots.INBOX, slots.INBOX + m + y.shape[1]
+        made: tuple[Blueprint, int, Array] | None = None
+        for k, interval in enumerate(intervals.tolist()):
+            stage = state.stage
+            regular, seconds = checked_interval(state, interval)
+            constants = stage.blueprint.constants
+            if not regular:
+                if made is None or made[0] is not stage.blueprint or k >= made[1] + len(made[2]):
+                    ahead = np.maximum(intervals[k : k + BATCH], SAME * stage.setting.dt)
+                    found = self.constants_for(stage.blueprint, stage.setting, ahead)
+                    made = stage.blueprint, k, found
+                constants = made[2][k - made[1]]
+            x = state.values.copy()
+            x[at : at + m], x[at + m : end] = u[k], y[k]
+            self.kernels().step(stage.blueprint.ints, constants, x, seconds)
+            state = State(x, stage)
+            innovations[k] = state.innovations
+            flags[k] = int(x[slots.FLAGS])
+            if x[slots.EVENT]:
+                state = self._settle(state)
+        return state, innovations, flags
+
+    def _settle(self, state: State) -> State:
+        """What an event asks for; the values of ``state`` are its own."""
+        x, stage = state
+        event = int(x[slots.EVENT])
+        x[slots.EVENT] = 0.0
+        if event & slots.CHUNK_FULL:
+            ints = stage.blueprint.ints
+            width = stage.setting.n_inputs + stage.setting.n_outputs + 1
+            at = int(ints[slots.AT_CHUNK])
+            chunk = x[at : at + int(x[slots.FILLED]) * width].reshape(-1, width).copy()
+            x[slots.FILLED] = 0.0
+            state = self.full(State(x, stage.but(past=(*stage.past, chunk))))
+        try:
+            if event & slots.ALARMED:
+                state = self.alarmed(state)
+            due = state.values[slots.TICK] == state.values[slots.COUNT]
+            return self.tick(state) if event & slots.TICKED and due else state
+        except TridentifyError:
+            raise
+        except (ArithmeticError, ValueError) as error:
+            raise ScaleError(
+                f"found numbers out of the range of a float after {state.n_samples} samples "
+                f"({shown(str(error), 80)}); expected products of samples within it; begin anew, "
+                "with channels in other units if it comes again"
+            ) from error
+
+    # ------------------------------------------------------------------------------- as a value
+    def to_dict(self) -> dict[str, Any]:
+        """Name and options, ready for JSON."""
+        options: dict[str, Any] = {}
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            value = getattr(self, field.name)
+            if isinstance(value, TransferFunction):
+                value = {"transfer_function": value.to_dict()}
+            elif isinstance(value, Mapping):
+                value = {"mapping": dict(value)}
+            elif isinstance(value, tuple):
+                value = list(value)
+            options[field.name] = value
+        return {"name": self.name, "options": options}
+
+
+def check_state(state: object) -> None:
+    """Refuse what is no state.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not isinstance(state, State):
+        raise OptionError(
+            f"found state={shown(state)}; expected what init, step or State.load gave; pass that"
+        )
+
+
+def check_owner(method: Estimator, owner: object) -> None:
+    """Refuse a state that another estimator made.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not isinstance(owner, Estimator) or method.to_dict() != owner.to_dict():
+        raise OptionError(
+            f"found a state of {shown(owner)} in {shown(method)}; expected one that this "
+            "estimator made; go on with state.method"
+        )
+
+
+def kept_samples(state: State) -> Array:
+    """(n, n_inputs + n_outputs + 1) the samples that are kept: interval, inputs, outputs."""
+    x, stage = state
+    ints = stage.blueprint.ints
+    width = stage.setting.n_inputs + stage.setting.n_outputs + 1
+    if not ints[slots.CHUNK]:
+        return np.vstack([*stage.past, np.zeros((0, width))])
+    at = int(ints[slots.AT_CHUNK])
+    newest = x[at : at + int(x[slots.FILLED]) * width].reshape(-1, width)
+    return np.vstack([*stage.past, newest])
+
+
+def check_forgetting(forgetting: object) -> None:
+    """Refuse what is no forgetting factor.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not is_number(forgetting) or not LEAST_FORGETTING <= float(forgetting) <= 1.0:  # type: ignore[arg-type]
+        raise OptionError(
+            f"found forgetting={shown(forgetting)}; expected a factor from {LEAST_FORGETTING:g} to "
+            "1 (1 forgets nothing; 1 / (1 - forgetting) samples are remembered); correct it"
+        )
+
+
+def check_choice(name: str, value: object, choices: Sequence[str]) -> None:
+    """Refuse what is not among the choices.
+
+    Raises
+    ------
+    OptionError
+    """
+    if value not in choices:
+        raise OptionError(
+            f"found {name}={shown(value)}; expected {' or '.join(map(repr, choices))}; choose one"
+        )
+
+
+def checked_interval(state: State, interval: float) -> tuple[bool, float]:
+    """Whether an interval is the usual one, and the interval [s].
+
+    Raises
+    ------
+    SamplingError
+        It is not above zero.
+    UnsupportedError
+        It is not the usual one, and there are delays.
+    """
+    if not is_number(interval) or not 0.0 < float(interval) < math.inf:
+        raise SamplingError(
+            f"found interval={shown(interval)}; expected the time since the sample before, above "
+            "zero, in seconds; leave the sample out, or correct it"
+        )
+    seconds = float(interval)
+    setting = state.stage.setting
+    if abs(seconds - setting.dt) <= SAME * setting.dt or state.values[slots.COUNT] == 0.0:
+        return True, setting.dt
+    if any(setting.delays):
+        raise UnsupportedError(
+            f"found interval={seconds:g} s with a delay; expected samples every {setting.dt:g} s, "
+            "since the delayed input is kept in samples; resample the stream, or drop the delay"
+        )
+    return False, seconds
+
+
+def _after(state: State, interval: float) -> tuple[Array, float]:
+    regular, seconds = checked_interval(state, interval)
+    setting, blueprint = state.stage.setting, state.stage.blueprint
+    if regular:
+        return blueprint.constants, seconds
+    return state.method.constants_for(blueprint, setting, np.array([seconds]))[0], seconds
+
+
+def _put(x: Array, setting: Setting, u: ArrayLike, y: ArrayLike) -> None:
+    at = slots.INBOX
+    for what, value, names in (("u", u, setting.input_names), ("y", y, setting.output_names)):
+        if isinstance(value, str):
+            raise SampleTypeError(
+                f"found {what}={shown(value)}; expected numbers; convert the sample first"
+            )
+        try:
+            row = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError) as error:
+            raise SampleTypeError(
+                f"found {what}={shown(value)}; expected {len(names)} "
+                f"number{'s' if len(names) > 1 else ''}; convert the sample first"
+            ) from error
+        if row.size != len(names) or row.ndim > 1:
+            raise ChannelCountError(
+                f"found {what} of shape {row.shape}; expected {len(names)} "
+                f"value{'s' if len(names) > 1 else ''} ({', '.join(names)}); give one for each "
+                "channel"
+            )
+        x[at : at + len(names)] = row
+        at += len(names)
+
+
+def _table(values: Array) -> Array:
+    values = np.asarray(values)
+    return values[:, None] if values.ndim == 1 else values
+
+
+def _names(what: str, names: Sequence[str]) -> list[str]:
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names) or not names:
+        raise OptionError(
+            f"found {what}={shown(names)}; expected names of channels; write for example "
+            f"{what}=['elevator']"
+        )
+    return list(names)
+
+
+def is_number(value: object) -> bool:
+    """Whether a value is a real number."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
+
+
+def not_ready(count: int, what: str) -> NotReadyError:
+    """The error that says so, with what to do."""
+    return NotReadyError(
+        f"found {count} samples, which {what}; expected samples that excite all coefficients; go "
+        "on stepping, or give a model with start="
+    )

@@ -1,0 +1,339 @@
+"""Where things stand in the vector of an on-line estimator, and the matrices of its sample loop."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.numerics.discretize import Discrete, discretize
+from tridentify.numerics.realization import Cascade, Complex, cascade
+from tridentify.numerics.sampled import split_delay
+from tridentify.online.kernels import slots
+from tridentify.online.kernels.slots import scatter_size, triangle_size
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+CHUNK = 64
+NEARLY_ZERO = 1e-30
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What an estimator was told at the beginning.
+
+    Attributes
+    ----------
+    structure : Structure
+    dt : float
+        Sampling interval [s].
+    input_names, output_names : tuple of str
+    units : tuple of (str, str)
+        Channel and unit.
+    intersample : str
+        ``"zoh"`` or ``"foh"``.
+    """
+
+    structure: Structure
+    dt: float
+    input_names: tuple[str, ...]
+    output_names: tuple[str, ...]
+    units: tuple[tuple[str, str], ...]
+    intersample: str
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return len(self.input_names)
+
+    @property
+    def n_outputs(self) -> int:
+        """Number of outputs."""
+        return len(self.output_names)
+
+    @property
+    def n_poles(self) -> int:
+        """Degree of the denominator."""
+        return self.structure.common_poles
+
+    @cached_property
+    def zeros(self) -> tuple[tuple[int, ...], ...]:
+        """Degrees of the numerators, ``[output][input]``."""
+        return self.structure.zeros_matrix(self.n_outputs, self.n_inputs)
+
+    @cached_property
+    def delays(self) -> tuple[float, ...]:
+        """Of each input [s]."""
+        return self.structure.delay_matrix(self.n_outputs, self.n_inputs)[0]
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Of the coefficients."""
+        return self.structure.names(self.input_names, self.output_names)
+
+    @property
+    def n_directions(self) -> int:
+        """Ways for an output to move: its coefficients, and a constant."""
+        return self.n_poles + max(sum(row) for row in self.zeros) + self.n_inputs + 1
+
+    @property
+    def late(self) -> int:
+        """Samples after which every input that acts is one that was seen."""
+        return max(whole + (part > 0) for whole, part in self.shifts)
+
+    @cached_property
+    def shifts(self) -> tuple[tuple[int, float], ...]:
+        """Of each input the delay in whole samples and a part of one."""
+        return tuple(split_delay(delay, self.dt) for delay in self.delays)
+
+
+class NuisanceColumns(NamedTuple):
+    """Which columns stand behind those of the inputs."""
+
+    free: bool
+    offset: bool
+    drift: bool
+
+    @classmethod
+    def of(cls, structure: Structure, restarted: bool) -> NuisanceColumns:
+        """All that a structure leaves open; an estimator that starts anew starts from any state."""
+        state = structure.initial_state
+        return cls(
+            restarted or state in ("free", "auto"),
+            bool(structure.offset) or state == "equilibrium",
+            bool(structure.drift),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Blueprint:
+    """The plan of the vector ``x`` of an estimator, and the constants of its kernel.
+
+    Attributes
+    ----------
+    ints : (N_INTS,) int array
+    constants : array
+        ``c`` of the kernels at the sampling interval.
+    size : int
+        Length of ``x``.
+    poles : (q,) complex array
+        Of the bank; empty while samples are only collected.
+    nuisance : NuisanceColumns
+    """
+
+    ints: Ints
+    constants: Array
+    size: int
+    poles: Complex
+    nuisance: NuisanceColumns
+
+    @cached_property
+    def bank(self) -> Cascade:
+        """The bank of operators."""
+        return cascade(self.poles)
+
+    @property
+    def n_columns(self) -> int:
+        """Width of a row."""
+        return int(self.ints[slots.COLUMNS])
+
+
+class Places:
+    """Hands out places one after the other."""
+
+    def __init__(self, at: int) -> None:
+        self.at = at
+
+    def take(self, count: int) -> int:
+        """Places for ``count`` numbers."""
+        at = self.at
+        self.at += count
+        return at
+
+
+def collecting(setting: Setting) -> Blueprint:
+    """Only the samples are kept."""
+    return _blueprint(
+        setting, np.zeros(0, dtype=np.complex128), NuisanceColumns(False, False, False), 0
+    )
+
+
+def parallel(
+    setting: Setting,
+    poles: Complex,
+    nuisance: NuisanceColumns,
+    keep: bool,
+    forgetting: float,
+    kind: int,
+) -> Blueprint:
+    """Step 1 on a bank.
+
+    Parameters
+    ----------
+    setting : Setting
+    poles : (q,) complex array
+        Of the bank.
+    nuisance : NuisanceColumns
+    keep : bool
+        Whether the samples are still kept.
+    forgetting : float
+    kind : int
+        Of forgetting, as in `online.kernels.parallel`.
+    """
+    return _blueprint(setting, poles, nuisance, CHUNK if keep else 0, forgetting, kind)
+
+
+def _blueprint(
+    setting: Setting,
+    poles: Complex,
+    nuisance: NuisanceColumns,
+    chunk: int,
+    forgetting: float = 1.0,
+    kind: int = 0,
+) -> Blueprint:
+    m, p, q = setting.n_inputs, setting.n_outputs, poles.size
+    ints = np.zeros(slots.N_INTS, dtype=np.int64)
+    columns = q * (m + nuisance.free) + m + nuisance.offset + nuisance.drift if q else 0
+    ints[slots.INPUTS], ints[slots.OUTPUTS] = m, p
+    ints[slots.ORDER], ints[slots.COLUMNS] = q, columns
+    ints[slots.FREE], ints[slots.OFFSET] = nuisance.free, nuisance.offset
+    ints[slots.DRIFT], ints[slots.KIND] = nuisance.drift, kind
+    ints[slots.BEGIN] = setting.late if nuisance.free else 0
+    ints[slots.UPPER] = int(np.any(poles.imag != 0))
+    directions = setting.n_directions if q else 0
+    ints[slots.DIRECTIONS] = directions
+    ints[slots.DIRECTIONS_STRIDE] = directions * columns
+    ints[slots.BLOCK] = max(20, 4 * directions)
+    ints[slots.ALERT] = slots.LEVEL_OF_DOUBT
+    ints[slots.COLLECTING] = q == 0
+    ints[slots.CHUNK] = chunk or (CHUNK if q == 0 else 0)
+    plan = Places(slots.INBOX + m + p)
+    ints[slots.LINE] = max(whole for whole, _ in setting.shifts) + 3
+    ints[slots.AT_LINE] = plan.take(m * int(ints[slots.LINE]))
+    ints[slots.AT_REFERENCE] = plan.take(m)
+    ints[slots.AT_FIRST_INPUT] = plan.take(m)
+    ints[slots.AT_LARGEST] = plan.take(2 * (m + p))
+    ints[slots.EQUILIBRIUM] = setting.structure.initial_state == "equilibrium"
+    ints[slots.AT_CHUNK] = plan.take(int(ints[slots.CHUNK]) * (m + p + 1))
+    judged = directions + directions * (directions + 1) // 2 + slots.SUMS
+    ints[slots.WATCH] = slots.SCORES + 2 * directions + slots.SCALES * judged
+    ints[slots.AT_WATCH] = plan.take(p * int(ints[slots.WATCH]))
+    ints[slots.SCATTER] = scatter_size(directions) if directions else 0
+    ints[slots.AT_SCATTER] = plan.take(p * int(ints[slots.SCATTER]))
+    ints[slots.AT_ROW] = plan.take(columns)
+    ints[slots.AT_WORK] = plan.take(max(columns, q))
+    ints[slots.FACTOR] = triangle_size(columns)
+    ints[slots.AT_FACTOR] = plan.take(p * int(ints[slots.FACTOR]))
+    constants = Places(slots.CONSTANTS)
+    ints[slots.C_STEP] = constants.take(q * q)
+    ints[slots.C_TAPS] = constants.take(3 * m * q)
+    ints[slots.C_DIRECT] = constants.take(2 * m)
+    ints[slots.C_START] = constants.take(1 + q)
+    ints[slots.C_EXTRA] = constants.take(m)
+    ints[slots.C_MAPS] = constants.take(p * directions * columns)
+    c = np.zeros(constants.at)
+    c[slots.INTERVAL], c[slots.FORGETTING] = setting.dt, forgetting
+    c[slots.PACE] = min(1.0, max(5.0 * (1.0 - forgetting), 1e-3))
+    found = Blueprint(ints, c, plan.at, poles, nuisance)
+    for j, (whole, _) in enumerate(setting.shifts):
+        c[ints[slots.C_EXTRA] + j] = whole
+    if q:
+        bank = found.bank
+        c[ints[slots.C_START]] = NEARLY_ZERO * np.abs(bank.b).max()
+        c[ints[slots.C_START] + 1 : ints[slots.C_START] + 1 + q] = bank.b
+        fill_inputs(c, ints, setting, bank, setting.dt)
+    return found
+
+
+def constants_for(blueprint: Blueprint, setting: Setting, intervals: Array) -> Array:
+    """(k, ...) ``c`` for samples that come after other intervals [s]; no delays."""
+    c = np.tile(blueprint.constants, (intervals.size, 1))
+    if blueprint.poles.size:
+        ints, bank, m = blueprint.ints, blueprint.bank, setting.n_inputs
+        found = discretize_each(bank, intervals, setting.intersample)
+        q, k = bank.order, intervals.size
+        at = int(ints[slots.C_STEP])
+        c[:, at : at + q * q] = found.transition.reshape(k, -1)
+        taps = np.zeros((k, m, 3, q))
+        taps[:, :, 0], taps[:, :, 1] = found.from_next[:, None], found.from_current[:, None]
+        at = int(ints[slots.C_TAPS])
+        c[:, at : at + 3 * m * q] = taps.reshape(k, -1)
+    return c
+
+
+def discretize_each(bank: Cascade, intervals: Array, intersample: str) -> Discrete:
+    """(k, q, q), (k, q), (k, q): exact equivalents for many intervals [s] at once."""
+    a = bank.a * intervals[:, None, None]
+    b = bank.b[None, :, None] * intervals[:, None, None]
+    found = discretize(a, b, 1.0, intersample)
+    return Discrete(found.transition, found.from_current[..., 0], found.from_next[..., 0])
+
+
+def fill_inputs(c: Array, ints: Ints, setting: Setting, bank: Cascade, interval: float) -> None:
+    """Transition and taps of a bank for an interval between two samples [s]."""
+    q, foh = bank.order, setting.intersample == "foh"
+    b = bank.b[:, None]
+    whole = discretize(bank.a, b, interval, setting.intersample)
+    at = int(ints[slots.C_STEP])
+    c[at : at + q * q] = whole.transition.ravel()
+    for j, (_, part) in enumerate(setting.shifts):
+        taps = np.zeros((3, q))
+        if not part:
+            taps[0], taps[1] = whole.from_next[:, 0], whole.from_current[:, 0]
+        else:
+            one = discretize(bank.a, b, part * interval, setting.intersample)
+            two = discretize(bank.a, b, (1.0 - part) * interval, setting.intersample)
+            if foh:
+                # a line from w(k-2) to w(k-1), cut at its last part, then one from w(k-1) to w(k)
+                taps[2] = part * (two.transition @ one.from_current)[:, 0]
+                middle = two.transition @ ((1.0 - part) * one.from_current + one.from_next)
+                taps[1] = (middle + two.from_current + part * two.from_next)[:, 0]
+                taps[0] = (1.0 - part) * two.from_next[:, 0]
+            else:
+                taps[2] = (two.transition @ one.from_current)[:, 0]
+                taps[1] = two.from_current[:, 0]
+        at = int(ints[slots.C_TAPS]) + 3 * j * q
+        c[at : at + 3 * q] = taps.ravel()
+        at = int(ints[slots.C_DIRECT]) + 2 * j
+        c[at : at + 2] = (1.0 - part, part) if foh else (float(not part), float(part > 0))
+
+
+def fresh(blueprint: Blueprint) -> Array:
+    """The vector before the first sample."""
+    x = np.zeros(blueprint.size)
+    ints = blueprint.ints
+    for i in range(int(ints[slots.OUTPUTS])):
+        w = int(ints[slots.AT_WATCH] + i * ints[slots.WATCH])
+        x[w + slots.HIGHEST], x[w + slots.LOWEST] = -np.inf, np.inf
+        x[w + slots.INNOVATION] = np.nan
+    return x
+
+
+def with_directions(blueprint: Blueprint, directions: Array) -> Blueprint:
+    """The same with the sensitivities that the watch follows.
+
+    Parameters
+    ----------
+    blueprint : Blueprint
+    directions : (n_outputs, n_directions, n_columns) array
+        Each a combination of the columns.
+    """
+    c = blueprint.constants.copy()
+    at = int(blueprint.ints[slots.C_MAPS])
+    c[at : at + directions.size] = directions.ravel()
+    return replace(blueprint, constants=c)
+
+
+def watch_of(blueprint: Blueprint, output: int) -> int:
+    """Where the watch of an output begins."""
+    return int(blueprint.ints[slots.AT_WATCH] + output * blueprint.ints[slots.WATCH])
+
+
+def factor_of(blueprint: Blueprint, output: int) -> int:
+    """Where the triangle of an output begins."""
+    return int(blueprint.ints[slots.AT_FACTOR] + output * blueprint.ints[slots.FACTOR])

@@ -1,0 +1,1 @@
+"""What was measured: input, output, time, units; files to records."""

@@ -1,0 +1,69 @@
+"""Parquet and Feather (Arrow IPC) files, by polars; only the columns asked for are decoded.
+
+A column that holds no numbers is refused by its declared type, before anything of it is unpacked.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from tridentify.record.formats.channels import Channel, FloatArray
+from tridentify.record.formats.frames import FrameTable, frame_channel, not_numbers
+
+__all__ = ["ArrowFile", "open_file"]
+
+
+class ArrowFile:
+    """A Parquet or Feather file as an `OpenFile`."""
+
+    def __init__(self, path: Path) -> None:
+        import narwhals as nw
+        import polars as pl
+
+        self.path = path
+        with path.open("rb") as stream:
+            parquet = stream.read(4) == b"PAR1"
+        plain = _plainly_named(path)
+        self._lazy = pl.scan_parquet(plain, glob=False) if parquet else pl.scan_ipc(plain)
+        rows = int(self._lazy.select(pl.len()).collect().item())
+        self._kinds = dict(nw.from_native(self._lazy).collect_schema())
+        self.channels: tuple[Channel, ...] = tuple(
+            frame_channel(name, kind.is_temporal(), rows) for name, kind in self._kinds.items()
+        )
+
+    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+        """Give columns as numbers, nan where nothing stands."""
+        import narwhals as nw
+        import polars as pl
+
+        names = [self.channels[index].header for index in indices]
+        for name in names:
+            kind = self._kinds[name]
+            if not (kind.is_numeric() or kind.is_temporal() or kind == nw.Boolean):
+                raise not_numbers(kind, name, self.path)
+        frame = self._lazy.select([pl.col(name) for name in dict.fromkeys(names)]).collect()
+        table = FrameTable(nw.from_native(frame, eager_only=True), self.path)
+        known = [channel.header for channel in table.channels]
+        return table.read([known.index(name) for name in names])
+
+    def instants(self, clock: str) -> FloatArray | None:
+        """Give nothing: the time is a column."""
+
+    def place(self, row: int) -> str:
+        """Name a row by its number, from 1."""
+        return f"row {row + 1}"
+
+
+def _plainly_named(path: Path) -> Path:
+    """Give a name in UTF-8 without brackets, which polars takes for patterns, to the same file."""
+    alias = Path(tempfile.mkdtemp(), "file")
+    try:
+        alias.symlink_to(path)
+    except (OSError, NotImplementedError):
+        return path
+    return alias
+
+
+open_file = ArrowFile

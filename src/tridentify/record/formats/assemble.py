@@ -1,0 +1,387 @@
+"""A record from the channels of an open file: found by name, in seconds, on one time base.
+
+Channels of one clock become the record as they are. Channels of several clocks need one time base,
+since a record has one:
+
+* An output is never altered: its samples stand at the instants it was sampled at, and ``nan`` at
+  the others.
+* An input is evaluated at the instants of the record by what it does between its own samples: the
+  latest value when it is held, the straight line when it is joined by lines. Instants outside those
+  of any input are left out.
+* ``instants="outputs"`` takes the instants of the outputs; changes of a held input then move to the
+  next of them. ``"all"`` takes those of the inputs too, so that nothing is lost, at the price of
+  uneven steps where the clocks are not multiples of each other. ``"auto"`` takes all of them if
+  they lie on one uniform raster, else those of the outputs.
+
+Instants closer to each other than a thousandth of the smallest mean step are one instant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, cast
+
+import numpy as np
+
+from tridentify.checks.names import file_units
+from tridentify.checks.samples import (
+    TIME_TOLERANCE,
+    Intersample,
+    sample_range,
+    time_axis,
+    uniform_step,
+)
+from tridentify.errors import (
+    ChannelNameError,
+    DuplicateColumnError,
+    EmptyRangeError,
+    LengthMismatchError,
+    MissingColumnError,
+    NonUniformTimeError,
+    NotFiniteError,
+    OptionError,
+    SamplingError,
+    TooFewSamplesError,
+    UnitError,
+    shown,
+)
+from tridentify.record.formats.channels import SECONDS, Channel, FloatArray, OpenFile
+from tridentify.record.record import Record
+
+__all__ = ["Instants", "Wanted", "record_from"]
+
+Instants = Literal["auto", "outputs", "all"]
+
+JITTER = 0.05
+"""Largest departure of a step of recorded time from a stated `dt`, as a fraction of it."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What is to become a record; see `read_record`, whose arguments these are."""
+
+    inputs: Sequence[str]
+    outputs: Sequence[str]
+    time: str | None = None
+    dt: float | None = None
+    intersample: Intersample = "auto"
+    units: Mapping[str, str] | None = None
+    start: float | None = None
+    stop: float | None = None
+    instants: Instants = "auto"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "inputs", _as_names("input", self.inputs))
+        object.__setattr__(self, "outputs", _as_names("output", self.outputs))
+        if self.instants not in ("auto", "outputs", "all"):
+            raise OptionError(
+                f"found instants={shown(self.instants)}; expected 'auto', 'outputs' or 'all'; "
+                "choose one"
+            )
+
+
+def _as_names(kind: str, names: Sequence[str]) -> tuple[str, ...]:
+    chosen = (names,) if isinstance(names, str) else tuple(names)
+    if not chosen:
+        raise ChannelNameError(
+            f"found no {kind} asked for; expected at least one column; name the {kind} columns"
+        )
+    return chosen
+
+
+def record_from(source: OpenFile, wanted: Wanted, name: str) -> Record:
+    """Make a record of some channels of an open file.
+
+    Parameters
+    ----------
+    source : OpenFile
+    wanted : Wanted
+    name : str
+        What to call the record.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    DataError
+        See `read_record`.
+    """
+    known = source.channels
+    clock = None if wanted.time is None else find_channel(source, wanted.time)
+    inputs = [find_channel(source, name) for name in wanted.inputs]
+    outputs = [find_channel(source, name) for name in wanted.outputs]
+    channels = inputs + outputs
+    names = _channel_names(channels)
+    units = {c.header: c.unit for c in known if c.unit} | _given_units(known, clock, wanted.units)
+    n_inputs = len(inputs)
+    values, times = _read(source, channels, clock, wanted, units)
+    if len({id(time) for time in times}) == 1:
+        t, (first, last) = times[0], sample_range(times[0], wanted.start, wanted.stop)
+        for channel, samples in zip(inputs, values, strict=False):
+            _check_finite(source, channel, samples, first, last)
+    else:
+        t, values = _one_time_base(values, times, n_inputs, wanted)
+        t = _with_step(t, wanted.dt)
+        first, last = sample_range(t, wanted.start, wanted.stop)
+    record = Record(
+        _stack(values[:n_inputs], first, last),
+        _stack(values[n_inputs:], first, last),
+        t=t[first:last],
+        intersample=wanted.intersample,
+        input_names=names[:n_inputs],
+        output_names=names[n_inputs:],
+        units=_kept_units(dict(zip(names, channels, strict=True)), clock, units),
+        name=name,
+    )
+    # the mean step may differ from a stated one in the last digit
+    return record if wanted.dt is None else record._derive(dt=float(wanted.dt))
+
+
+# ------------------------------------------------------------------------------------------ names
+def find_channel(source: OpenFile, name: str) -> Channel:
+    """Find a channel by its full name, or by its name without unit or prefix.
+
+    Raises
+    ------
+    MissingColumnError, DuplicateColumnError
+        None or several fit.
+    """
+    wanted = str(name).strip()
+    exact = [channel for channel in source.channels if channel.header == wanted and wanted]
+    fits = exact or [channel for channel in source.channels if channel.name == wanted and wanted]
+    if not fits:
+        listed = ", ".join(channel.header for channel in source.channels if channel.header)
+        if not listed:
+            raise MissingColumnError(
+                f"found no channel in {shown(source.path.name)}; expected {shown(name)}; check "
+                "that the file was written completely"
+            )
+        raise MissingColumnError(
+            f"found no column {shown(name)} in {shown(source.path.name)}; expected one of "
+            f"{shown(listed, 300)[1:-1]}; correct the name"
+        )
+    if len(fits) > 1:
+        headers = shown(" or ".join(channel.header for channel in fits), 200)[1:-1]
+        raise DuplicateColumnError(
+            f"found {len(fits)} columns {shown(name)} in {shown(source.path.name)}; expected one; "
+            f"name it in full: {headers}"
+        )
+    return fits[0]
+
+
+def _channel_names(channels: list[Channel]) -> tuple[str, ...]:
+    for channel in channels:
+        if channels.count(channel) > 1:
+            raise ChannelNameError(
+                f"found the column {shown(channel.header)} asked for more than once; expected "
+                "different columns as inputs and outputs; drop one"
+            )
+    short = [channel.name for channel in channels]
+    return tuple(c.name if short.count(c.name) == 1 else c.header for c in channels)
+
+
+# ------------------------------------------------------------------------------------------ units
+def _given_units(
+    channels: Sequence[Channel], clock: Channel | None, units: Mapping[str, str] | None
+) -> dict[str, str]:
+    given: dict[str, str] = {}
+    for name, unit in (units or {}).items():
+        fits = [channel.header for channel in channels if name in (channel.header, channel.name)]
+        if not fits and name == "t" and clock is not None:
+            fits = [clock.header]
+        if not fits:
+            raise UnitError(
+                f"found a unit for {shown(name)}; expected the name of a column; correct the name"
+            )
+        given.update(dict.fromkeys(fits, unit))
+    return given
+
+
+def _kept_units(
+    channels: Mapping[str, Channel], clock: Channel | None, units: Mapping[str, str]
+) -> dict[str, str]:
+    kept = file_units({n: units[c.header] for n, c in channels.items() if c.header in units})
+    return kept | ({"t": "s"} if clock is not None and clock.header in units else {})
+
+
+# ------------------------------------------------------------------------------------------- time
+def _read(
+    source: OpenFile,
+    channels: list[Channel],
+    clock: Channel | None,
+    wanted: Wanted,
+    units: Mapping[str, str],
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Give the samples of the channels, and the sampling instants [s] of each."""
+    asked = ([clock] if clock else []) + channels
+    values = source.read([source.channels.index(channel) for channel in asked])
+    named = None if clock is None else _seconds(source, clock, values.pop(0), units)
+    several = len({channel.clock for channel in channels}) > 1
+    axes: dict[str, FloatArray] = {}
+    for channel, samples in zip(channels, values, strict=True):
+        if channel.clock not in axes:
+            recorded = named
+            if clock is None or clock.clock != channel.clock:
+                recorded = source.instants(channel.clock)
+            if recorded is None and (wanted.dt is None or several):
+                raise _no_time(source, channel, clock, several)
+            step = None if several else wanted.dt
+            axes[channel.clock] = _sampling_instants(recorded, step, len(samples))
+        if len(axes[channel.clock]) != len(samples):
+            raise LengthMismatchError(
+                f"found {len(samples)} samples of {shown(channel.header)} and "
+                f"{len(axes[channel.clock])} of time or another channel in "
+                f"{shown(source.path.name)}; expected equal lengths; choose channels that were "
+                "sampled together"
+            )
+        if len(samples) < 2:
+            raise TooFewSamplesError(
+                f"found {len(samples)} row in {shown(source.path.name)}; expected at least 2; "
+                "record for longer"
+            )
+    return values, [axes[channel.clock] for channel in channels]
+
+
+def _no_time(
+    source: OpenFile, channel: Channel, clock: Channel | None, several: bool
+) -> SamplingError:
+    if clock is None and several:
+        return SamplingError(
+            f"found channels of different clocks, and no time of {shown(channel.header)} in "
+            f"{shown(source.path.name)}; expected to know when each was sampled; name its column "
+            "of time"
+        )
+    if clock is None:
+        return SamplingError(
+            "found neither a time column (t or time) nor dt; expected at least one, since "
+            f"{shown(source.path.name)} does not say when {shown(channel.header)} was sampled; "
+            "name the column of time or give dt [s]"
+        )
+    return SamplingError(
+        f"found the time column {shown(clock.header)}, which does not belong to "
+        f"{shown(channel.header)}; expected channels that were sampled together; choose the time "
+        "of its own group"
+    )
+
+
+def _seconds(
+    source: OpenFile, clock: Channel, time: FloatArray, units: Mapping[str, str]
+) -> FloatArray:
+    _check_finite(source, clock, time, 0, len(time))
+    unit = units.get(clock.header, "")
+    if unit not in SECONDS:
+        raise UnitError(
+            f"found the unit {shown(unit)} of the time column {shown(clock.header)}; expected s, "
+            "ms, us, ns, min or h; convert the column to seconds or correct the unit"
+        )
+    seconds: FloatArray = time * SECONDS[unit]
+    return seconds
+
+
+def _sampling_instants(recorded: FloatArray | None, dt: float | None, n_samples: int) -> FloatArray:
+    if recorded is None:
+        return time_axis(dt, None, n_samples)[1]
+    if len(recorded) < 2:
+        return recorded
+    return _with_step(time_axis(None, recorded, n_samples)[1], dt)
+
+
+def _with_step(t: FloatArray, dt: float | None) -> FloatArray:
+    """Put recorded time on a stated step, if there is one, or refuse one that does not agree."""
+    if dt is None:
+        return t
+    step, regular = time_axis(dt, None, len(t))
+    if step is None:
+        return t
+    steps = np.diff(t)
+    apart = np.abs(steps - step) > JITTER * step
+    if apart.any():
+        first = int(np.argmax(apart))
+        raise NonUniformTimeError(
+            f"found a step of {steps[first]:.6g} s after {t[first]:.6g} s of recorded time; "
+            f"expected {step:.6g} s within 5 percent, as stated by dt; leave dt out or correct it"
+        )
+    shifted = regular + t[0]
+    shifted.flags.writeable = False
+    return cast(FloatArray, shifted)
+
+
+# --------------------------------------------------------------------------------- several clocks
+def _one_time_base(
+    values: list[FloatArray], times: list[FloatArray], n_inputs: int, wanted: Wanted
+) -> tuple[FloatArray, list[FloatArray]]:
+    """Bring channels of several clocks together, as the head of this module says."""
+    slack = TIME_TOLERANCE * min(float(t[-1] - t[0]) / (len(t) - 1) for t in times)
+    t = _merged(times, slack)
+    if wanted.instants == "outputs" or (wanted.instants == "auto" and uniform_step(t) is None):
+        t = _merged(times[n_inputs:], slack)
+    low = max(time[0] for time in times[:n_inputs]) - slack
+    high = min(time[-1] for time in times[:n_inputs]) + slack
+    t = t[(t >= low) & (t <= high)]
+    if len(t) < 2:
+        raise EmptyRangeError(
+            f"found {len(t)} instants at which all inputs are known, {low:.6g} to {high:.6g} s; "
+            "expected at least 2; choose channels that were recorded at the same time"
+        )
+    placed = [
+        _evaluated(times[k], values[k], t, slack, wanted.intersample)
+        if k < n_inputs
+        else _spread(times[k], values[k], t, slack)
+        for k in range(len(values))
+    ]
+    for k, name in enumerate(wanted.inputs):
+        if not np.isfinite(placed[k]).all():
+            at = t[int(np.argmin(np.isfinite(placed[k])))]
+            raise NotFiniteError(
+                f"found no finite sample of input {shown(name)} at {at:.6g} s; expected finite "
+                "numbers; repair it or cut the record with start and stop"
+            )
+    return t, placed
+
+
+def _merged(times: list[FloatArray], slack: float) -> FloatArray:
+    """All instants in order; of those that are closer than `slack` the first."""
+    union = np.unique(np.concatenate(times))
+    return union[np.r_[True, np.diff(union) > slack]]
+
+
+def _evaluated(
+    time: FloatArray, values: FloatArray, t: FloatArray, slack: float, intersample: Intersample
+) -> FloatArray:
+    if intersample == "foh":
+        return np.interp(t, time, values)
+    return values[np.searchsorted(time, t + slack, side="right") - 1]
+
+
+def _spread(time: FloatArray, values: FloatArray, t: FloatArray, slack: float) -> FloatArray:
+    """Put samples where they belong, nan elsewhere."""
+    spread = np.full(len(t), np.nan)
+    place = np.clip(np.searchsorted(t, time - slack), 0, len(t) - 1)
+    own = np.abs(t[place] - time) <= slack
+    spread[place[own]] = values[own]
+    return spread
+
+
+# ---------------------------------------------------------------------------------------- samples
+def _check_finite(
+    source: OpenFile, channel: Channel, values: FloatArray, first: int, last: int
+) -> None:
+    finite = np.isfinite(values[first:last])
+    if not finite.all():
+        row = first + int(np.argmin(finite))
+        raise NotFiniteError(
+            f"found {values[row]} (or a blank) in column {shown(channel.header)}, "
+            f"{source.place(row)} of {shown(source.path.name)}; expected a finite number; repair "
+            "it or cut the record"
+        )
+
+
+def _stack(columns: list[FloatArray], first: int, last: int) -> FloatArray:
+    stacked = np.empty((last - first, len(columns)))
+    for index, values in enumerate(columns):
+        stacked[:, index] = values[first:last]
+    stacked.flags.writeable = False
+    return stacked

@@ -1,0 +1,123 @@
+"""What a file of measurements holds: channels, and the clocks that they were sampled by.
+
+A reader of `tridentify.record.formats` turns a file into an `OpenFile`: a list of `Channel`, and a
+way to read some of them as numbers. Channels with the same `Channel.clock` were sampled together.
+Where the format itself knows when (ULog, MDF4, MATLAB timeseries), `OpenFile.instants` says so;
+else a channel of the same clock has to be named as time, or the step stated.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Channel", "OpenFile", "header_channel"]
+
+FloatArray = NDArray[np.float64]
+
+SECONDS = {
+    "": 1.0,
+    "s": 1.0,
+    "sec": 1.0,
+    "second": 1.0,
+    "seconds": 1.0,
+    "ms": 1e-3,
+    "msec": 1e-3,
+    "millisecond": 1e-3,
+    "milliseconds": 1e-3,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "μs": 1e-6,
+    "microsecond": 1e-6,
+    "microseconds": 1e-6,
+    "ns": 1e-9,
+    "nanosecond": 1e-9,
+    "nanoseconds": 1e-9,
+    "min": 60.0,
+    "minute": 60.0,
+    "minutes": 60.0,
+    "h": 3600.0,
+    "hr": 3600.0,
+    "hour": 3600.0,
+    "hours": 3600.0,
+}
+"""Units of time, as the formats write them [s]."""
+
+_UNIT = re.compile(r"(?P<name>.*\S)\s*(\[(?P<square>[^][]*)\]|\((?P<round>[^()]*)\))")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """A channel of a file.
+
+    Attributes
+    ----------
+    header : str
+        The full name, as the file has it: ``alpha [deg]``, ``vehicle_attitude.q[0]``.
+    name : str
+        The name without unit, and without a prefix that says nothing.
+    unit : str
+        As the file has it; empty where it does not say.
+    clock : str
+        Channels of the same clock were sampled together.
+    samples : int or None
+        Number of samples; None where the file has to be read to know.
+    """
+
+    header: str
+    name: str
+    unit: str = ""
+    clock: str = ""
+    samples: int | None = None
+
+
+class OpenFile(Protocol):
+    """A file, or a frame, whose channels are known."""
+
+    @property
+    def path(self) -> Path:
+        """Where it is, for messages and the name of the record."""
+
+    @property
+    def channels(self) -> tuple[Channel, ...]:
+        """All channels, in the order of the file."""
+
+    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+        """Give channels as numbers, nan for a missing sample; positions in `channels`."""
+
+    def instants(self, clock: str) -> FloatArray | None:
+        """Give the sampling instants of a clock [s], if the file knows them."""
+
+    def place(self, row: int) -> str:
+        """Say in words where in the file a sample of what was read stands."""
+
+
+def header_channel(header: str, samples: int | None = None) -> Channel:
+    """Take the unit out of the header of a column.
+
+    Parameters
+    ----------
+    header : str
+        Such as ``alpha [deg]``, ``alpha (deg)`` or ``alpha``. An index, ``x[0]``, is no unit.
+    samples : int, optional
+
+    Returns
+    -------
+    Channel
+
+    Examples
+    --------
+    >>> header_channel("alpha [deg]").unit, header_channel("x[0]").name
+    ('deg', 'x[0]')
+    """
+    match = _UNIT.fullmatch(header)
+    unit = (match["square"] or match["round"] or "").strip() if match else ""
+    if match is None or unit.isdigit():
+        return Channel(header, header, samples=samples)
+    return Channel(header, match["name"].strip(), unit, samples=samples)

@@ -1,0 +1,55 @@
+"""Delimited text (CSV, TSV) as an open file.
+
+The first line that is no comment names the columns; a unit may follow in brackets, as in
+``alpha [rad]``, or stand in a line of units below. A blank cell or ``nan`` is a missing sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from tridentify.record.formats.channels import Channel, FloatArray, header_channel
+from tridentify.record.formats.text_table import open_table, read_columns
+
+__all__ = ["TextFile"]
+
+
+class TextFile:
+    """A delimited text file as an `OpenFile`.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    UnreadableFileError, EmptyFileError, MissingHeaderError, DuplicateColumnError
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._table = open_table(path)
+        self._lines: Sequence[int] = [0]
+        self.channels: tuple[Channel, ...] = tuple(
+            _with_unit(header_channel(name), unit)
+            for name, unit in zip(self._table.names, self._table.units, strict=True)
+        )
+
+    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+        """Give columns as numbers, nan for a blank cell."""
+        values, self._lines = read_columns(self._table, indices)
+        return values
+
+    def instants(self, clock: str) -> FloatArray | None:
+        """Give nothing: the time is a column."""
+
+    def place(self, row: int) -> str:
+        """Name a row by its line in the file."""
+        line = self._lines[row] if len(self._lines) > 1 else self._lines[0] + row
+        return f"line {line}"
+
+
+def _with_unit(channel: Channel, unit: str) -> Channel:
+    return channel if channel.unit or unit in ("", "-") else replace(channel, unit=unit)

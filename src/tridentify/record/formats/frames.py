@@ -1,0 +1,255 @@
+"""Records from data frames of pandas, polars, pyarrow and whatever else narwhals takes, and back.
+
+Times of a frame become seconds: a duration as it is, a date and time counted from its first value,
+so that no digit is lost to the decades since 1970.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from tridentify.checks.samples import Intersample
+from tridentify.errors import (
+    DuplicateColumnError,
+    EmptyFileError,
+    OptionError,
+    SampleTypeError,
+    TextInColumnError,
+    shown,
+)
+from tridentify.record.formats.assemble import Wanted, record_from
+from tridentify.record.formats.channels import Channel, FloatArray, header_channel
+from tridentify.record.formats.requirements import require
+from tridentify.record.record import Record
+
+if TYPE_CHECKING:
+    import narwhals as nw
+
+__all__ = ["FrameTable", "frame_channel", "frame_from_record", "record_from_frame"]
+
+
+class FrameTable:
+    """A data frame as an `OpenFile`.
+
+    Parameters
+    ----------
+    frame : narwhals.DataFrame
+    path : Path
+        What messages call it.
+    """
+
+    def __init__(self, frame: nw.DataFrame[Any], path: Path = Path("the frame")) -> None:
+        self.path = path
+        self.frame = frame
+        self._names = [name for name in frame.columns if isinstance(name, str)]
+        kinds = frame.schema
+        self.channels = tuple(
+            frame_channel(name, kinds[name].is_temporal(), len(frame)) for name in self._names
+        )
+        if not len(frame):
+            raise EmptyFileError(
+                f"found no row in {shown(path.name)}; expected rows of numbers; check that it was "
+                "saved completely"
+            )
+
+    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+        """Give columns as numbers, nan where nothing stands."""
+        return [self._floats(self._names[index]) for index in indices]
+
+    def instants(self, clock: str) -> FloatArray | None:
+        """Give nothing: a frame has its time in a column."""
+
+    def place(self, row: int) -> str:
+        """Name a row by its number, from 0 as in the frame."""
+        return f"row {row}"
+
+    def _floats(self, name: str) -> FloatArray:
+        import narwhals as nw
+
+        column = self.frame.get_column(name)
+        kind = column.dtype
+        if isinstance(kind, nw.Duration):
+            return _seconds(column.dt.total_nanoseconds(), from_first=False)
+        if isinstance(kind, nw.Datetime | nw.Date):
+            exact = column.cast(nw.Datetime("ns")) if isinstance(kind, nw.Date) else column
+            return _seconds(exact.dt.timestamp("ns"), from_first=True)
+        if isinstance(kind, nw.Boolean) or kind.is_numeric():
+            return _float_array(column)
+        raise not_numbers(kind, name, self.path)
+
+
+def not_numbers(kind: object, name: str, path: Path) -> TextInColumnError:
+    """Make the error about a column that holds something else."""
+    return TextInColumnError(
+        f"found {shown(str(kind))[1:-1]} in column {shown(name)} of {shown(path.name)}; expected "
+        "numbers; convert the column to float"
+    )
+
+
+def frame_channel(name: str, temporal: bool, samples: int) -> Channel:
+    """Describe a column; dates and durations are read as seconds.
+
+    Examples
+    --------
+    >>> frame_channel("when", True, 3).unit, frame_channel("q [deg/s]", False, 3).unit
+    ('s', 'deg/s')
+    """
+    channel = header_channel(name, samples)
+    return Channel(name, channel.name, "s", samples=samples) if temporal else channel
+
+
+def _float_array(column: nw.Series[Any]) -> FloatArray:
+    import narwhals as nw
+
+    floats = column.cast(nw.Float64)
+    values = floats.fill_null(float("nan")) if floats.null_count() else floats
+    return np.asarray(values.to_numpy(), dtype=np.float64)
+
+
+def _seconds(nanoseconds: nw.Series[Any], *, from_first: bool) -> FloatArray:
+    missing = np.asarray(nanoseconds.is_null().to_numpy(), dtype=bool)
+    whole = nanoseconds.fill_null(0) if missing.any() else nanoseconds
+    counts = np.asarray(whole.to_numpy()).astype(np.int64)
+    if from_first and not missing.all():
+        counts = counts - counts[int(np.argmin(missing))]
+    return np.where(missing, np.nan, counts * 1e-9)
+
+
+def record_from_frame(
+    frame: Any,
+    *,
+    time: str | None = None,
+    dt: float | None = None,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    intersample: Intersample = "auto",
+    units: Mapping[str, str] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    name: str = "",
+) -> Record:
+    """Make a record of some columns of a data frame.
+
+    Parameters
+    ----------
+    frame : pandas.DataFrame, polars.DataFrame, pyarrow.Table or another that narwhals takes
+        Eager; a missing value of an output becomes nan, one of an input is refused.
+    time : str, optional
+        Column of time: numbers [s], or in the unit of its name or of `units`; durations; or dates,
+        which count from the first. By default the index of a pandas frame, if that is one of dates
+        or durations; an index that has a name may also be named.
+    dt, inputs, outputs, intersample, units, start, stop
+        As in `read_record`.
+    name : str
+        What to call the record.
+
+    Returns
+    -------
+    Record
+
+    Raises
+    ------
+    SampleTypeError
+        `frame` is no eager data frame.
+    MissingColumnError, DuplicateColumnError, TextInColumnError, EmptyFileError
+        A column does not exist, occurs twice, or holds no numbers; there is no row.
+    DataError
+        As `read_record`.
+
+    Examples
+    --------
+    >>> import polars as pl
+    >>> frame = pl.DataFrame({"t [ms]": [0, 20, 40], "u": [0, 1, 1], "q [deg/s]": [0, None, 2]})
+    >>> record = record_from_frame(frame, time="t", inputs=["u"], outputs=["q"])
+    >>> record
+    Record(3 samples, 0.04 s, dt=0.02 s, auto, inputs: u, outputs: q [deg/s])
+    >>> record.y.ravel()
+    array([ 0., nan,  2.])
+    """
+    table, time = _eager(frame, time, dt)
+    wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop)
+    return record_from(FrameTable(table), wanted, name)
+
+
+def _eager(frame: Any, time: str | None, dt: float | None) -> tuple[nw.DataFrame[Any], str | None]:
+    """Give the frame, with its index as a column if that is its time, and the name of time."""
+    import narwhals as nw
+
+    try:
+        table = nw.from_native(frame, eager_only=True)
+    except TypeError as error:
+        raise SampleTypeError(
+            f"found {type(frame).__module__}.{type(frame).__name__}; expected an eager data frame "
+            "of pandas, polars or pyarrow; collect a lazy one, and give arrays to Record"
+        ) from error
+    except nw.exceptions.NarwhalsError as error:
+        raise _repeated(error) from error
+    index: Any = nw.maybe_get_index(table)
+    if index is None or getattr(index, "nlevels", 1) != 1:
+        return table, time
+    label = index.name if isinstance(index.name, str) else "index"
+    timed = time is None and dt is None and getattr(index.dtype, "kind", "") in "mM"
+    if not timed and (time != label or time in table.columns):
+        return table, time
+    native: Any = nw.to_native(table)
+    try:
+        return nw.from_native(native.reset_index(names=label), eager_only=True), label
+    except (ValueError, nw.exceptions.NarwhalsError) as error:
+        raise _repeated(error) from error
+
+
+def _repeated(error: Exception) -> DuplicateColumnError:
+    return DuplicateColumnError(
+        f"found column names that occur twice ({shown(str(error), 80)}); expected every name once; "
+        "rename one"
+    )
+
+
+def frame_from_record(
+    record: Record, backend: Literal["polars", "pandas", "pyarrow"] = "polars"
+) -> Any:
+    """Make a data frame of a record, one row for every sample.
+
+    Parameters
+    ----------
+    record : Record
+    backend : {"polars", "pandas", "pyarrow"}
+        Which library's frame.
+
+    Returns
+    -------
+    polars.DataFrame, pandas.DataFrame or pyarrow.Table
+        Columns ``t [s]``, the inputs and the outputs, with their units in brackets, such that
+        `record_from_frame` reads them back; a missing sample is nan.
+
+    Raises
+    ------
+    OptionError
+        No such backend.
+    MissingDependencyError
+        The library is not installed.
+
+    Examples
+    --------
+    >>> from tridentify import Record
+    >>> record = Record([0, 1], [0, 0.5], dt=0.1, units={"y": "deg"})
+    >>> frame_from_record(record).columns
+    ['t [s]', 'u', 'y [deg]']
+    """
+    if backend not in ("polars", "pandas", "pyarrow"):
+        raise OptionError(
+            f"found backend={shown(backend)}; expected 'polars', 'pandas' or 'pyarrow'; choose one"
+        )
+    require(backend, backend, f"a frame of {backend}")
+    import narwhals as nw
+
+    columns = {"t [s]": record.t}
+    for names, samples in ((record.input_names, record.u), (record.output_names, record.y)):
+        for k, name in enumerate(names):
+            unit = record.units.get(name, "")
+            columns[f"{name} [{unit}]" if unit else name] = samples[:, k].copy()
+    return nw.from_dict(columns, backend=backend).to_native()

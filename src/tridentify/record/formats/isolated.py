@@ -1,0 +1,83 @@
+"""The child side of `record.formats.isolation`: open one file, answer until the pipe ends."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from tridentify.errors import TridentifyError
+from tridentify.record.formats.channels import FloatArray, OpenFile
+
+__all__ = ["serve"]
+
+
+def serve() -> None:
+    """Answer the requests on standard input, on what was standard output.
+
+    Whatever a library prints goes to the null device.
+    """
+    requests = sys.stdin.buffer
+    answers = os.fdopen(os.dup(1), "wb")
+    null = os.open(os.devnull, os.O_RDWR)
+    for number in (1, 2):
+        os.dup2(null, number)
+    warnings.simplefilter("ignore")
+    first = json.loads(requests.readline())
+    _limit_memory(first["memory"])
+    # a polars panic is no Exception, and nothing may leave this process but an answer
+    try:
+        path = Path(os.fsdecode(first["path"].encode("latin-1")))
+        source = _module_file(first["module"], path)
+        listing = [dataclasses.asdict(channel) for channel in source.channels]
+        _answer(answers, {"channels": listing}, ())
+        for line in requests:
+            _answer(answers, {}, _arrays(source, json.loads(line)))
+    except BaseException as error:
+        _answer(answers, _described(error), ())
+
+
+def _module_file(module: str, path: Path) -> OpenFile:
+    source: OpenFile = import_module(module).open_file(path)
+    return source
+
+
+def _arrays(source: OpenFile, request: dict[str, Any]) -> Sequence[FloatArray]:
+    if "read" in request:
+        return source.read(request["read"])
+    times = source.instants(request["instants"])
+    return [] if times is None else [times]
+
+
+def _answer(stream: BinaryIO, header: dict[str, Any], arrays: Sequence[FloatArray]) -> None:
+    sound = [np.ascontiguousarray(values, dtype="<f8").ravel() for values in arrays]
+    line = json.dumps({**header, "arrays": [len(values) for values in sound]})
+    stream.write(line.encode() + b"\n")
+    for values in sound:
+        stream.write(values.data if len(values) else b"")
+    stream.flush()
+
+
+def _described(error: BaseException) -> dict[str, str]:
+    known = isinstance(error, TridentifyError | MemoryError | ImportError)
+    text = " ".join(str(error).split()) or type(error).__name__
+    kind = "ImportError" if isinstance(error, ModuleNotFoundError) else type(error).__name__
+    return {"error": kind if known else "", "message": text}
+
+
+def _limit_memory(size: int) -> None:
+    """Let the data of this process grow to so many bytes and no further."""
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        resource.setrlimit(resource.RLIMIT_DATA, (size, size))
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))

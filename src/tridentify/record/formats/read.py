@@ -1,0 +1,249 @@
+"""Records from files: the table of formats, and the two verbs on a file.
+
+To add a format, write one module with a function ``open_file(path)`` that gives an `OpenFile`, and
+add one row to `FORMATS`.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from tridentify.checks.samples import Intersample
+from tridentify.errors import SamplingError, UnreadableFileError, shown
+from tridentify.record.formats.assemble import Instants, Wanted, find_channel, record_from
+from tridentify.record.formats.channels import Channel, OpenFile
+from tridentify.record.formats.csv import TextFile
+from tridentify.record.formats.isolation import IsolatedFile
+from tridentify.record.formats.requirements import require
+from tridentify.record.formats.text_table import check_readable
+from tridentify.record.record import Record
+from tridentify.writing.layout import printable
+
+__all__ = ["FORMATS", "Format", "list_channels", "opened", "read_record"]
+
+
+@dataclass(frozen=True)
+class Format:
+    """A binary format: how to know it, and who reads it.
+
+    Attributes
+    ----------
+    name : str
+    suffixes : tuple of str
+    marks : tuple of (int, bytes)
+        Bytes that a file begins with, at an offset; one of them must be there.
+    module : str
+        The reader, in `tridentify.record.formats`.
+    needs, extra : str
+        Module that must be installed, and the extra of this package that brings it.
+    """
+
+    name: str
+    suffixes: tuple[str, ...]
+    marks: tuple[tuple[int, bytes], ...]
+    module: str
+    needs: str = ""
+    extra: str = ""
+
+
+FORMATS = (
+    Format("Parquet", (".parquet", ".pq"), ((0, b"PAR1"),), "arrow"),
+    Format("Feather", (".feather", ".arrow", ".ipc"), ((0, b"ARROW1"),), "arrow"),
+    Format("NPZ", (".npz",), ((0, b"PK\x03\x04"), (0, b"PK\x05\x06")), "npz"),
+    Format("MATLAB 5", (".mat",), ((0, b"MATLAB 5.0"),), "matlab"),
+    Format(
+        "MATLAB 7.3",
+        (".mat",),
+        ((0, b"MATLAB 7.3"), (0, b"\x89HDF\r\n\x1a\n")),
+        "matlab_hdf5",
+        "h5py",
+        "matlab",
+    ),
+    Format("ULog", (".ulg", ".ulog"), ((0, b"ULog\x01\x12\x35"),), "ulog", "pyulog", "ulog"),
+    Format(
+        "MDF4",
+        (".mf4", ".mdf", ".dat"),
+        ((0, b"MDF     "), (0, b"UnFinMF ")),
+        "mdf",
+        "asammdf",
+        "mdf",
+    ),
+)
+"""The formats beside delimited text, which is what everything else is taken for."""
+
+TIME_NAMES = ("t", "time")
+"""What a channel of time is called, in any case."""
+
+TEXT_SUFFIXES = (".dat",)
+"""Suffixes of a binary format that text goes by as well."""
+
+
+def read_record(
+    path: str | os.PathLike[str],
+    *,
+    time: str | None = None,
+    dt: float | None = None,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    intersample: Intersample = "auto",
+    units: Mapping[str, str] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    instants: Instants = "auto",
+) -> Record:
+    r"""Read one experiment from a file.
+
+    Parameters
+    ----------
+    path : path-like
+        Delimited text (CSV, TSV), Parquet, Feather, NPZ, MATLAB (``.mat``, version 5 or 7.3), ULog
+        or MDF4, recognised by its content. The last three need the extras ``matlab`` (7.3 only),
+        ``ulog`` and ``mdf`` of this package.
+    time : str, optional
+        Name of the channel of time. Its unit is seconds unless the file or `units` say otherwise.
+        Without it and without `dt`, the channel that is called ``t`` or ``time``, in any case and
+        with or without a unit in brackets, is taken if there is exactly one.
+        Not needed where the format has a time of its own: ULog, MDF4, and in MATLAB files
+        timeseries, ``iddata`` and Simulink's structures with time.
+    dt : float, optional
+        Uniform sampling interval [s]. Together with a recorded time it replaces the recorded steps,
+        which must then agree with it to 5 percent; without, time begins at zero.
+    inputs, outputs : sequence of str
+        Names of the channels, as `list_channels` gives them; the unit in brackets may be left out.
+    intersample : {"auto", "zoh", "foh", "band-limited"}
+        What the input does between samples, as in `Record`; with "auto" `identify` takes what
+        explains the record best, and says so.
+    units : mapping of str to str, optional
+        Units by channel name, before those of the file.
+    start, stop : float, optional
+        Keep the samples from `start` to `stop` [s], both ends included.
+    instants : {"auto", "outputs", "all"}
+        Where the record has samples when the channels were sampled at different times: at the
+        instants of the outputs; at those of inputs and outputs; or at all of them if they lie on
+        one uniform raster, else at those of the outputs. Outputs are nan where they were not
+        sampled, inputs follow from `intersample`.
+
+    Returns
+    -------
+    Record
+        Named after the file (what cannot be printed is escaped); only the channels that are asked
+        for are read. Their samples may take an eighth of the machine's memory.
+
+    Raises
+    ------
+    UnreadableFileError, EmptyFileError, MissingHeaderError, RaggedRowError, FileTooLargeError
+        The file cannot be read, is damaged, no table with a header, or larger than memory.
+    MissingColumnError, DuplicateColumnError, TextInColumnError, ForeignObjectError
+        A channel does not exist, occurs twice, or holds text or objects.
+    SamplingError, NonUniformTimeError, TimeNotIncreasingError, EmptyRangeError
+        Time is not stated, does not agree with `dt`, runs backwards, or has no samples in range.
+    MissingDependencyError
+        The package that reads this format is not installed; the message names the extra.
+    DataError
+        Whatever else `Record` refuses.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> from tridentify import read_record
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "doublet.csv")
+    ...     _ = path.write_text("t,elevator [rad],q\n0,0,0\n0.5,1,0\n1,1,0.2\n")
+    ...     read_record(path, time="t", inputs=["elevator"], outputs=["q"])
+    Record('doublet', 3 samples, 1 s, dt=0.5 s, auto, inputs: elevator [rad], outputs: q)
+    """
+    wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop, instants)
+    with opened(path) as source:
+        if time is None and dt is None:
+            wanted = replace(wanted, time=_time_by_name(source, wanted))
+        return record_from(source, wanted, printable(source.path.stem))
+
+
+def time_channels(source: OpenFile) -> list[Channel]:
+    """Give the channels that are called t or time, in any case, without a time of their own."""
+    named = [channel for channel in source.channels if channel.name.casefold() in TIME_NAMES]
+    return [channel for channel in named if not channel.clock]
+
+
+def _time_by_name(source: OpenFile, wanted: Wanted) -> str | None:
+    """The one channel that is time by its name; None where it is asked for, or not needed."""
+    asked = [find_channel(source, name) for name in (*wanted.inputs, *wanted.outputs)]
+    found = time_channels(source)
+    if all(channel.clock for channel in asked) or not found:
+        return None
+    if len(found) > 1:
+        listed = " and ".join(shown(channel.header) for channel in found)
+        raise SamplingError(
+            f"found the columns {listed} in {shown(source.path.name)}, and neither time nor dt; "
+            "expected to know the sampling; name the column of time or give dt [s]"
+        )
+    return None if found[0] in asked else found[0].header
+
+
+def list_channels(path: str | os.PathLike[str]) -> tuple[Channel, ...]:
+    r"""List the channels of a file, with units, number of samples and clock where it tells them.
+
+    Parameters
+    ----------
+    path : path-like
+        As for `read_record`.
+
+    Returns
+    -------
+    tuple of Channel
+
+    Raises
+    ------
+    UnreadableFileError, EmptyFileError, MissingHeaderError, MissingDependencyError
+        As for `read_record`.
+
+    Examples
+    --------
+    >>> import tempfile, pathlib
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     path = pathlib.Path(folder, "doublet.csv")
+    ...     _ = path.write_text("t,elevator [rad]\n0,0\n1,1\n")
+    ...     [(channel.name, channel.unit) for channel in list_channels(path)]
+    [('t', ''), ('elevator', 'rad')]
+    """
+    with opened(path) as source:
+        return source.channels
+
+
+@contextmanager
+def opened(path: str | os.PathLike[str]) -> Iterator[OpenFile]:
+    """Open a file with the reader that its content asks for.
+
+    Raises
+    ------
+    UnreadableFileError, EmptyFileError, MissingHeaderError, MissingDependencyError
+    """
+    file = Path(path)
+    start = check_readable(file)
+    known = next((f for f in FORMATS if _marked(start, f)), None)
+    if known is None:
+        _refuse_suffix(file)
+        yield TextFile(file)
+        return
+    if known.needs:
+        require(known.needs, f"tridentify[{known.extra}]", f"a {known.name} file")
+    with IsolatedFile(file, f"tridentify.record.formats.{known.module}", known.name) as source:
+        yield source
+
+
+def _marked(start: bytes, known: Format) -> bool:
+    return any(start[at:].startswith(mark) for at, mark in known.marks)
+
+
+def _refuse_suffix(file: Path) -> None:
+    suffix = file.suffix.lower()
+    named = [f.name for f in FORMATS if suffix in f.suffixes and suffix not in TEXT_SUFFIXES]
+    if named and file.stat().st_size:
+        raise UnreadableFileError(
+            f"found no mark of {' or '.join(named)} at the start of {shown(file.name)}; expected "
+            "what the suffix says; the file may be damaged or of another version: write it anew"
+        )

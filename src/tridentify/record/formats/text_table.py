@@ -1,0 +1,544 @@
+"""Columns of numbers from a delimited text file, quickly when it is clean, exactly when it is not.
+
+A clean file (no quotes, no comments, no blank cell, every row as long as the header) goes through
+polars. Any other is read cell by cell, which either yields the numbers or names the line that is at
+fault.
+
+What is recognised: the separator (comma, semicolon, tab, bar) by its count in the header; UTF-8,
+UTF-16 with a byte-order mark, and what is neither but has no control characters as Latin-1; lines
+of comments that begin with ``#`` or ``%``, the last of which may be the header; a line of units
+below the header, of which no cell is a number; and a decimal comma, where the cells have one. A
+group of thousands is refused: 1,234 is 1.234 to one reader and 1234 to another.
+
+The encoding is told from the first MiB; a byte further on that is no UTF-8 counts as Latin-1. No
+more of a file is held than one row and the numbers that are asked for.
+"""
+
+from __future__ import annotations
+
+import codecs
+import csv
+import math
+import os
+import re
+from array import array
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TextIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.errors import (
+    DuplicateColumnError,
+    EmptyFileError,
+    MissingHeaderError,
+    RaggedRowError,
+    TextInColumnError,
+    ThousandsSeparatorError,
+    UnreadableFileError,
+    shown,
+)
+from tridentify.record.formats.isolation import check_size
+
+FloatArray = NDArray[np.float64]
+
+SEPARATORS = ",;\t|"
+MISSING = frozenset(("", "na", "n/a", "nan", "null", "none", "-nan"))
+COMMENTS = ("#", "%")
+
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
+_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' \u00a0\u2009\u202f’])\d{3}(\1\d{3})*([.,]\d*)?")
+_COMMA_GROUP = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
+_UNIT_CELL = re.compile(r"[\[(]?\s*(1/)?[^\W\d]?[^\d,;|\t=:\"'?!][^,;|\t=:\"'?!]{0,18}[\])]?")
+_CONTROLS = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
+_EXCEL = re.compile(r"sep=.")
+_CHUNK = 1 << 20
+
+LONGEST_ROW = 1 << 24
+"""Characters in a row (or a line) beyond which the file is no table: a million columns of 16."""
+
+MOST_TEXT_COLUMNS = 1_000_000
+"""Columns beyond which a header is taken for damage: their names alone would take a gigabyte."""
+
+_LOOK = 1 << 16
+"""Rows between two looks at how much memory they take."""
+
+_LATER_BYTES = "tridentify.latin-1"
+
+
+@dataclass(frozen=True)
+class TextTable:
+    """A delimited text file whose header has been read.
+
+    Attributes
+    ----------
+    path : Path
+        The file.
+    encoding : str
+        Of its text.
+    separator : str
+        What stands between two cells.
+    names : tuple of str
+        The cells of the header, without surrounding blanks.
+    units : tuple of str
+        The cells of the line of units; blank without one.
+    first_line : int
+        Number of the first line that is no comment, or of the header in a comment.
+    header_lines : int
+        Number of the line that the header, or the line of units, ends on.
+    """
+
+    path: Path
+    encoding: str
+    separator: str
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    first_line: int
+    header_lines: int
+
+
+def open_table(path: str | os.PathLike[str]) -> TextTable:
+    """Read the header of a delimited text file.
+
+    Parameters
+    ----------
+    path : path-like
+        Text with cells separated by commas, semicolons, tabs or bars.
+
+    Returns
+    -------
+    TextTable
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is missing, no regular file, not permitted, or not text.
+    EmptyFileError
+        The file holds nothing but blanks.
+    MissingHeaderError
+        The first line holds numbers.
+    DuplicateColumnError
+        A name occurs twice.
+    """
+    file = Path(path)
+    check_readable(file)
+    encoding = _encoding(file)
+    opening = _opening(file, encoding)
+    rows = _rows(file, encoding, opening.separator, opening.first_line)
+    header = next(((cells, n) for cells, n in rows if any(cell.strip() for cell in cells)), None)
+    if header is None:
+        raise EmptyFileError(
+            f"found nothing in {shown(file.name)}; expected a header and rows of numbers; check "
+            "that the file was saved"
+        )
+    cells, line = header
+    names = tuple(cell.strip() for cell in cells)
+    first_line = opening.first_line
+    if all_numbers(names):
+        commented = [cell.strip() for cell in opening.comment.split(opening.separator)]
+        if len(commented) != len(names) or all_numbers(commented):
+            raise MissingHeaderError(
+                f"found numbers ({shown(opening.separator.join(names))}) in the first line of "
+                f"{shown(file.name)}; expected the names of the columns; add a header line"
+            )
+        names, units, line = tuple(commented), ("",) * len(commented), first_line - 1
+    else:
+        below = next(((cells, n) for cells, n in rows if cells), ([], 0))
+        units = unit_cells(below[0], len(names))
+        line = below[1] if any(units) else line
+    if repeated := repeated_name(names):
+        raise DuplicateColumnError(
+            f"found the column {shown(repeated[0])} {repeated[1]} times in {shown(file.name)}; "
+            "expected every name once; rename one in the header"
+        )
+    return TextTable(file, encoding, opening.separator, names, units, first_line, line)
+
+
+def repeated_name(names: Sequence[str]) -> tuple[str, int] | None:
+    """Give the first name that occurs more than once, and how often; blank ones do not count.
+
+    Examples
+    --------
+    >>> repeated_name(["t", "", "u", "", "u"])
+    ('u', 2)
+    """
+    counts = Counter(name for name in names if name)
+    return next(((name, count) for name, count in counts.items() if count > 1), None)
+
+
+def all_numbers(cells: Sequence[str]) -> bool:
+    """Whether all cells that are not blank are numbers."""
+    return all(read_number(cell) is not None for cell in cells if cell)
+
+
+def unit_cells(cells: Sequence[str], width: int) -> tuple[str, ...]:
+    """Give the units of a line of units, or blanks if the line is none."""
+    texts = [cell.strip() for cell in cells]
+    blank = ("",) * width
+    if len(texts) != width or not any(len(text) > 0 for text in texts):
+        return blank
+    if any(read_number(text) is not None and text for text in texts) or not all(
+        _UNIT_CELL.fullmatch(text) or text in ("", "-", "°", "%", "1") for text in texts
+    ):
+        return blank
+    return tuple(re.sub(r"^[\[(]\s*|\s*[\])]$", "", text) for text in texts)
+
+
+def read_columns(
+    table: TextTable, columns: Sequence[int]
+) -> tuple[list[FloatArray], Sequence[int]]:
+    """Read some columns of a table as numbers.
+
+    Parameters
+    ----------
+    table : TextTable
+        What `open_table` gave.
+    columns : sequence of int
+        Numbers of the columns, from zero.
+
+    Returns
+    -------
+    values : list of ndarray, shape (n_rows,)
+        One array for each of `columns`; nan for a blank cell.
+    lines : sequence of int
+        Line of the file that the rows stand on: either the first row's alone, the others following
+        without a gap, or every row's.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is not UTF-8 text throughout.
+    TextInColumnError, ThousandsSeparatorError
+        A cell is not a number, or is one with groups of digits.
+    RaggedRowError
+        A row is longer or shorter than the header.
+    EmptyFileError
+        There is no row.
+    FileTooLargeError
+        The numbers would fill the memory.
+    """
+    lines: Sequence[int]
+    values = _read_clean(table, columns)
+    if values is None:
+        try:
+            values, lines = _read_exactly(table, columns, ".")
+        except _DecimalCommaFound:
+            values, lines = _read_exactly(table, columns, ",")
+    else:
+        lines = [table.header_lines + 1]
+    if values[0].size == 0:
+        raise EmptyFileError(
+            f"found a header and no row in {shown(table.path.name)}; expected rows of numbers; "
+            "check that the file was saved completely"
+        )
+    return values, lines
+
+
+def check_readable(file: Path) -> bytes:
+    """Give the first bytes of a file, or say why it cannot be read.
+
+    Raises
+    ------
+    UnreadableFileError
+        The file is missing, no regular file, or not permitted.
+    """
+    start = b""
+    try:
+        if file.is_dir():
+            problem = "a directory"
+        elif not file.exists():
+            problem = "no such file"
+        elif not file.is_file():
+            problem = "no regular file"
+        else:
+            problem = ""
+            with file.open("rb") as stream:
+                start = stream.read(256)
+    except (OSError, ValueError) as error:
+        problem = getattr(error, "strerror", None) or str(error)
+    if problem:
+        raise UnreadableFileError(
+            f"found {problem} at {shown(str(file), 200)}; expected a file that can be read; check "
+            "the path and the permission"
+        )
+    return start
+
+
+class _DecimalCommaFound(Exception):
+    """A cell has a decimal comma where a decimal point was looked for."""
+
+
+def _not_text(file: Path, reason: str) -> UnreadableFileError:
+    return UnreadableFileError(
+        f"found {reason} in {shown(file.name)}; expected CSV text in UTF-8; save the file as CSV "
+        "in UTF-8"
+    )
+
+
+def _encoding(file: Path) -> str:
+    """Tell the encoding by the first MiB: by its mark, as UTF-8, else Latin-1 if it may be text."""
+    try:
+        with file.open("rb") as stream:
+            piece = stream.read(_CHUNK)
+    except OSError as error:
+        raise _not_text(file, f"a read error ({error.strerror})") from error
+    if piece[:2] in (b"\xff\xfe", b"\xfe\xff"):
+        return "utf-16"
+    try:
+        # a character may be cut at the end of the piece
+        codecs.getincrementaldecoder("utf-8")().decode(piece, final=len(piece) < _CHUNK)
+    except UnicodeDecodeError:
+        if found := _CONTROLS.search(piece):
+            raise _not_text(file, f"binary content or another encoding ({found[0]!r})") from None
+        return "latin-1"
+    return "utf-8-sig"
+
+
+def _as_latin_1(error: UnicodeError) -> tuple[str, int]:
+    """Decode what is no UTF-8 behind the piece that told the encoding."""
+    if not isinstance(error, UnicodeDecodeError) or not error.encoding.startswith("utf-8"):
+        raise error
+    return error.object[error.start : error.end].decode("latin-1"), error.end
+
+
+codecs.register_error(_LATER_BYTES, _as_latin_1)
+
+
+@dataclass(frozen=True)
+class _Opening:
+    """How a file begins: its separator, its first line that is no comment, the comment above."""
+
+    separator: str
+    first_line: int
+    comment: str
+
+
+def _opening(file: Path, encoding: str) -> _Opening:
+    comment, number = "", 0
+    try:
+        with file.open(encoding=encoding, errors=_LATER_BYTES, newline=None) as stream:
+            for number in range(1, 10_000):
+                line = stream.readline(LONGEST_ROW)
+                _check_row(file, len(line), number)
+                text = line.strip()
+                if line and (not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text)):
+                    comment = text.lstrip("#% ") if text.startswith(COMMENTS) else comment
+                    continue
+                plain = re.sub(r'"[^"]*"', "", line)
+                return _Opening(max(SEPARATORS, key=plain.count), number, comment)
+    except UnreadableFileError:
+        raise
+    except UnicodeError as error:
+        raise _not_text(file, "binary content or another encoding") from error
+    except OSError as error:
+        raise _not_text(file, f"a read error ({error.strerror})") from error
+    return _Opening(",", number, comment)
+
+
+def _rows(
+    file: Path, encoding: str, separator: str, first_line: int
+) -> Iterator[tuple[list[str], int]]:
+    """Give cells and line number of every row that is no comment."""
+    length = 0
+
+    def lines(stream: TextIO) -> Iterator[str]:
+        nonlocal length
+        number = 0
+        while line := stream.readline(LONGEST_ROW):
+            number += 1
+            length += len(line)
+            _check_row(file, length, number)
+            if len(line) > MOST_TEXT_COLUMNS and line.count(separator) >= MOST_TEXT_COLUMNS:
+                raise _not_text(file, f"more than {MOST_TEXT_COLUMNS:,} columns in line {number}")
+            yield "\n" if number < first_line else line
+
+    try:
+        with file.open(encoding=encoding, errors=_LATER_BYTES, newline="") as stream:
+            reader = csv.reader(lines(stream), delimiter=separator)
+            for cells in reader:
+                length = 0
+                if any("\0" in cell for cell in cells):
+                    raise _not_text(file, f"binary content at line {reader.line_num}")
+                if not (cells and cells[0].lstrip().startswith(COMMENTS)):
+                    yield cells, reader.line_num
+    except UnreadableFileError:
+        raise
+    except UnicodeError as error:
+        raise _not_text(file, "binary content or another encoding") from error
+    except csv.Error as error:
+        raise _not_text(file, f"binary or damaged content ({error})") from error
+    except OSError as error:
+        raise _not_text(file, f"a read error ({error.strerror})") from error
+
+
+def _check_row(file: Path, length: int, line: int) -> None:
+    """Refuse what goes on without an end, before it fills the memory."""
+    if length >= LONGEST_ROW:
+        raise UnreadableFileError(
+            f"found a row of more than {LONGEST_ROW:,} characters at line {line} of "
+            f"{shown(file.name)}; expected shorter ones; split the table, or repair the quotes or "
+            "line ends that are missing"
+        )
+
+
+def read_number(cell: str, decimal: str = ".") -> float | None:
+    """Give the number a cell holds, nan when it is blank, None when it is text."""
+    text = cell.strip()
+    if text.lower() in MISSING:
+        return math.nan
+    if decimal == ",":
+        # with a point as well, one of the two would have to group thousands
+        text = "_" if "." in text else text.replace(",", ".", 1)
+    try:
+        # Python alone reads 1_000 as a number
+        return None if "_" in text else float(text)
+    except ValueError:
+        return None
+
+
+def _count_clean_rows(table: TextTable) -> int | None:
+    """Count the rows, or give None unless their bytes say that all are as long as the header."""
+    separators = newlines = returns = 0
+    separator, last = table.separator.encode(), b"\n"
+    with table.path.open("rb") as stream:
+        for _ in range(table.header_lines):
+            stream.readline()
+        while chunk := stream.read(_CHUNK):
+            # a quote that is never closed makes polars panic; a comment is no row
+            if any(mark in chunk for mark in (b'"', b"\0", b"#", b"%")):
+                return None
+            separators += chunk.count(separator)
+            newlines += chunk.count(b"\n")
+            returns += chunk.count(b"\r")
+            last = chunk[-1:]
+    rows = newlines + (last != b"\n")
+    full = separators == rows * (len(table.names) - 1)
+    return rows if full and returns in (0, newlines) and rows else None
+
+
+def _read_clean(table: TextTable, columns: Sequence[int]) -> list[FloatArray] | None:
+    # polars takes no name that is not UTF-8
+    if table.encoding != "utf-8-sig" or not _in_utf_8(table.path):
+        return None
+    try:
+        n_rows = _count_clean_rows(table)
+    except OSError:
+        # the exact reader meets the same trouble and names it
+        return None
+    if n_rows is None:
+        return None
+    check_size(8 * n_rows * len(columns), table.path)
+    import polars as pl
+
+    # by position: how polars names the columns of a file without header depends on its version
+    order = sorted(set(columns))
+    kinds = [pl.Float64 if k in order else pl.String for k in range(len(table.names))]
+    try:
+        frame = pl.read_csv(
+            table.path,
+            separator=table.separator,
+            has_header=False,
+            skip_rows=table.header_lines,
+            columns=order,
+            schema_overrides=kinds,
+            infer_schema_length=0,
+            glob=False,
+        )
+        series = [frame.to_series(order.index(column)) for column in columns]
+    except (pl.exceptions.PolarsError, OSError):
+        return None
+    if any(item.dtype != pl.Float64 or item.null_count() for item in series):
+        return None
+    return [item.to_numpy() for item in series] if frame.height == n_rows else None
+
+
+def _in_utf_8(path: Path) -> bool:
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+def _read_exactly(
+    table: TextTable, columns: Sequence[int], decimal: str
+) -> tuple[list[FloatArray], Sequence[int]]:
+    values = [array("d") for _ in columns]
+    lines = array("q")
+    groups = [_Groups() for _ in columns]
+    width = len(table.names)
+    for cells, line in _rows(table.path, table.encoding, table.separator, table.first_line):
+        blank = len(cells) < 2 and not "".join(cells).strip()
+        if line <= table.header_lines or blank:
+            continue
+        if len(cells) < width or any(cell.strip() for cell in cells[width:]):
+            raise RaggedRowError(
+                f"found {len(cells)} cells in line {line} of {shown(table.path.name)}; expected "
+                f"{width} as in the header; the file may be cut off or damaged: repair that line"
+            )
+        for store, column, seen in zip(values, columns, groups, strict=True):
+            number = read_number(cells[column], decimal)
+            if number is None:
+                if decimal == "." and _DECIMAL_COMMA.fullmatch(cells[column].strip()):
+                    raise _DecimalCommaFound
+                raise _text_in_column(table, column, line, cells[column], decimal)
+            store.append(number)
+            if decimal == ",":
+                seen.note(cells[column].strip(), line)
+        lines.append(line)
+        if len(lines) % _LOOK == 0:
+            check_size(8 * len(lines) * (len(columns) + 1), table.path)
+    for column, seen in zip(columns, groups, strict=True):
+        if seen.ambiguous:
+            raise _text_in_column(table, column, seen.line, seen.cell, decimal)
+    return [np.array(store, dtype=np.float64) for store in values], lines
+
+
+@dataclass
+class _Groups:
+    """Whether a column with commas may be one of whole numbers with groups of thousands.
+
+    It may if every comma has three digits behind it and one to three before it, and other cells are
+    whole numbers without a comma: then nothing tells 1,234 from 1234.
+    """
+
+    cell: str = ""
+    line: int = 0
+    whole: bool = False
+    decimals: bool = False
+
+    def note(self, cell: str, line: int) -> None:
+        """Look at one cell."""
+        if "," not in cell:
+            self.whole = self.whole or cell not in ("", "0")
+        elif _COMMA_GROUP.fullmatch(cell):
+            self.cell, self.line = cell, line
+        else:
+            self.decimals = True
+
+    @property
+    def ambiguous(self) -> bool:
+        """Whether nothing speaks for a decimal comma."""
+        return bool(self.cell) and self.whole and not self.decimals
+
+
+def _text_in_column(
+    table: TextTable, column: int, line: int, cell: str, decimal: str
+) -> TextInColumnError | ThousandsSeparatorError:
+    text = cell.strip()
+    where = f"in column {shown(table.names[column])}, line {line} of {shown(table.path.name)}"
+    if _GROUPED.fullmatch(text) or (
+        decimal == "," and "." in text and read_number(text) is not None
+    ):
+        return ThousandsSeparatorError(
+            f"found {shown(cell)} {where}, where points and commas may be decimal signs or groups "
+            "of thousands; expected numbers without groups, with one decimal sign; write the file "
+            "without them"
+        )
+    advice = "correct or remove that line"
+    if re.match(r"\s*\d+[-/:.]\d+[-/:.]\d+", cell):
+        advice = "give time in seconds"
+    return TextInColumnError(f"found {shown(cell)} {where}; expected a number; {advice}")

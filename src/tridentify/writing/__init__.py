@@ -1,0 +1,1 @@
+"""How numbers, tables, models and files are written."""
