@@ -288,3 +288,13 @@ def test_an_order_whose_names_would_not_end(order):
 def test_an_array_in_place_of_a_word(options):
     refused(err.OptionError, lambda: Structure(2, 0, **options))
     refused(err.OptionError, lambda: Record(U, Y, dt=0.1, intersample=np.zeros(2)))
+
+
+@pytest.mark.parametrize("unit", [1e-38, 1e20, 1e38])
+def test_a_band_limited_response_is_the_same_in_any_unit_of_time(unit):
+    u = np.cumsum(np.random.default_rng(1).standard_normal(60))
+    found = []
+    for dt in (1.0, unit):
+        plant = TransferFunction([0.01 / dt**2], [1.0, 0.15 / dt, 0.01 / dt**2])
+        found.append(simulate(plant, Record(u, u, dt=dt, intersample="band-limited")))
+    assert np.allclose(found[1], found[0], rtol=0.0, atol=1e-12 * np.abs(found[0]).max())

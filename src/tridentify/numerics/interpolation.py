@@ -33,6 +33,8 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
+from tridentify.numerics.discretize import weight_of
+
 Array = NDArray[np.float64]
 
 HALF = 32
@@ -128,10 +130,12 @@ def moments(a: Array, b: Array, length: float) -> tuple[Array, Array]:
     q = b.size
     block = np.zeros((q + DEGREE + 1, q + DEGREE + 1))
     block[:q, :q] = a * length
-    block[:q, q:] = length * np.outer(b, (-1.0) ** np.arange(DEGREE + 1))
     block[q:, q:] = _derivative().T
+    # the drive is linear in b, whose size is that of the unit of time: it is not to be squared
+    weight = weight_of(block[:q, :q], length * b)
+    block[:q, q:] = (length / weight) * np.outer(b, (-1.0) ** np.arange(DEGREE + 1))
     whole = np.asarray(scipy.linalg.expm(block))
-    return np.ascontiguousarray(whole[:q, :q]), np.ascontiguousarray(whole[:q, q:])
+    return np.ascontiguousarray(whole[:q, :q]), np.ascontiguousarray(weight * whole[:q, q:])
 
 
 def _driven(transition: Array, upper: int, drive: Array, state: Array, out: Array) -> None:
