@@ -298,3 +298,12 @@ def test_a_band_limited_response_is_the_same_in_any_unit_of_time(unit):
         plant = TransferFunction([0.01 / dt**2], [1.0, 0.15 / dt, 0.01 / dt**2])
         found.append(simulate(plant, Record(u, u, dt=dt, intersample="band-limited")))
     assert np.allclose(found[1], found[0], rtol=0.0, atol=1e-12 * np.abs(found[0]).max())
+
+
+def test_an_output_that_is_one_sample_among_nothing_is_identified_or_refused():
+    u, y = np.full(30, 0.6778), np.full(30, 1.7e-300)
+    y[3] = 1.0
+    records = [Record(u, y, dt=1.7e-9)] * 2
+    structure = Structure(1, 0, offset=False, initial_state="rest")
+    estimate = identify(records, structure, SvfLeastSquares(), throw=False)
+    assert np.isfinite(estimate.theta).all()

@@ -103,7 +103,8 @@ class _Decomposition(NamedTuple):
 
     def gain(self, damping: float) -> Array:
         """Of every singular value."""
-        kept = self.s > 1e-13 * self.s[0]
+        # what is so small that its square is none moves nothing
+        kept = (self.s > 1e-13 * self.s[0]) & (self.s * self.s > 0.0)
         s = np.where(kept, self.s, 1.0)
         return np.where(kept, s / (s**2 + damping), 0.0)
 
