@@ -186,3 +186,9 @@ def test_input_share_tells_a_missed_response_from_coloured_noise():
     assert statistic < 3 * dimension
     response = lfilter([0.1], [1.0, -0.9], u[:, 0])
     assert input_share(response, u, fit_autoregression([response], 20))[0] > 0.5
+
+
+def test_missing_samples_of_a_residual_that_is_nothing_leave_it_white():
+    series = np.zeros(30)
+    series[[3, 11]] = np.nan
+    assert fit_autoregression([series], 3, 3).size == 0

@@ -423,7 +423,9 @@ def fit_autoregression(
         if order is None:
             fits = [exact.deviance(reflection[:p]) for p in range(power.size)]
             order = _order(np.array(fits), exact.count, fewest)
-        return polynomial(exact.best(reflection[:order]) if order else reflection[:0])
+        # a residual that is nothing has no reflection coefficients, whatever order is asked for
+        first = reflection[:order]
+        return polynomial(exact.best(first) if first.size else first)
     if order is None:
         n = sum(one.size for one in series)
         order = _order(n * np.log(np.maximum(power, 1e-300)), n, fewest)
