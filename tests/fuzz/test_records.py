@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -136,6 +137,15 @@ def test_any_record_is_identified_or_refused_by_the_quick_methods(seeds, attempt
     estimates, refusals = explore(seeds, attempt, 80, QUICK)
     assert estimates
     assert refusals
+
+
+FOUND = (35789150496, 593278933946, 765466188751, 43616708294)
+"""Seeds that once failed with the quick methods."""
+
+
+def test_what_once_failed_with_the_quick_methods_is_identified_or_refused(attempt):
+    known = SimpleNamespace(take=lambda _: [(k, np.random.default_rng(k)) for k in FOUND])
+    assert sum(explore(known, attempt, len(FOUND), QUICK)) == len(FOUND)
 
 
 def test_any_record_is_identified_or_refused_by_the_thorough_methods(seeds, attempt):

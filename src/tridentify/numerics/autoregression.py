@@ -423,7 +423,7 @@ def fit_autoregression(
         if order is None:
             fits = [exact.deviance(reflection[:p]) for p in range(power.size)]
             order = _order(np.array(fits), exact.count, fewest)
-        # a residual that is nothing has no reflection coefficients, whatever order is asked for
+        # samples that all stand alone have no reflection coefficients, whatever order is asked for
         first = reflection[:order]
         return polynomial(exact.best(first) if first.size else first)
     if order is None:

@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.errors import IdentifiabilityError
+from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
 from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Step, Trace
 from tridentify.estimation.likelihood.answer import literal_estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
@@ -385,6 +385,12 @@ def covariance(found: SvfFit, experiments: Sequence[Experiment], noise: Array) -
             root.append(np.sqrt(noise[i]) * found.weights[i] * g)
     scale = np.linalg.norm(eq.instruments, axis=0), np.linalg.norm(eq.matrix, axis=0)
     cross = (eq.instruments / scale[0]).T @ (eq.matrix / scale[1])
-    gain = np.linalg.solve(cross, (np.vstack(root) / scale[0]).T) / scale[1][:, None]
+    try:
+        gain = np.linalg.solve(cross, (np.vstack(root) / scale[0]).T) / scale[1][:, None]
+    except np.linalg.LinAlgError as error:
+        raise UnsupportedOrderError(
+            "found instruments that are no more independent than their rounding; expected ones "
+            "that tell the coefficients apart; use fewer poles or zeros, or move the input more"
+        ) from error
     spread = coefficient_map(problem, c, eq.width)[1] @ gain
     return np.asarray(spread @ spread.T)
