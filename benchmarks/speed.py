@@ -75,7 +75,8 @@ STEPS = {
     "check of end": ("estimation.methods.three_model.certified",),
     "rivals' scan": ("estimation.posterior.maximum_or_mean.has_rivals",),
     "posterior": ("estimation.posterior.maximum_or_mean.posterior",),
-    "result": ("estimation.methods.three_model.weigh",),
+    "posterior or not": ("estimation.methods.three_model.weigh",),
+    "result": ("estimation.methods.three_model.estimate_from",),
 }  # fmt: skip
 REST = "all else"
 LIMITS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")

@@ -19,9 +19,9 @@ from tridentify import (
     simulate,
 )
 from tridentify.errors import OptionError, TooFewSamplesError, UnsupportedError
-from tridentify.estimation.likelihood import answer
-from tridentify.estimation.likelihood.answer import taken
+from tridentify.estimation.likelihood import curvature
 from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.curvature import taken
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.models.regression import BLOCK, Experiment, regress, response_of, restricted
@@ -216,7 +216,7 @@ def test_fit_is_that_of_the_simulated_output():
 def test_standard_errors_grow_with_slow_noise(monkeypatch):
     record = coloured([-0.95], seed=2)
     seen = identify(record, STRUCTURE, ThreeModel(noise="white"))
-    monkeypatch.setattr(answer, "scatter_of_scores", lambda *_: None)
+    monkeypatch.setattr(curvature, "scatter_of_scores", lambda *_: None)
     white, auto = (identify(record, STRUCTURE, ThreeModel(noise=n)) for n in ("white", "auto"))
     assert white.noise_model[0].size == 0
     assert any("not white" in line for line in white.cautions)

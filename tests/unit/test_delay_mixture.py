@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
-from tridentify.estimation.likelihood.answer import covariance
 from tridentify.estimation.likelihood.cost import Point, evaluate
+from tridentify.estimation.likelihood.curvature import Curvature
 from tridentify.estimation.likelihood.levenberg_marquardt import finish
 from tridentify.estimation.likelihood.mixture import (
     Cell,
@@ -139,7 +139,8 @@ def test_a_pole_beyond_the_band_is_held():
     (row,) = fast_poles(fast)
     moved = [np.log(-np.roots([1.0, 62.0 + h, 120.0 + k]).min()) for h, k in ((1e-4, 0), (0, 1e-4))]
     assert row[:2] == pytest.approx((np.array(moved) - np.log(60.0)) / 1e-4, rel=1e-4)
-    held, cov = covariance(fast, row[None]), covariance(fast)
+    held = Curvature.at(fast, held=row[None]).covariance
+    cov = Curvature.at(fast).covariance
     # what is left is the covariance given that combination
     along = cov @ row
     assert held == pytest.approx(cov - np.outer(along, along) / (row @ along), rel=1e-6, abs=1e-9)

@@ -17,7 +17,7 @@ from tridentify import (
     simulate,
 )
 from tridentify.estimation.answer.estimate import Status
-from tridentify.estimation.likelihood import answer
+from tridentify.estimation.likelihood import curvature
 from tridentify.estimation.likelihood.scores import BLOCKS, FALSE_ALARMS, judged_scatter
 
 MODEL = TransferFunction([2.0], [1.0, 2.0, 4.0])
@@ -59,7 +59,7 @@ def drift(rng):
 def test_errors_grow_with_a_slow_disturbance(disturb, monkeypatch):
     seeds = range(6)
     found = [identify(record(k, disturb), Structure(2, 0), WHITE) for k in seeds]
-    monkeypatch.setattr(answer, "scatter_of_scores", lambda *_: None)
+    monkeypatch.setattr(curvature, "scatter_of_scores", lambda *_: None)
     plain = [identify(record(k, disturb), Structure(2, 0), WHITE) for k in seeds]
     off, before = (np.array([np.abs(e.theta - TRUTH) / e.std for e in es]) for es in (found, plain))
     assert sum(e.errors == "scores" for e in found) >= 5
@@ -101,11 +101,25 @@ def test_a_posterior_mean_has_wider_intervals(monkeypatch):
     assert estimate.status is Status.POSTERIOR_MEAN
     assert estimate.errors == "scores"
     monkeypatch.setattr(
-        "tridentify.estimation.posterior.maximum_or_mean.scatter_at", lambda _: None
+        "tridentify.estimation.likelihood.curvature.scatter_of_scores", lambda *_: None
     )
     plain = identify(seen, Structure(2, 0), method)
     assert plain.errors == "likelihood"
     assert np.all(estimate.std > 1.3 * plain.std)
+
+
+def test_the_mixture_over_delays_has_wider_errors(monkeypatch):
+    structure = Structure(2, 0, delay="free")
+    seen = record(0, gusts)
+    estimate = identify(seen, structure, WHITE)
+    assert estimate.errors == "scores"
+    monkeypatch.setattr(
+        "tridentify.estimation.likelihood.curvature.scatter_of_scores", lambda *_: None
+    )
+    plain = identify(seen, structure, WHITE)
+    assert plain.errors == "likelihood"
+    assert np.all(estimate.std > 1.3 * plain.std)
+    assert estimate.theta == pytest.approx(plain.theta, rel=1e-12)
 
 
 def test_an_unknown_source_of_errors_is_refused():

@@ -9,8 +9,8 @@ import pytest
 import scipy.signal
 
 from tridentify import Record, Structure, TransferFunction, online, simulate
-from tridentify.estimation.likelihood.answer import physical_map
 from tridentify.estimation.likelihood.cost import evaluate_variant
+from tridentify.estimation.likelihood.curvature import physical_map
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.likelihood.problem import Variant
 from tridentify.numerics.realization import sort_poles

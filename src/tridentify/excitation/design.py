@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import UndeterminedError
-from tridentify.estimation.likelihood.answer import SINGULAR
+from tridentify.estimation.likelihood.curvature import SINGULAR
 
 Array = NDArray[np.float64]
 Criterion = Literal["A", "D"]

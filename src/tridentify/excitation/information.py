@@ -30,8 +30,8 @@ from tridentify.errors import (
 from tridentify.estimation.knowledge.affine import Knowledge, known_of
 from tridentify.estimation.knowledge.fixed_denominator import fit, place
 from tridentify.estimation.knowledge.solve import problem_for
-from tridentify.estimation.likelihood.answer import SINGULAR, physical_transform
 from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.curvature import SINGULAR, physical_transform
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.numerics.least_squares import triangle
 from tridentify.record.record import Record

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError, shown
+from tridentify.estimation.answer.assemble import Asked, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
-from tridentify.estimation.likelihood.answer import estimate_from
+from tridentify.estimation.likelihood.answer import Ending, solved_at
 from tridentify.estimation.likelihood.choose_nuisance import deciding
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.methods.base import check
@@ -146,10 +147,9 @@ def _maximum(record: Record, structure: Structure, thorough: bool) -> Slices[Est
         other = (yield from deciding(question, [poles])).best
         best = other if other.criterion < best.criterion else best
     yield
-    return estimate_from(
-        best.point, records, structure, best.nuisances, best.status, Trace((), ()), "the search",
-        best.criterion, judged=False,
-    )  # fmt: skip
+    ending = Ending(best.point, best.nuisances, best.status, best.criterion, Trace(()))
+    solved = solved_at(ending, records, structure, judged=False)
+    return assemble(Asked.of(records, structure, "the search"), solved)
 
 
 def judged_poles(found: Estimate, setting: Setting) -> FoundPoles | None:

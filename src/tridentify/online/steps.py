@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.estimation.answer.assemble import Asked, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Step, Trace
-from tridentify.estimation.likelihood.answer import estimate_from
+from tridentify.estimation.likelihood.answer import Ending, solved_at
 from tridentify.estimation.likelihood.choose_nuisance import TRUSTED
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant, linear_blocks
 from tridentify.estimation.likelihood.levenberg_marquardt import (
@@ -250,25 +251,18 @@ def estimate_of(
     )
     at = int(blueprint.ints[slots.AT_FIRST_INPUT])
     record = stand_in(setting, x[at : at + setting.n_inputs])
-    found = estimate_from(
-        point, [record], setting.structure, solution.nuisances, solution.status, trace, method,
-        solution.criterion,
-        # there are no samples any more: the scatter that was gathered along is used below
-        judged=False,
-    )  # fmt: skip
+    ending = Ending(point, solution.nuisances, solution.status, solution.criterion, trace)
+    # there are no samples any more: the scatter that was gathered along is used below
+    found = solved_at(ending, [record], setting.structure, judged=False)
     summary = summarise(blueprint, x)
     share = float(np.mean(summary.shares))
     own = coefficients_of_directions(setting)
     map_ = from_directions(setting, poles)
     white = found.cov * share
     cov = with_scatter(blueprint, x, white, found.noise_variance, own, map_)
-    return replace(
-        found,
-        cov=cov,
-        findings=noise_finding(white, cov),
-        n_samples=int(x[slots.COUNT]),
-        record_fingerprint="",
-    )
+    count = int(x[slots.COUNT])
+    asked = Asked((record,), setting.structure, method, count, record.dt, fingerprint="")
+    return assemble(asked, replace(found, cov=cov, findings=noise_finding(white, cov)))
 
 
 def stand_in(setting: Setting, first: Array) -> Record:

@@ -43,9 +43,9 @@ from tridentify.errors import (
     TridentifyError,
     shown,
 )
+from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
-from tridentify.estimation.likelihood.answer import fingerprint
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.identify import METHODS
 from tridentify.numerics.executor import Executor

@@ -187,3 +187,20 @@ class Trace:
     starts: tuple[Start, ...] = ()
     decisions: tuple[str, ...] = ()
     stopped: str = ""
+
+    def told(self, *words: str) -> Trace:
+        """The same way with further decisions.
+
+        Parameters
+        ----------
+        *words : str
+            One a decision.
+
+        Examples
+        --------
+        >>> Trace((), decisions=("offset",)).told("no drift").decisions
+        ('offset', 'no drift')
+        """
+        if not words:
+            return self
+        return dataclasses.replace(self, decisions=(*self.decisions, *words))

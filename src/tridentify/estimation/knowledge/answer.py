@@ -14,32 +14,26 @@ Stoica & B. C. Ng, IEEE Signal Processing Letters 5(7) (1998) 177-179.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import UnsupportedOrderError
+from tridentify.estimation.answer.assemble import Asked, Solved, assemble
 from tridentify.estimation.answer.estimate import Estimate, Nuisance, Pass, Status, Step, Trace
+from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.knowledge.affine import Knowledge
 from tridentify.estimation.knowledge.descend import ConstrainedEnd, free_directions
 from tridentify.estimation.knowledge.fixed_denominator import Denominator, HeldFit
 from tridentify.estimation.knowledge.scores import constrained_scatter
-from tridentify.estimation.likelihood.answer import (
-    SINGULAR,
-    fingerprint,
-    free_after,
-    model_of,
-    with_decision,
-)
+from tridentify.estimation.likelihood.answer import fit_percent, free_after, model_of
+from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.levenberg_marquardt import INDISTINGUISHABLE, ROUNDING_SQUARED
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.scores import ScoreScatter
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
-from tridentify.structure import InitialState, Structure
 
 Array = NDArray[np.float64]
 
@@ -134,20 +128,28 @@ def freedom(here: HeldFit, known: Knowledge) -> Array:
 
 def estimate_of(
     reached: ConstrainedEnd,
-    records: Sequence[Record],
-    structure: Structure,
+    asked: Asked,
     nuisances: Nuisances,
     trace: Trace,
-    method: str,
+    doubts: tuple[Finding, ...] = (),
 ) -> Estimate:
-    """Assemble the estimate.
+    """The estimate.
+
+    Parameters
+    ----------
+    reached : ConstrainedEnd
+    asked : Asked
+    nuisances : Nuisances
+    trace : Trace
+    doubts : tuple of Finding
+        What speaks against the constraints.
 
     Raises
     ------
     UnsupportedOrderError
         If the data cannot tell the free coefficients apart.
     """
-    here, known, first = reached.fit, reached.known, records[0]
+    here, known, records = reached.fit, reached.known, asked.records
     problem, theta = here.problem, here.theta
     left = freedom(here, known)
     rss = _plain_rss(here)
@@ -165,21 +167,17 @@ def estimate_of(
     if status is Status.CONVERGED and np.any(std > np.abs(theta[: problem.n_poles])):
         status = Status.WEAKLY_IDENTIFIABLE
     if scatter is not None:
-        spread, trace = spread.scattered(scatter), with_decision(trace, scatter.in_words())
-    power = problem.power * here.counts
+        spread, trace = spread.scattered(scatter), trace.told(scatter.in_words())
     n = float(here.counts.sum())
-    return Estimate(
-        model=model_of(problem, theta, first),
-        structure=_resolved(structure, nuisances),
+    solved = Solved(
+        structure=nuisances.resolved(asked.structure),
+        model=model_of(problem, theta, records[0]),
         theta=theta,
-        names=known.names,
         cov=spread.cov,
         noise_variance=rss / left,
-        fit=100.0 * (1.0 - np.sqrt(rss / np.where(power > 0, power, np.inf))),
+        fit=fit_percent(problem, rss, here.counts),
         status=status,
         trace=trace,
-        method=method,
-        n_samples=sum(record.n_samples for record in records),
         nuisance=tuple(
             _nuisance(here, known, record, nuisances, spread, e) for e, record in enumerate(records)
         ),
@@ -188,15 +186,11 @@ def estimate_of(
         aicc=criterion(here, known) + _noise_criterion(here, known, n),
         condition=spread.condition,
         gradient=reached.gradient,
-        input_names=first.input_names,
-        output_names=first.output_names,
-        units=dict(first.units),
-        intersample=first.behaviour,
-        dt=first.dt,
-        record_fingerprint=fingerprint(records),
         noise_model=problem.noise,
+        findings=doubts,
         errors="likelihood" if scatter is None else "scores",
     )
+    return assemble(asked, solved)
 
 
 def _scatter(reached: ConstrainedEnd, spread: Spread, noise: Array) -> ScoreScatter | None:
@@ -288,15 +282,6 @@ def _noise_criterion(here: HeldFit, known: Knowledge, n: float) -> float:
     k = unknowns(here, known)
     scale = float(sum(sum(r.log_scale) for r in here.place.regressions))
     return scale + _count_penalty(n, k + added) - _count_penalty(n, k)
-
-
-def _resolved(structure: Structure, nuisances: Nuisances) -> Structure:
-    return replace(
-        structure,
-        offset=nuisances.offset,
-        drift=nuisances.drift,
-        initial_state=cast("InitialState", nuisances.initial_state),
-    )
 
 
 def _nuisance(

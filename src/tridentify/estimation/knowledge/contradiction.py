@@ -37,7 +37,7 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.knowledge.affine import Knowledge, known_of
 from tridentify.estimation.knowledge.answer import freedom, spread_of
 from tridentify.estimation.knowledge.descend import ConstrainedEnd, descend, is_exact, is_stable
-from tridentify.estimation.likelihood.answer import SINGULAR
+from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white

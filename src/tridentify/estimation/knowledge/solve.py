@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import ContradictoryConstraintsError
+from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Start, Status, Trace
 from tridentify.estimation.knowledge.affine import (
     Knowledge,
@@ -148,34 +149,10 @@ def _integrated(record: Record, count: int, structure: Structure) -> Record:
     )
 
 
-def unmoved(structure: Structure, estimate: Estimate) -> Estimate | None:
-    """A free estimate that lies within the bounds, where bounds are all that is known; else None.
-
-    It is the constrained one then, a posterior mean too if no draw lies beyond.
-    """
-    bounds = structure.bounds or {}
-    if replace(structure, bounds=None).constrained or not estimate.status.ok:
-        return None
-    draws = np.vstack([estimate.theta, estimate.draws])
-    for name, (low, high) in bounds.items():
-        values = draws[:, estimate.names.index(name)]
-        if (low is not None and values.min() <= low) or (high is not None and values.max() >= high):
-            return None
-    trace = estimate.trace
-    told = (*trace.decisions, "constraints: the free estimate lies within all bounds, none active")
-    return replace(
-        estimate,
-        structure=replace(estimate.structure, bounds=structure.bounds),
-        trace=replace(trace, decisions=told),
-    )
-
-
 def constrain(
-    records: Sequence[Record],
-    structure: Structure,
+    asked: Asked,
     known: Knowledge,
     seeds: Seeds,
-    method: str,
     say: Callable[[str], None],
     most: int,
     noise: NoiseChoice,
@@ -184,15 +161,12 @@ def constrain(
 
     Parameters
     ----------
-    records : sequence of Record
-    structure : Structure
-        With its constraints.
+    asked : Asked
+        The structure with its constraints.
     known : Knowledge
         From `resolve`.
     seeds : Seeds
         What the free search found.
-    method : str
-        Its name.
     say : callable
         Is told what is going on.
     most : int
@@ -208,6 +182,7 @@ def constrain(
         If the data cannot tell the free coefficients apart.
     """
     say("the constraints")
+    records, structure = asked.records, asked.structure
     choices = _choices(records, structure, known)
     starts = _distinct(
         [_widened(one, records, structure, known) for one in seeds.coefficients], known
@@ -230,8 +205,7 @@ def constrain(
         best, nuisances, told = _coloured(records, structure, choices, best, nuisances, told, most)
     told += _whiteness(best, noise)
     trace = _trace(seeds.trace, best, tried, told)
-    estimate = estimate_of(best, records, structure, nuisances, trace, method)
-    return replace(estimate, findings=doubts)
+    return estimate_of(best, asked, nuisances, trace, doubts)
 
 
 def _from_all(

@@ -12,8 +12,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.estimation.likelihood.answer import Rests, fit_rests
 from tridentify.estimation.likelihood.levenberg_marquardt import INDISTINGUISHABLE
+from tridentify.estimation.likelihood.literal import Literal, Rests, fit_rests
+from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.regression import regress
 from tridentify.models.response import Response
@@ -78,6 +79,10 @@ class HeldModel:
     def rests(self) -> Rests:
         """Free responses, offsets and drifts."""
         return self._fitted[1]
+
+    def literal(self, nuisances: Nuisances) -> Literal:
+        """The same with what was fitted beside it, for an estimate of it as it is."""
+        return Literal(self.problem, nuisances, self.theta, self.poles, self.rests)
 
     @cached_property
     def counts(self) -> Array:

@@ -46,8 +46,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.estimation.likelihood.answer import covariance
 from tridentify.estimation.likelihood.cost import Point, evaluate
+from tridentify.estimation.likelihood.curvature import Curvature
 from tridentify.estimation.likelihood.levenberg_marquardt import at_rounding, coefficients, finish
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.realization import Complex
@@ -230,9 +230,9 @@ def component(point: Point, cell: Cell, *, whole: bool = False) -> Component:
     whole : bool
         Whether poles faster than the samples can show count with their standard errors.
     """
-    full, theta = covariance(point), coefficients(point)
+    full, theta = Curvature.at(point).covariance, coefficients(point)
     held = fast_poles(point)
-    cov = covariance(point, held) if held.size else full
+    cov = Curvature.at(point, held=held).covariance if held.size else full
     first = theta.size - point.problem.n_delays
     ends = [first + j for j in cell.kinked]
     slopes = point.delay_slopes[cell.kinked]
@@ -270,7 +270,7 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
         return None
     problem = best.problem
     home = Cell.around(problem, problem.delays)
-    std = np.sqrt(np.diag(covariance(best)))
+    std = Curvature.at(best).std
     if not home.kinked and not others:
         return None
     first = home.end(problem, problem.delays, best.poles) if home.kinked else best

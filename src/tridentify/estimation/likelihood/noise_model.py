@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TooFewSamplesError, UnsupportedError
-from tridentify.estimation.likelihood.answer import taken
 from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.curvature import taken
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     at_rounding,
 )

@@ -18,7 +18,8 @@ All rows are nested in the largest one, so one pass over the samples serves them
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +29,7 @@ from tridentify.errors import ConstantInputError, DelayError, OptionError, TooFe
 from tridentify.estimation.likelihood.problem import Problem, Variant, states_of
 from tridentify.models.regression import Experiment
 from tridentify.record.record import Record
-from tridentify.structure import Structure
+from tridentify.structure import InitialState, Structure
 
 Array = NDArray[np.float64]
 
@@ -61,6 +62,15 @@ class Nuisances:
         fixed = self.offset + self.drift
         free = self.initial_state == "free"
         return sum(n * free + fixed for n in states) * n_experiments
+
+    def resolved(self, structure: Structure) -> Structure:
+        """The structure with this choice in place of what it leaves open."""
+        return replace(
+            structure,
+            offset=self.offset,
+            drift=self.drift,
+            initial_state=cast("InitialState", self.initial_state),
+        )
 
 
 def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisances, ...]:

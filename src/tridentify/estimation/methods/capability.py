@@ -35,6 +35,10 @@ class Capability(enum.Flag):
     CONSTRAINTS = enum.auto()
 
 
+EVERYTHING = ~Capability.NONE
+"""Of a method that refuses nothing."""
+
+
 def refuse_unsupported(
     records: Sequence[Record], structure: Structure, method: str, can: Capability
 ) -> None:

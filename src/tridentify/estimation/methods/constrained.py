@@ -5,27 +5,25 @@ Where bounds are all that is known and the free estimate lies within them, that 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 
+import numpy as np
+
 from tridentify.errors import UnsupportedOrderError
+from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Trace
-from tridentify.estimation.knowledge.solve import Seeds, constrain, resolve, seen, unmoved
+from tridentify.estimation.knowledge.solve import Seeds, constrain, resolve, seen
+from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.noise_model import NoiseChoice
 from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.methods.maximum import Maximiser
-from tridentify.record.record import Record
-from tridentify.structure import Structure
+
+NONE_ACTIVE = "constraints: the free estimate lies within all bounds, none active"
 
 
 def within_constraints(
-    method: Maximiser,
-    records: Sequence[Record],
-    structure: Structure,
-    say: Progress,
-    most: int,
-    noise: NoiseChoice,
+    method: Maximiser, asked: Asked, say: Progress, most: int, noise: NoiseChoice
 ) -> Estimate:
     """The maximum of the likelihood, and of the priors, within what is known.
 
@@ -33,9 +31,8 @@ def within_constraints(
     ----------
     method : Maximiser
         Looks for the maximum without the constraints.
-    records : sequence of Record
-    structure : Structure
-        With its constraints.
+    asked : Asked
+        The structure with its constraints.
     say : callable
         Is told what is going on.
     most : int
@@ -43,17 +40,34 @@ def within_constraints(
     noise : {"white", "ar", "auto"}
         What the noise is taken for.
     """
-    known = resolve(records, structure)
-    looked_at = seen(records, structure, known)
+    known = resolve(asked.records, asked.structure)
+    looked_at = seen(asked.records, asked.structure, known)
     seeds = Seeds((), (), Trace(()))
     if looked_at is not None:
         free = method.maximise(*looked_at, say)
         if known.only_bounds:
-            with suppress(UnsupportedOrderError):
-                kept = unmoved(structure, method.answer(free, *looked_at, say))
-                if kept is not None:
-                    return kept
-        point = free.end.point
+            ending = method.weighed(free, say)
+            if _within_bounds(ending, asked):
+                with suppress(UnsupportedOrderError):
+                    return estimate_from(ending.told(NONE_ACTIVE), asked)
         tried = [one.theta for one in sorted(free.trace.starts, key=lambda start: start.cost)]
-        seeds = Seeds((coefficients(point), *tried), point.problem.noise, free.trace)
-    return constrain(records, structure, known, seeds, method.name, say, most, noise)
+        seeds = Seeds((coefficients(free.point), *tried), free.point.problem.noise, free.trace)
+    return constrain(asked, known, seeds, say, most, noise)
+
+
+def _within_bounds(ending: Ending, asked: Asked) -> bool:
+    """Whether a free end meets the bounds: it is the constrained one then.
+
+    A posterior mean too, if no draw lies beyond.
+    """
+    if not ending.status.ok:
+        return False
+    first = asked.records[0]
+    names = asked.structure.names(first.input_names, first.output_names)
+    draws = np.zeros((0, len(names))) if ending.spread is None else ending.spread.draws
+    every = np.vstack([coefficients(ending.point), draws])
+    for name, (low, high) in (asked.structure.bounds or {}).items():
+        values = every[:, names.index(name)]
+        if (low is not None and values.min() <= low) or (high is not None and values.max() >= high):
+            return False
+    return True

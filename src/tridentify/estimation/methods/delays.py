@@ -3,33 +3,31 @@
 The places (`search.delay_search`), one for every kind of start, are finished on the same samples,
 those that the longest of them allows, and the best by AICc counts, where what it leaves out beyond
 a tenth of the record counts against it. It is finished once more on all samples that it allows
-itself, but for two, in which it may move. What the answer owes to other delays is added at the end
-(`search.delays`).
+itself, but for two, in which it may move. What other delays add to its uncertainty, and what is to
+be said of them, comes last (`search.delays`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError
-from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Progress
-from tridentify.estimation.methods.maximum import Maximiser
+from tridentify.estimation.methods.maximum import Maximiser, Reached
 from tridentify.estimation.search.delay_search import MOST_ROUNDS, DelayPlace, delay_places, price
 from tridentify.estimation.search.delays import (
     AT_LIMIT,
     SPARE,
     Located,
-    delays_of,
     left_out,
-    poles_of,
+    other_delays,
     refuse_direct,
-    spread,
+    repeated_inputs,
     with_delays,
-    with_repeats,
 )
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -43,8 +41,8 @@ def over_delays(
     structure: Structure,
     say: Progress,
     given: Array | None = None,
-) -> Estimate:
-    """The best of the estimates from every place, on all samples that it allows.
+) -> Reached:
+    """The best of the ends from every place, on all samples that it allows.
 
     Parameters
     ----------
@@ -62,34 +60,34 @@ def over_delays(
     none = np.zeros(0, dtype=np.complex128)
     places = delay_places(records, structure) if given is None else [DelayPlace(given, none)]
     known, limits = with_delays(records, structure, [place.delays for place in places])
-
-    def located(place: DelayPlace) -> Estimate:
-        found = method.maximise(records, known, say, Located(place, limits))
-        return method.answer(found, records, structure, say)
-
     found, refusals = [], []
     for place in places:
         try:
-            found.append((located(place), place))
+            reached = method.maximise(records, known, say, Located(place, limits))
+            reached.curvature.refuse_undetermined()
+            found.append((reached, place))
         except IdentifiabilityError as refusal:
             refusals.append(refusal)
     if not found:
         raise refusals[0]
     samples = float(sum(record.y.size for record in records))
 
-    def cost(one: tuple[Estimate, DelayPlace]) -> float:
-        own = with_delays(records, structure, [delays_of(one[0])])[0]
+    def cost(one: tuple[Reached, DelayPlace]) -> float:
+        own = with_delays(records, structure, [one[0].point.problem.delays])[0]
         return one[0].aicc + price(left_out(records, own), samples)
 
     best, place = min(found, key=cost)
     for _ in range(MOST_ROUNDS):
-        delays = delays_of(best)
+        delays = best.point.problem.delays
         own, _ = with_delays(records, structure, [delays])
         spare = left_out(records, known) - left_out(records, own)
         few = spare <= SPARE * len(records) * records[0].n_outputs
         if np.all(delays < AT_LIMIT * limits) and few:
             break
         known, limits = with_delays(records, structure, [delays])
-        best = located(DelayPlace(delays, poles_of(best)))
+        located = Located(DelayPlace(delays, best.point.poles), limits)
+        best = method.maximise(records, known, say, located)
+        best.curvature.refuse_undetermined()
     rivals = [*place.rivals, (place.delays, place.poles)] if place.poles.size else []
-    return spread(with_repeats(best, records), records, known, limits, rivals)
+    spread, words = other_delays(best, rivals)
+    return replace(best.told(*repeated_inputs(records), *words), spread=spread)

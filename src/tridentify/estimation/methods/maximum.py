@@ -11,7 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
-from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Trace
+from tridentify.estimation.answer.trace import Pass, Start, Status, Trace
+from tridentify.estimation.likelihood.answer import Ending
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.methods.base import Progress
@@ -67,20 +68,21 @@ def maximum(question: Question, starts: Starts) -> Maximum:
 
 
 @dataclass(frozen=True, eq=False)
-class Reached:
-    """What a method ends with when it is done: what its answer is made of.
+class Reached(Ending):
+    """The ending of a method that goes to the likelihood's maximum.
 
     Attributes
     ----------
-    end : Finished
-    trace : Trace
     scan : Scan, optional
         The search's last look at other places.
     """
 
-    end: Finished
-    trace: Trace
     scan: Scan | None = None
+
+    @classmethod
+    def of(cls, end: Finished, trace: Trace, scan: Scan | None = None) -> Reached:
+        """Where the steps ended."""
+        return cls(end.point, end.nuisances, end.status, end.criterion, trace, scan=scan)
 
 
 class Maximiser(Protocol):
@@ -99,7 +101,5 @@ class Maximiser(Protocol):
     ) -> Reached:
         """The maximum for known delays, or for delays near some that are known."""
 
-    def answer(
-        self, reached: Reached, records: Sequence[Record], structure: Structure, say: Progress
-    ) -> Estimate:
-        """The estimate there."""
+    def weighed(self, reached: Reached, say: Progress) -> Ending:
+        """Where to end: there or, where that is not to be trusted, beyond it."""

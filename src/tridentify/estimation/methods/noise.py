@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Pass, Start, Status
 from tridentify.estimation.answer.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
-from tridentify.estimation.likelihood.answer import output_rss, standard_errors
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
 from tridentify.estimation.likelihood.cost import Point, evaluate
+from tridentify.estimation.likelihood.curvature import Curvature, output_rss
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Recorder,
     at_rounding,
@@ -192,7 +192,7 @@ def _is_lost(best: Finished, first: Finished) -> bool:
 def _stands(point: Point, before: Point) -> bool:
     """Whether the coefficients moved by less than a hundredth of their standard errors."""
     moved = np.abs(coefficients(point) - coefficients(before))
-    return bool(np.all(moved <= STILL * standard_errors(point)))
+    return bool(np.all(moved <= STILL * Curvature.at(point).std))
 
 
 def _apart(first: Finished, best: Finished) -> tuple[str, ...]:

@@ -31,15 +31,16 @@ from tridentify.errors import (
     IdentifiabilityError,
     OptionError,
 )
+from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Start, Step, Trace
-from tridentify.estimation.likelihood.answer import estimate_from
+from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, coefficients, mean_square
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question, silently
 from tridentify.estimation.methods.base import Progress, check, check_count
-from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.capability import EVERYTHING, Capability
 from tridentify.estimation.methods.constrained import within_constraints
 from tridentify.estimation.methods.delays import over_delays
 from tridentify.estimation.methods.filtered.svf_least_squares import least_squares
@@ -120,9 +121,7 @@ class OutputError:
     @property
     def capabilities(self) -> Capability:
         """All of them."""
-        sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
-        delays = sampling | Capability.FREE_DELAY
-        return delays | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
+        return EVERYTHING
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -161,12 +160,15 @@ class OutputError:
                 partial(OutputError, max_passes=self.max_passes),
             )
             return robust_estimate(records, structure, self.loss, plain, near, say)
+        asked = Asked.of(records, structure, self.name)
         if structure.constrained:
-            return within_constraints(self, records, structure, say, self.max_passes, "white")
+            return within_constraints(self, asked, say, self.max_passes, "white")
         if structure.delay == "free":
             given = None if self.start is None else self.start.delay.max(axis=0)
-            return over_delays(self, records, structure, say, given)
-        return self.answer(self.maximise(records, structure, say), records, structure, say)
+            best = over_delays(self, records, structure, say, given)
+        else:
+            best = self.maximise(records, structure, say)
+        return estimate_from(best, asked)
 
     def maximise(
         self,
@@ -213,17 +215,11 @@ class OutputError:
         recorder.extend(found.best.recorder)
         begun = Start(note, coefficients(first), mean_square(first))
         trace = Trace(tuple(recorder.passes), (begun,), found.decisions, found.best.why)
-        return Reached(found.best, trace)
+        return Reached.of(found.best, trace)
 
-    def answer(
-        self, reached: Reached, records: Sequence[Record], structure: Structure, say: Progress
-    ) -> Estimate:
-        """The estimate there."""
-        end = reached.end
-        return estimate_from(
-            end.point, records, structure, end.nuisances, end.status, reached.trace, self.name,
-            end.criterion,
-        )  # fmt: skip
+    def weighed(self, reached: Reached, say: Progress) -> Ending:
+        """There: at the minimum."""
+        return reached
 
     def _has_orders(self, record: Record, structure: Structure) -> bool:
         """Whether the start has the denominators that are asked for."""

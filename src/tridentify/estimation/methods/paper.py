@@ -27,10 +27,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import ConvergenceError, OptionError, shown
+from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Pass, Status, Step, Trace
 from tridentify.estimation.answer.trace import pairs
-from tridentify.estimation.likelihood.answer import Rests, fit_rests, literal_estimate
 from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.literal import Literal, Rests, fit_rests, literal_estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.methods.base import Progress, check, check_count
@@ -182,6 +183,54 @@ class PaperThreeModel:
         return _PaperRun(self, problem).estimate(records, structure, nuisances)
 
 
+def as_printed(
+    gamma: float,
+    n_operators: int = 3,
+    filter: Sequence[float] = (1.0, 5.0, 6.0, 7.0),
+    passes: int = 20,
+    *,
+    operators: str = "allpass",
+    solver: str = "least_squares",
+    tolerance: float = 1e-8,
+) -> PaperThreeModel:
+    """Steps 1 to 4 as printed in the paper.
+
+    Parameters
+    ----------
+    gamma : float
+        Parameter of the operators [rad/s].
+    n_operators : int
+        How many operators ``W_i``, besides ``W_0 = 1`` in Step 3.
+    filter : sequence of float
+        Coefficients of ``c(p)``, descending powers, of higher degree than ``a``.
+    passes : int
+        Most repetitions of Steps 2 to 4.
+    operators : {"allpass", "laguerre"}
+        Equation (4), or orthonormal Laguerre functions.
+    solver : {"least_squares", "one_at_a_time"}
+        How Step 1 is solved; the second is the formula for orthogonal regressors.
+    tolerance : float
+        Stop rule on ``beta`` and on the relative movement of the coefficients.
+
+    Returns
+    -------
+    PaperThreeModel
+        A method for `identify`.
+
+    Raises
+    ------
+    OptionError
+        For options that make no sense.
+
+    Examples
+    --------
+    >>> from tridentify import ThreeModel
+    >>> ThreeModel.paper(1.7).filter
+    (1.0, 5.0, 6.0, 7.0)
+    """
+    return PaperThreeModel(gamma, n_operators, tuple(filter), passes, operators, solver, tolerance)
+
+
 @dataclass(frozen=True, eq=False)
 class _PaperModel:
     """A pass's b / a as polynomials."""
@@ -254,16 +303,10 @@ class _PaperRun:
         if status is Status.SETTLED and self._is_stationary(model.poles, rest):
             status = Status.CONVERGED
         return literal_estimate(
-            self.problem,
-            records,
-            structure,
-            nuisances,
-            model.theta(),
-            model.poles,
-            rest,
+            Asked.of(records, structure, self.options.name),
+            Literal(self.problem, nuisances, model.theta(), model.poles, rest),
             status,
             Trace(tuple(self.passes), stopped=why),
-            self.options.name,
         )
 
     def _is_stationary(self, poles: Complex, rests: Rests) -> bool:

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError
+from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate, Trace
-from tridentify.estimation.likelihood.answer import fingerprint
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.search.gross_outliers import gross_outliers
 from tridentify.numerics.robust import LOSSES, Judged, Loss, judge
@@ -60,6 +60,8 @@ class Settled:
     ----------
     estimate : Estimate
         Of the pseudo-samples.
+    trace : Trace
+        All rounds.
     judged : tuple of Judged
         One per output, the experiments one after the other.
     distance : tuple of (n_samples, n_outputs) arrays
@@ -70,14 +72,15 @@ class Settled:
     """
 
     estimate: Estimate
+    trace: Trace
     judged: tuple[Judged, ...]
     distance: tuple[Array, ...]
     rounds: int
     still: bool
 
 
-def check_loss(loss: str) -> None:
-    """Refuse an unknown option.
+def check_loss(loss: str, noise: str = "white") -> None:
+    """Refuse an unknown loss, or one beside a model of the noise.
 
     Raises
     ------
@@ -86,6 +89,11 @@ def check_loss(loss: str) -> None:
     if loss not in LOSSES:
         raise OptionError(
             f"found loss={loss!r}; expected 'squared', 'huber' or 'student'; choose one of them"
+        )
+    if loss != "squared" and noise == "ar":
+        raise OptionError(
+            f"found noise='ar' with loss={loss!r}; expected one of the two, as whitening spreads "
+            "an outlier over its neighbours; leave one out"
         )
 
 
@@ -96,6 +104,7 @@ def robust_estimate(
     plain: Method,
     near: Near,
     say: Callable[[str], None],
+    words: tuple[str, ...] = (),
 ) -> Estimate:
     """Minimise a robust loss by least squares.
 
@@ -110,6 +119,8 @@ def robust_estimate(
         The method of the rounds, which begins at a model.
     say : callable
         Is told what is going on.
+    words : tuple of str
+        Further decisions for the trace.
 
     Returns
     -------
@@ -133,7 +144,7 @@ def robust_estimate(
         except TridentifyError:
             other = best
         best = min(best, other, key=lambda one: one.estimate.aicc)
-    return replace(_completed(records, loss, best), method=plain.name)
+    return _completed(records, loss, best, plain.name, words)
 
 
 def _settle(
@@ -182,7 +193,7 @@ def _settle(
     distance = tuple(
         np.abs(estimate.residual(record, experiment=e)) / spread for e, record in enumerate(records)
     )
-    return Settled(replace(estimate, trace=trace), judged, distance, count, still)
+    return Settled(estimate, trace, judged, distance, count, still)
 
 
 def _moved(estimate: Estimate, following: Estimate) -> float:
@@ -231,8 +242,10 @@ def _without(records: Sequence[Record], aside: Sequence[Flags]) -> list[Record]:
     ]
 
 
-def _completed(records: Sequence[Record], loss: Loss, settled: Settled) -> Estimate:
-    """The estimate with what is said of the samples as recorded."""
+def _completed(
+    records: Sequence[Record], loss: Loss, settled: Settled, method: str, words: tuple[str, ...]
+) -> Estimate:
+    """The last round's estimate as one of the samples as recorded."""
     estimate = settled.estimate
     joined = np.column_stack([one.weights for one in settled.judged])
     weights = np.split(joined, np.cumsum([record.n_samples for record in records])[:-1])
@@ -241,7 +254,6 @@ def _completed(records: Sequence[Record], loss: Loss, settled: Settled) -> Estim
         for e, distance in enumerate(settled.distance)
         for k, i in np.argwhere(distance > FAR)
     ]
-    told = (*estimate.trace.decisions, *_in_words(estimate, loss, settled))
     return replace(
         estimate,
         noise_variance=np.array([one.spread**2 for one in settled.judged]),
@@ -249,7 +261,8 @@ def _completed(records: Sequence[Record], loss: Loss, settled: Settled) -> Estim
         loss=loss,
         outliers=np.array(rows).reshape(-1, 4),
         record_fingerprint=fingerprint(records),
-        trace=replace(estimate.trace, decisions=told),
+        trace=settled.trace.told(*_in_words(estimate, loss, settled), *words),
+        method=method,
     )
 
 

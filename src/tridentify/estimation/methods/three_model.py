@@ -31,26 +31,26 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from tridentify.errors import OptionError
+from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Trace
-from tridentify.estimation.likelihood.answer import as_recorded
+from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.noise_model import NoiseChoice, check_noise
 from tridentify.estimation.likelihood.question import Question, silently
 from tridentify.estimation.likelihood.raster import on_raster
 from tridentify.estimation.methods.base import Progress, check, check_count
-from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.capability import EVERYTHING, Capability
 from tridentify.estimation.methods.constrained import within_constraints
 from tridentify.estimation.methods.delays import over_delays
 from tridentify.estimation.methods.maximum import Reached, maximum
 from tridentify.estimation.methods.noise import with_noise_model
 from tridentify.estimation.methods.output_error import OutputError
-from tridentify.estimation.methods.paper import PaperThreeModel
+from tridentify.estimation.methods.paper import as_printed
 from tridentify.estimation.methods.robust import check_loss, robust_estimate
 from tridentify.estimation.posterior.maximum_or_mean import (
+    NOT_ROBUST,
     FinishChoice,
     check_finish,
     refuse_posterior,
-    told_of_posterior,
     weigh,
 )
 from tridentify.estimation.search.delays import Located
@@ -105,67 +105,14 @@ class ThreeModel:
     finish: FinishChoice = "auto"
     loss: Loss = "squared"
 
+    paper = staticmethod(as_printed)
+
     def __post_init__(self) -> None:
         check_count("starts", self.starts)
         check_count("max_passes", self.max_passes)
         check_noise(self.noise)
         check_finish(self.finish)
-        check_loss(self.loss)
-        if self.loss != "squared" and self.noise == "ar":
-            raise OptionError(
-                f"found noise='ar' with loss={self.loss!r}; expected one of the two, as whitening "
-                "spreads an outlier over its neighbours; leave one out"
-            )
-
-    @classmethod
-    def paper(
-        cls,
-        gamma: float,
-        n_operators: int = 3,
-        filter: Sequence[float] = (1.0, 5.0, 6.0, 7.0),
-        passes: int = 20,
-        *,
-        operators: str = "allpass",
-        solver: str = "least_squares",
-        tolerance: float = 1e-8,
-    ) -> PaperThreeModel:
-        """Steps 1 to 4 as printed in the paper.
-
-        Parameters
-        ----------
-        gamma : float
-            Parameter of the operators [rad/s].
-        n_operators : int
-            How many operators ``W_i``, besides ``W_0 = 1`` in Step 3.
-        filter : sequence of float
-            Coefficients of ``c(p)``, descending powers, of higher degree than ``a``.
-        passes : int
-            Most repetitions of Steps 2 to 4.
-        operators : {"allpass", "laguerre"}
-            Equation (4), or orthonormal Laguerre functions.
-        solver : {"least_squares", "one_at_a_time"}
-            How Step 1 is solved; the second is the formula for orthogonal regressors.
-        tolerance : float
-            Stop rule on ``beta`` and on the relative movement of the coefficients.
-
-        Returns
-        -------
-        PaperThreeModel
-            A method for `identify`.
-
-        Raises
-        ------
-        OptionError
-            For options that make no sense.
-
-        Examples
-        --------
-        >>> ThreeModel.paper(1.7).filter
-        (1.0, 5.0, 6.0, 7.0)
-        """
-        return PaperThreeModel(
-            gamma, n_operators, tuple(filter), passes, operators, solver, tolerance
-        )
+        check_loss(self.loss, self.noise)
 
     @property
     def name(self) -> str:
@@ -175,9 +122,7 @@ class ThreeModel:
     @property
     def capabilities(self) -> Capability:
         """All of them."""
-        sampling = Capability.DELAY | Capability.NON_UNIFORM_TIME | Capability.BAND_LIMITED
-        delays = sampling | Capability.FREE_DELAY
-        return delays | Capability.SEPARATE_DENOMINATORS | Capability.CONSTRAINTS
+        return EVERYTHING
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
@@ -208,23 +153,15 @@ class ThreeModel:
         if self.loss != "squared":
             return self._robust(records, structure, say)
         with_all_rows = records if self.noise == "white" else [on_raster(one) for one in records]
-        return as_recorded(self._squared(with_all_rows, structure, say), with_all_rows, records)
-
-    def _squared(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
-        """With squared loss; what is known, and delays that are not, are loops around it."""
+        asked = Asked.of(records, structure, self.name, with_all_rows)
         if structure.constrained:
             refuse_posterior(self.finish)
-            return within_constraints(self, records, structure, say, self.max_passes, self.noise)
+            return within_constraints(self, asked, say, self.max_passes, self.noise)
         if structure.delay == "free":
-            return over_delays(self, records, structure, say)
-        return self.answer(self.maximise(records, structure, say), records, structure, say)
-
-    def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
-        """With another loss: the same on pseudo-samples, round by round."""
-        plain = replace(self, loss="squared", noise="white", finish="likelihood")
-        near = partial(OutputError, max_passes=self.max_passes)
-        found = robust_estimate(records, structure, self.loss, plain, near, say)
-        return told_of_posterior(found) if self.finish == "posterior" else found
+            best = over_delays(self, with_all_rows, structure, say)
+        else:
+            best = self.maximise(with_all_rows, structure, say)
+        return estimate_from(self.weighed(best, say), asked)
 
     def maximise(
         self,
@@ -260,11 +197,15 @@ class ThreeModel:
         # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
         trail = certified(best.end.point, [*best.trail, *best.end.recorder.passes])
         trace = Trace(trail, best.tried, best.decisions, best.end.why)
-        return Reached(best.end, trace, starts.scan)
+        return Reached.of(best.end, trace, starts.scan)
 
-    def answer(
-        self, reached: Reached, records: Sequence[Record], structure: Structure, say: Progress
-    ) -> Estimate:
-        """The estimate at the maximum or, where that is not to be trusted, beyond it."""
-        end, trace, scan = reached.end, reached.trace, reached.scan
-        return weigh(self.finish, end, records, structure, trace, self.name, say, scan)
+    def weighed(self, reached: Reached, say: Progress) -> Ending:
+        """Where to end: at the maximum or, where that is not to be trusted, beyond it."""
+        return weigh(self.finish, reached, say, reached.scan)
+
+    def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
+        """With another loss: the same on pseudo-samples, round by round."""
+        plain = replace(self, loss="squared", noise="white", finish="likelihood")
+        near = partial(OutputError, max_passes=self.max_passes)
+        words = (NOT_ROBUST,) if self.finish == "posterior" else ()
+        return robust_estimate(records, structure, self.loss, plain, near, say, words)

@@ -3,24 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
-from tridentify.estimation.answer.estimate import Estimate, Status, Step, Trace
-from tridentify.estimation.likelihood.answer import (
-    covariance,
-    estimate_from,
-    output_rss,
-    scatter_at,
-)
-from tridentify.estimation.likelihood.choose_nuisance import Finished
+from tridentify.estimation.answer.trace import Status, Step, Trace
+from tridentify.estimation.likelihood.answer import Ending, Spread
 from tridentify.estimation.likelihood.cost import Point, evaluate
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, at_rounding
+from tridentify.estimation.likelihood.curvature import output_rss
+from tridentify.estimation.likelihood.levenberg_marquardt import (
+    Recorder,
+    at_rounding,
+    coefficients,
+)
 from tridentify.estimation.likelihood.problem import Variant
+from tridentify.estimation.likelihood.scores import ScoreScatter
 from tridentify.estimation.posterior.mean import (
     VAGUE,
     Posterior,
@@ -32,9 +33,8 @@ from tridentify.estimation.posterior.mean import (
 from tridentify.estimation.search.one_mode_moved import moved_poles
 from tridentify.estimation.search.search import Scan
 from tridentify.numerics.realization import Complex, denominator
-from tridentify.record.record import Record
-from tridentify.structure import Structure
 
+Array = NDArray[np.float64]
 FinishChoice = Literal["auto", "likelihood", "posterior"]
 CHOICES = ("auto", "likelihood", "posterior")
 RIVAL = 30.0
@@ -50,6 +50,7 @@ CONTRADICTED = (
     "the likelihood's maximum: the posterior weighs models by the likelihood, which the scatter "
     "of the scores contradicts"
 )
+NOT_ROBUST = "the maximum of the robust likelihood: the posterior mean is for squared loss"
 LOST = 0.5
 """Standard error over natural size above which a maximum is not kept for that reason."""
 SOUND = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.WEAKLY_IDENTIFIABLE)
@@ -83,93 +84,74 @@ def refuse_posterior(finish: str) -> None:
         )
 
 
-def told_of_posterior(robust: Estimate) -> Estimate:
-    """A robust estimate with a word on why it is no posterior mean."""
-    told = "the maximum of the robust likelihood: the posterior mean is for squared loss"
-    return _told(robust, told)
-
-
 def weigh(
-    finish: FinishChoice,
-    best: Finished,
-    records: Sequence[Record],
-    structure: Structure,
-    trace: Trace,
-    method: str,
-    say: Callable[[str], None],
-    scan: Scan | None = None,
-) -> Estimate:
-    """The estimate at the likelihood's maximum or, where that is not to be trusted, beyond it.
+    finish: FinishChoice, best: Ending, say: Callable[[str], None], scan: Scan | None = None
+) -> Ending:
+    """The likelihood's maximum or, where that is not to be trusted, the posterior mean.
 
     Parameters
     ----------
     finish : {"auto", "likelihood", "posterior"}
-    best : Finished
+    best : Ending
         The maximum.
-    records : sequence of Record
-    structure : Structure
-    trace : Trace
-        Of the way to the maximum.
-    method : str
-        Its name.
     say : callable
         Is told what is going on.
     scan : Scan, optional
         The search's last look at other places.
-
-    Raises
-    ------
-    UnsupportedOrderError
-        If the data cannot tell the coefficients apart.
     """
-    maximum = _maximum(best, records, structure, trace, method)
-    possible = is_short(best.point.problem) and not at_rounding(best.point)
-    if finish == "likelihood" or not possible:
-        return _given(maximum)
-    if len(best.point.problem.groups) > 1 or best.point.problem.n_delays:
-        return _told(_given(maximum), SEPARATE)
-    n = best.point.problem.n_poles
-    # that of the likelihood, whatever the scatter of the scores makes of it
-    cov = None if isinstance(maximum, UnsupportedOrderError) else covariance(best.point)[:n, :n]
-    longest = max(e.duration for e in best.point.problem.experiments)
+    problem = best.point.problem
+    if finish == "likelihood" or not is_short(problem) or at_rounding(best.point):
+        return best
+    if len(problem.groups) > 1 or problem.n_delays:
+        return best.told(SEPARATE)
+    cov = _told_apart(best)
+    longest = max(e.duration for e in problem.experiments)
     vague = None if cov is None else vaguest(best.point.poles, cov, longest)
     sound = best.status in SOUND
     sharp = vague is not None and vague.share < VAGUE
     if finish == "auto" and sound and sharp and not has_rivals(best.point, scan):
-        return _given(maximum)
-    scatter = None if cov is None else scatter_at(best.point)
+        return best
+    scatter = None if cov is None else best.curvature.scatter
     known = vague is not None and vague.share < LOST
     if finish == "auto" and sound and known and scatter is not None:
-        return _told(_given(maximum), CONTRADICTED)
+        return best.told(CONTRADICTED)
     say("the posterior, as the record leaves coefficients open")
-    found = posterior(best.point.problem, [(best.point.poles, cov)])
+    found = posterior(problem, [(best.point.poles, cov)])
     if not found.usable:
-        return _told(
-            _given(maximum), "the posterior could not be sampled; the likelihood's maximum is kept"
-        )
-    point = evaluate(best.point.problem, found.poles)
+        return best.told("the posterior could not be sampled; the likelihood's maximum is kept")
+    point = evaluate(problem, found.poles)
     if finish == "auto" and sound and point.objective > best.point.objective + RIVAL:
-        return _told(_given(maximum), BETWEEN)
-    told = _in_words(finish, vague, sound, best)
-    if scatter is not None:
-        trace = replace(trace, decisions=(*trace.decisions, scatter.in_words()))
-    trace = _continued(trace, point, found, told)
-    estimate = estimate_from(
-        point,
-        records,
-        structure,
-        best.nuisances,
-        Status.POSTERIOR_MEAN,
-        trace,
-        method,
-        best.criterion,
-        judged=False,
+        return best.told(BETWEEN)
+    scattered = best if scatter is None else best.told(scatter.in_words())
+    return replace(
+        scattered,
+        point=point,
+        status=Status.POSTERIOR_MEAN,
+        trace=_continued(scattered.trace, point, found, _in_words(finish, vague, sound, best)),
+        spread=_spread(point, found, scatter),
     )
+
+
+def _told_apart(best: Ending) -> Array | None:
+    """(n, n) covariance of the denominator; None where the samples do not tell it.
+
+    It is that of the likelihood, whatever the scatter of the scores makes of it.
+    """
+    n = best.point.problem.n_poles
+    try:
+        best.curvature.refuse_undetermined()
+    except UnsupportedOrderError:
+        return None
+    return best.curvature.covariance[:n, :n]
+
+
+def _spread(point: Point, found: Posterior, scatter: ScoreScatter | None) -> Spread:
+    """That of the draws, wider where the scores scatter more than the likelihood says."""
     if scatter is None:
-        return replace(estimate, cov=found.covariance, draws=found.draws)
-    ratio = max(scatter.ratio, 1.0)
-    draws = estimate.theta + math.sqrt(ratio) * (found.draws - estimate.theta)
-    return replace(estimate, cov=ratio * found.covariance, draws=draws, errors="scores")
+        return Spread(found.covariance, found.draws)
+    ratio, middle = max(scatter.ratio, 1.0), coefficients(point)
+    draws = middle + math.sqrt(ratio) * (found.draws - middle)
+    return Spread(ratio * found.covariance, draws, "scores")
 
 
 def has_rivals(point: Point, scan: Scan | None = None) -> bool:
@@ -207,40 +189,7 @@ def _middle(poles: Complex) -> float:
     return float(np.exp(np.log(np.abs(poles)).mean()))
 
 
-def _maximum(
-    best: Finished,
-    records: Sequence[Record],
-    structure: Structure,
-    trace: Trace,
-    method: str,
-) -> Estimate | UnsupportedOrderError:
-    try:
-        return estimate_from(
-            best.point,
-            records,
-            structure,
-            best.nuisances,
-            best.status,
-            trace,
-            method,
-            best.criterion,
-        )
-    except UnsupportedOrderError as refusal:
-        return refusal
-
-
-def _given(maximum: Estimate | UnsupportedOrderError) -> Estimate:
-    if isinstance(maximum, UnsupportedOrderError):
-        raise maximum
-    return maximum
-
-
-def _told(estimate: Estimate, decision: str) -> Estimate:
-    trace = estimate.trace
-    return replace(estimate, trace=replace(trace, decisions=(*trace.decisions, decision)))
-
-
-def _in_words(finish: str, vague: Vague | None, sound: bool, best: Finished) -> str:
+def _in_words(finish: str, vague: Vague | None, sound: bool, best: Ending) -> str:
     """Why the maximum is not the answer: what the record leaves open, and what the record is."""
     point = best.point
     power = np.where(point.problem.power > 0, point.problem.power, np.inf)

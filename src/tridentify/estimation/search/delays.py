@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import UnsupportedError
-from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
+from tridentify.estimation.likelihood.answer import Ending, Spread
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.mixture import mixture
-from tridentify.estimation.likelihood.nuisance import Nuisances, build, first_explained
+from tridentify.estimation.likelihood.nuisance import first_explained
 from tridentify.estimation.search.delay_search import ROOM, STRETCHES, DelayPlace
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.realization import Complex
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -58,20 +58,15 @@ class Located:
     limits: Array
 
 
-def delays_of(estimate: Estimate) -> Array:
-    """(n_inputs,) delays that were estimated along [s]."""
-    return estimate.theta[-estimate.model.n_inputs :]
-
-
 def left_out(records: Sequence[Record], known: Structure) -> float:
     """Output samples before the first that the inputs explain."""
     return float(sum(first_explained(one, known) * one.n_outputs for one in records))
 
 
-def with_repeats(estimate: Estimate, records: Sequence[Record]) -> Estimate:
-    """The estimate with a word on inputs whose delay is one of several that are as good."""
+def repeated_inputs(records: Sequence[Record]) -> list[str]:
+    """A word on each input whose delay is one of several that are as good."""
     told = []
-    for j, name in enumerate(estimate.input_names):
+    for j, name in enumerate(records[0].input_names):
         found = [one for record in records if (one := repeats(record, j))]
         if len(found) < len(records):
             continue
@@ -84,10 +79,7 @@ def with_repeats(estimate: Estimate, records: Sequence[Record]) -> Estimate:
                 f"delay later by that explains the record as well{reversed_}, and the shortest is "
                 "given"
             )
-    if not told:
-        return estimate
-    decisions = (*estimate.trace.decisions, *told)
-    return replace(estimate, trace=replace(estimate.trace, decisions=decisions))
+    return told
 
 
 def repeats(record: Record, channel: int) -> tuple[float, int] | None:
@@ -139,40 +131,44 @@ def repeats(record: Record, channel: int) -> tuple[float, int] | None:
     return k * record.dt, int(np.sign(correlation[k]))
 
 
-def spread(
-    estimate: Estimate,
-    records: Sequence[Record],
-    known: Structure,
-    limits: Array,
-    rivals: Sequence[tuple[Array, Complex]],
-) -> Estimate:
-    """The estimate with the covariance of all minima and cells, and a word on other delays."""
-    chosen = estimate.structure
-    nuisances = Nuisances(chosen.initial_state, bool(chosen.offset), bool(chosen.drift))
-    built = build(records, replace(known, initial_state=chosen.initial_state), nuisances)
-    delays = delays_of(estimate)
-    problem = built.whitened(estimate.noise_model).delayed(delays).freed(limits)
-    best = evaluate(problem, poles_of(estimate))
+def other_delays(
+    ending: Ending, rivals: Sequence[tuple[Array, Complex]]
+) -> tuple[Spread | None, list[str]]:
+    """The covariance of all minima and cells, and a word on other delays.
+
+    Where the scores scatter more than the likelihood says, so does the mixture.
+
+    Parameters
+    ----------
+    ending : Ending
+        With free delays.
+    rivals : sequence of (delays, poles)
+        Where else minima may lie.
+
+    Returns
+    -------
+    spread : Spread or None
+        None where the local curvature says all.
+    words : list of str
+    """
+    problem = ending.point.problem
     step = max(e.dt for e in problem.experiments)
-    others = [one for one in rivals if np.any(np.abs(one[0] - delays) > MOVED * step)]
+    others = [one for one in rivals if np.any(np.abs(one[0] - problem.delays) > MOVED * step)]
+    best = ending.point
+    if problem.pinned is not None:
+        best = evaluate(replace(problem, pinned=None), best.poles)
     found = mixture(best, others)
     if found is None:
-        return estimate
-    told = _in_words(found.shares, found.means[:, -built.n_inputs :], delays, step)
-    trace = estimate.trace
-    if told:
-        trace = replace(trace, decisions=(*trace.decisions, told))
-    return replace(estimate, cov=found.cov, trace=trace)
-
-
-def poles_of(estimate: Estimate) -> Complex:
-    """Of every denominator."""
-    model = estimate.model
-    if estimate.structure.shared:
-        dens = [model.den[0][0]]
-    else:
-        dens = [den for row in model.den for den in row]
-    return np.concatenate([sort_poles(np.roots(den).astype(np.complex128)) for den in dens])
+        return None, []
+    told = _in_words(found.shares, found.means[:, -problem.n_inputs :], problem.delays, step)
+    words = [told] if told else []
+    scatter = ending.curvature.scatter
+    if scatter is None:
+        return Spread(found.cov), words
+    return Spread(max(scatter.ratio, 1.0) * found.cov, errors="scores"), [
+        *words,
+        scatter.in_words(),
+    ]
 
 
 def _in_words(shares: Array, means: Array, delays: Array, step: float) -> str:

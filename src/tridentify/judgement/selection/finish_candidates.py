@@ -30,8 +30,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
-from tridentify.estimation.likelihood.answer import estimate_from
+from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import at_rounding, criterion, finish
@@ -135,16 +136,8 @@ def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
         found = other if other.best.criterion < found.best.criterion else found
     done, decisions = found.best, found.decisions
     trace = Trace(tuple(done.recorder.passes), (), decisions, done.why)
-    estimate = estimate_from(
-        done.point,
-        records,
-        structure,
-        done.nuisances,
-        done.status,
-        trace,
-        task.method.name,
-        done.criterion,
-    )
+    ending = Ending(done.point, done.nuisances, done.status, done.criterion, trace)
+    estimate = estimate_from(ending, Asked.of(records, structure, task.method.name))
     return estimate, done.point.poles
 
 

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from tridentify.errors import OptionError, SampleTypeError, TridentifyError
+from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.estimation.likelihood.answer import fingerprint
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.validation.correlation import correlate
 from tridentify.judgement.validation.evidence import (

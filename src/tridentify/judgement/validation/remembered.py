@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.likelihood.answer import fingerprint
 from tridentify.judgement.validation.result import Validation
 from tridentify.record.record import Record
 

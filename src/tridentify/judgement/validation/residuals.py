@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.errors import ChannelCountError, DataError, TooFewSamplesError
+from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Status
-from tridentify.estimation.likelihood.answer import fingerprint, physical_map
 from tridentify.estimation.likelihood.cost import Point, evaluate, free_states
+from tridentify.estimation.likelihood.curvature import physical_map
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.raster import on_raster
 from tridentify.judgement.causes.first_samples import beginning

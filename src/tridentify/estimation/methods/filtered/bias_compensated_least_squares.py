@@ -67,9 +67,10 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
+from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Step, Trace
-from tridentify.estimation.likelihood.answer import literal_estimate
 from tridentify.estimation.likelihood.held_model import HeldModel
+from tridentify.estimation.likelihood.literal import literal_estimate
 from tridentify.estimation.methods.base import Progress, check
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.filtered.noise_through_filters import (
@@ -192,23 +193,16 @@ class BiasCompensatedLeastSquares:
             progress("least squares on the filtered record, less the noise")
         chosen = least_squares(records, structure, self.filter)
         chosen, found, passes, starts = _best(chosen)
-        model, problem = found.model, chosen.problem
         stopped = "the smallest generalised eigenvalue of signals and noise"
-        literal = literal_estimate(
-            problem,
-            records,
-            structure,
-            chosen.nuisances,
-            model.theta,
-            model.poles,
-            model.rests,
+        literal = found.model.literal(chosen.nuisances)
+        return literal_estimate(
+            Asked.of(records, structure, self.name),
+            literal,
             Status.SETTLED,
             Trace(passes, starts, chosen.decisions, stopped),
-            self.name,
-        )
-        cov = _covariance(found, chosen, literal.noise_variance)
-        return replace(
-            literal, cov=0.5 * (cov + cov.T), aicc=model.criterion, condition=found.condition
+            cov=_covariance(found, chosen, literal.noise_variance),
+            aicc=found.model.criterion,
+            condition=found.condition,
         )
 
 

@@ -58,8 +58,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, OptionError, shown
+from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Step, Trace
-from tridentify.estimation.likelihood.answer import estimate_from
+from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     at_rounding,
@@ -178,16 +179,8 @@ class RefinedInstrumentalVariable:
         poles, starts = _start(records, structure)
         best, decisions = self._decide(records, structure, poles, say)
         trace = Trace(best.passes, starts, decisions, best.why)
-        return estimate_from(
-            best.point,
-            records,
-            structure,
-            best.nuisances,
-            best.status,
-            trace,
-            self.name,
-            criterion(best.point),
-        )
+        ending = Ending(best.point, best.nuisances, best.status, criterion(best.point), trace)
+        return estimate_from(ending, Asked.of(records, structure, self.name))
 
     def _decide(
         self, records: Sequence[Record], structure: Structure, poles: Complex, say: Progress

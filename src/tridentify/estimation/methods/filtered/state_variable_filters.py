@@ -58,7 +58,7 @@ from tridentify.errors import (
     UnsupportedOrderError,
     shown,
 )
-from tridentify.estimation.likelihood.answer import SINGULAR
+from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.held_model import HeldModel as HeldModel
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.regression import Experiment, Layout, Regression, regress

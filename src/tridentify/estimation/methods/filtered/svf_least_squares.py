@@ -34,8 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
+from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Step, Trace
-from tridentify.estimation.likelihood.answer import literal_estimate
+from tridentify.estimation.likelihood.literal import literal_estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.methods.base import Progress, check
@@ -324,22 +325,15 @@ def svf_estimate(
     """
     model = found.model
     own = passes or (described(1, found, f"recorded output, {chosen.label}"),)
-    trace = Trace(tuple(own), chosen.starts, chosen.decisions, stopped)
-    literal = literal_estimate(
-        model.problem,
-        records,
-        structure,
-        chosen.nuisances,
-        model.theta,
-        model.poles,
-        model.rests,
+    literal = model.literal(chosen.nuisances)
+    return literal_estimate(
+        Asked.of(records, structure, method),
+        literal,
         Status.SETTLED,
-        trace,
-        method,
-    )
-    cov = covariance(found, chosen.experiments, literal.noise_variance)
-    return replace(
-        literal, cov=0.5 * (cov + cov.T), aicc=model.criterion, condition=found.condition
+        Trace(tuple(own), chosen.starts, chosen.decisions, stopped),
+        cov=covariance(found, chosen.experiments, literal.noise_variance),
+        aicc=model.criterion,
+        condition=found.condition,
     )
 
 

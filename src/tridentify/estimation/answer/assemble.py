@@ -1,0 +1,164 @@
+"""The one place where an estimate is put together: of what was asked, and of what was found."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.parameter import Nuisance
+from tridentify.estimation.answer.trace import Status, Trace
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What an estimate answers.
+
+    Attributes
+    ----------
+    records : tuple of Record
+        As they are fitted.
+    structure : Structure
+    method : str
+        Its name.
+    n_samples : int
+        Of the records as they were given.
+    dt : float or None
+        Step of the first of them [s].
+    fingerprint : str
+        Theirs; empty where the samples are not kept.
+    told : tuple of str
+        What was done to them before they were fitted.
+    """
+
+    records: tuple[Record, ...]
+    structure: Structure
+    method: str
+    n_samples: int
+    dt: float | None
+    fingerprint: str
+    told: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        records: Sequence[Record],
+        structure: Structure,
+        method: str,
+        fitted: Sequence[Record] | None = None,
+    ) -> Asked:
+        """Records and structure, given to a method.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            As they were given.
+        structure : Structure
+        method : str
+        fitted : sequence of Record, optional
+            The same with the rows put back that are missing from a uniform raster.
+        """
+        used = tuple(records if fitted is None else fitted)
+        seen = sum(record.n_samples for record in records)
+        lost = sum(record.n_samples for record in used) - seen
+        told = f"{lost} rows missing from a uniform raster: taken for samples without an output"
+        return cls(
+            used, structure, method, seen, records[0].dt, fingerprint(records),
+            (told,) if lost else (),
+        )  # fmt: skip
+
+    def within(self, structure: Structure) -> Asked:
+        """With another structure."""
+        return replace(self, structure=structure)
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """What was found: the fields of `Estimate` that no record and no option says.
+
+    Attributes
+    ----------
+    structure : Structure
+        With the nuisance terms that were decided on.
+    """
+
+    structure: Structure
+    model: TransferFunction
+    theta: Array
+    cov: Array
+    noise_variance: Array
+    fit: Array
+    status: Status
+    trace: Trace
+    nuisance: tuple[Nuisance, ...]
+    degrees_of_freedom: int
+    cost: float
+    aicc: float
+    condition: float
+    gradient: float
+    noise_model: tuple[Array, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    errors: str = "likelihood"
+    draws: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+def assemble(asked: Asked, solved: Solved) -> Estimate:
+    """The estimate.
+
+    Parameters
+    ----------
+    asked : Asked
+    solved : Solved
+    """
+    first = asked.records[0]
+    return Estimate(
+        model=solved.model,
+        structure=solved.structure,
+        theta=solved.theta,
+        names=asked.structure.names(first.input_names, first.output_names),
+        cov=solved.cov,
+        noise_variance=solved.noise_variance,
+        fit=solved.fit,
+        status=solved.status,
+        trace=solved.trace.told(*asked.told),
+        method=asked.method,
+        n_samples=asked.n_samples,
+        nuisance=solved.nuisance,
+        degrees_of_freedom=solved.degrees_of_freedom,
+        cost=solved.cost,
+        aicc=solved.aicc,
+        condition=solved.condition,
+        gradient=solved.gradient,
+        input_names=first.input_names,
+        output_names=first.output_names,
+        units=dict(first.units),
+        intersample=first.behaviour,
+        dt=asked.dt,
+        record_fingerprint=asked.fingerprint,
+        findings=solved.findings,
+        noise_model=solved.noise_model,
+        draws=solved.draws,
+        errors=solved.errors,
+    )
+
+
+def fingerprint(records: Sequence[Record]) -> str:
+    """SHA-256 of the samples and their times, in hexadecimal."""
+    digest = hashlib.sha256()
+    for record in records:
+        digest.update(np.array([record.t[0], record.dt or 0.0]).tobytes())
+        if record.dt is None:
+            digest.update(record.t)  # type: ignore[arg-type]
+        digest.update(record.u)  # type: ignore[arg-type]
+        digest.update(record.y)  # type: ignore[arg-type]
+    return digest.hexdigest()
