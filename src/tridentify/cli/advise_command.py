@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tridentify.cli import options
-from tridentify.cli.load import RecordSource, load, rules_from, units_from
+from tridentify.cli.groups import Sampled
+from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records
@@ -31,14 +32,7 @@ def advise(
     files: options.Files,
     inputs: options.Inputs,
     outputs: options.Outputs,
-    time: options.Time = None,
-    dt: options.Step = None,
-    intersample: options.Intersample = options.Between.AUTO,
-    instants: options.Instants = options.Merging.AUTO,
-    missing: options.Missing = None,
-    units: options.Units = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
+    sampled: Sampled,
     out: Out = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -46,19 +40,7 @@ def advise(
 
     Example: tridentify advise flight.csv --input elevator --output q
     """
-    source = RecordSource(
-        files,
-        tuple(inputs),
-        tuple(outputs),
-        time,
-        dt,
-        intersample.value,
-        start,
-        stop,
-        instants.value,
-        units_from(units or ()),
-        rules_from(missing or ()),
-    )
+    source = sampled.source(files, inputs, outputs)
     written: Sequence[Path] = ()
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))

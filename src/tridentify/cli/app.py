@@ -27,6 +27,7 @@ from tridentify.cli import (
     validate_command,
 )
 from tridentify.cli.codes import BAD_INPUT, DONE, FAULT, INTERRUPTED, NO_ANSWER
+from tridentify.cli.groups import with_groups
 from tridentify.errors import (
     ConvergenceError,
     IdentifiabilityError,
@@ -47,17 +48,17 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("advise")(advise_command.advise)
-app.command("identify")(identify_command.identify)
-app.command("select")(select_command.select)
-app.command("physical")(physical_command.physical)
+app.command("advise")(with_groups(advise_command.advise))
+app.command("identify")(with_groups(identify_command.identify))
+app.command("select")(with_groups(select_command.select))
+app.command("physical")(with_groups(physical_command.physical))
 app.command("channels")(channels_command.channels)
 app.command("demo")(demo_command.demo)
 app.command("stream")(stream_command.stream)
 app.command("study")(study_command.study)
 app.command("excite")(excite_command.excite)
 app.command("export")(export_command.export)
-app.command("validate")(validate_command.validate)
+app.command("validate")(with_groups(validate_command.validate))
 
 
 def _show_version(asked: bool) -> None:

@@ -8,15 +8,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from tridentify.cli import options, tables
-from tridentify.cli.ask import (
-    chooses_orders,
-    chosen_method,
-    nested_delays,
-    nested_poles,
-    nested_zeros,
-)
-from tridentify.cli.knowledge import known_from
-from tridentify.cli.load import RecordSource, load, rules_from, units_from
+from tridentify.cli.ask import chooses_orders, nested_poles, nested_zeros
+from tridentify.cli.groups import Along, Known, Late, Sampled, Way
+from tridentify.cli.load import RecordSource, load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import estimate_model, load_sample_loop, show_estimate, write_results
 from tridentify.cli.terminal import Activity, show_json
@@ -28,26 +22,14 @@ def identify(
     files: options.Files,
     inputs: options.Inputs,
     outputs: options.Outputs,
+    *,
     poles: options.PolesOrAuto = None,
     zeros: options.ZerosOrAuto = None,
-    time: options.Time = None,
-    dt: options.Step = None,
-    intersample: options.Intersample = options.Between.AUTO,
-    instants: options.Instants = options.Merging.AUTO,
-    missing: options.Missing = None,
-    units: options.Units = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
-    delay: options.Delay = None,
-    offset: options.Offset = options.Choice.AUTO,
-    drift: options.Drift = None,
-    initial_state: options.InitialState = options.Beginning.AUTO,
-    fixed: options.Fixed = None,
-    bounds: options.Limits = None,
-    priors: options.Priors = None,
-    gains: options.Gains = None,
-    method: options.Method = "three-model",
-    noise: options.NoiseModel = options.Noise.AUTO,
+    sampled: Sampled,
+    late: Late,
+    along: Along,
+    known: Known,
+    way: Way,
     loss: options.Losses = options.Loss.SQUARED,
     out: options.Out = None,
     title: options.Title = None,
@@ -58,40 +40,20 @@ def identify(
     Without --poles the orders are chosen. Example: tridentify identify flight.csv --input elevator
     --output q --poles 2 --zeros 1
     """
-    source = RecordSource(
-        files,
-        tuple(inputs),
-        tuple(outputs),
-        time,
-        dt,
-        intersample.value,
-        start,
-        stop,
-        instants.value,
-        units_from(units or ()),
-        rules_from(missing or ()),
-    )
     shape = len(outputs), len(inputs)
-    template = Structure(
-        1,
-        0,
-        delay=nested_delays(delay or (), *shape),
-        offset=offset.answer,
-        drift=None if drift is None else drift.answer,
-        initial_state=initial_state.value,
-    )
-    known = known_from(fixed or (), bounds or (), priors or (), gains or ())
+    template = late.template(along, *shape)
     structure: Structure | AutoStructure
-    if chooses_orders(poles or (), zeros or (), bool(fixed or bounds or priors or gains)):
+    if chooses_orders(poles or (), zeros or (), known.something):
         structure = AutoStructure(template=template)
     else:
         structure = replace(
             template,
             poles=nested_poles(poles or (), *shape),
             zeros=nested_zeros(zeros or (), *shape),
-            **known,
+            **known.read(),
         )
-    _answer(source, structure, chosen_method(method, noise, loss), out, title, as_json)
+    source = sampled.source(files, inputs, outputs)
+    _answer(source, structure, way.chosen(loss), out, title, as_json)
 
 
 def _answer(

@@ -14,7 +14,8 @@ from rich.table import Table
 
 from tridentify.cli import options, tables
 from tridentify.cli.ask import nested_delays
-from tridentify.cli.load import RecordSource, load, rules_from, units_from
+from tridentify.cli.groups import Along, Sampled
+from tridentify.cli.load import RecordSource, load
 from tridentify.cli.physical_models import (
     Known,
     channels_of,
@@ -61,14 +62,8 @@ def physical(
             "--output", metavar="NAME", help="Column of each output, by name or in their order."
         ),
     ] = None,
-    time: options.Time = None,
-    dt: options.Step = None,
-    intersample: options.Intersample = options.Between.AUTO,
-    instants: options.Instants = options.Merging.AUTO,
-    missing: options.Missing = None,
-    units: options.Units = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
+    *,
+    sampled: Sampled,
     known: Annotated[
         list[str] | None,
         options.known_option(
@@ -79,9 +74,7 @@ def physical(
     delay: Annotated[
         str | None, options.model_option(metavar="SECONDS", help="Known dead time of the input.")
     ] = None,
-    offset: options.Offset = options.Choice.AUTO,
-    drift: options.Drift = None,
-    initial_state: options.InitialState = options.Beginning.AUTO,
+    along: Along,
     out: options.Out = None,
     title: options.Title = None,
     as_json: options.AsJson = False,
@@ -105,23 +98,9 @@ def physical(
     wished = replace(
         chosen.structure,
         delay=_known_delay(delay),
-        offset=offset.answer,
-        drift=None if drift is None else drift.answer,
-        initial_state=initial_state.value,
+        **along.terms(),
     )
-    source = RecordSource(
-        files or (),
-        tuple(names[0]),
-        tuple(names[1]),
-        time,
-        dt,
-        intersample.value,
-        start,
-        stop,
-        instants.value,
-        units_from(units or ()),
-        rules_from(missing or ()),
-    )
+    source = sampled.source(files or (), *names)
     asked = replace(chosen, structure=wished), mapping, known_parameters(known or ())
     _answer(source, *asked, out, title, as_json)
 

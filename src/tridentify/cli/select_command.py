@@ -5,14 +5,15 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from contextlib import ExitStack, nullcontext
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from tridentify.cli import options
-from tridentify.cli.ask import chosen_method, nested_delays
-from tridentify.cli.load import RecordSource, load, rules_from, units_from
+from tridentify.cli.groups import Along, Late, Sampled, Way
+from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records, make_table
@@ -69,23 +70,14 @@ def select(
     files: options.Files,
     inputs: options.Inputs,
     outputs: options.Outputs,
+    *,
     poles: Poles = "1:4",
     zeros: Zeros = "all",
-    time: options.Time = None,
-    dt: options.Step = None,
-    intersample: options.Intersample = options.Between.AUTO,
-    instants: options.Instants = options.Merging.AUTO,
-    missing: options.Missing = None,
-    units: options.Units = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
+    sampled: Sampled,
     validation: Validation = None,
-    delay: options.Delay = None,
-    offset: options.Offset = options.Choice.AUTO,
-    drift: options.Drift = None,
-    initial_state: options.InitialState = options.Beginning.AUTO,
-    method: options.Method = "three-model",
-    noise: options.NoiseModel = options.Noise.AUTO,
+    late: Late,
+    along: Along,
+    way: Way,
     jobs: Jobs = 1,
     out: Out = None,
     as_json: options.AsJson = False,
@@ -94,34 +86,13 @@ def select(
 
     Example: tridentify select flight.csv --input elevator --output q --poles 1:4
     """
-    shape = len(outputs), len(inputs)
-    template = Structure(
-        1,
-        0,
-        delay=nested_delays(delay or (), *shape),
-        offset=offset.answer,
-        drift=None if drift is None else drift.answer,
-        initial_state=initial_state.value,
-    )
+    template = late.template(along, len(outputs), len(inputs))
     candidates = candidates_from(poles, zeros, template)
-    chosen = chosen_method(method, noise)
-    sources = [
-        RecordSource(
-            some,
-            tuple(inputs),
-            tuple(outputs),
-            time,
-            dt,
-            intersample.value,
-            begin,
-            end,
-            instants.value,
-            units_from(units or ()),
-            rules_from(missing or ()),
-        )
-        for some, begin, end in ((files, start, stop), (validation or [], None, None))
-        if some
-    ]
+    chosen = way.chosen()
+    sources = [sampled.source(files, inputs, outputs)]
+    if validation:
+        whole = replace(sampled, start=None, stop=None)
+        sources.append(whole.source(validation, inputs, outputs))
     written: Sequence[Path] = ()
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
@@ -159,8 +130,6 @@ def candidates_from(poles: str, zeros: str, template: Structure) -> list[Structu
     >>> [(s.poles, s.zeros) for s in candidates_from("1:2", "all", Structure(1, 0))]
     [(1, 0), (2, 0), (2, 1)]
     """
-    from dataclasses import replace
-
     low, high = _range("--poles", poles)
     few, many = (0, high) if zeros.strip() == "all" else _range("--zeros", zeros)
     every = zeros.strip() == "all"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, cast
 
@@ -11,7 +12,8 @@ import typer
 
 from tridentify.checks.samples import Intersample
 from tridentify.cli import options
-from tridentify.cli.load import RecordSource, load, rules_from, units_from
+from tridentify.cli.groups import Sampled
+from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records, make_table
@@ -86,19 +88,20 @@ Check = Annotated[
 ]
 
 
+@dataclass(frozen=True)
+class SampledAsBefore(Sampled):
+    """The same, the input as when the model was identified."""
+
+    intersample: Held = None  # type: ignore[assignment]
+
+
 def validate(
     model: ModelFile,
     files: Files,
+    *,
     inputs: Inputs = None,
     outputs: Outputs = None,
-    time: options.Time = None,
-    dt: options.Step = None,
-    intersample: Held = None,
-    instants: options.Instants = options.Merging.AUTO,
-    missing: options.Missing = None,
-    units: options.Units = None,
-    start: options.Start = None,
-    stop: options.Stop = None,
+    sampled: SampledAsBefore,
     experiment: Experiment = None,
     level: Level = 0.99,
     out: Out = None,
@@ -110,19 +113,11 @@ def validate(
     Example: tridentify validate result/model.json flight.csv
     """
     estimate = Estimate.load(model)
-    between = estimate.intersample if intersample is None else intersample.value
-    source = RecordSource(
+    source = sampled.source(
         files,
         _columns("input", inputs, estimate.input_names),
         _columns("output", outputs, estimate.output_names),
-        time,
-        dt,
-        cast("Intersample", between),
-        start,
-        stop,
-        instants.value,
-        units_from(units or ()),
-        rules_from(missing or ()),
+        cast("Intersample", estimate.intersample) if sampled.intersample is None else None,
     )
     written: Sequence[Path] = ()
     with ExitStack() as stack:

@@ -1,0 +1,178 @@
+"""Groups of options that several commands take, each read in one place into what it stands for.
+
+A command names a group as one parameter, ``sampled: Sampled``; `with_groups` puts the group's
+fields in its place before the command is registered, so that the help shows them one by one.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from functools import wraps
+from pathlib import Path
+from typing import Any, get_type_hints
+
+from tridentify.checks.samples import Intersample
+from tridentify.cli import options
+from tridentify.cli.ask import chosen_method, nested_delays
+from tridentify.cli.knowledge import known_from
+from tridentify.cli.load import RecordSource, rules_from, units_from
+from tridentify.estimation.methods.base import Method
+from tridentify.structure import Structure
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """How files are read into records."""
+
+    time: options.Time = None
+    dt: options.Step = None
+    intersample: options.Intersample = options.Between.AUTO
+    instants: options.Instants = options.Merging.AUTO
+    missing: options.Missing = None
+    units: options.Units = None
+    start: options.Start = None
+    stop: options.Stop = None
+
+    def source(
+        self,
+        files: Sequence[Path],
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+        between: Intersample | None = None,
+    ) -> RecordSource:
+        """Which part of which files are the records.
+
+        Parameters
+        ----------
+        files : sequence of Path
+        inputs, outputs : sequence of str
+            Columns.
+        between : str, optional
+            What the input does between samples, where the option does not say it.
+        """
+        return RecordSource(
+            files,
+            tuple(inputs),
+            tuple(outputs),
+            self.time,
+            self.dt,
+            between or self.intersample.value,
+            self.start,
+            self.stop,
+            self.instants.value,
+            units_from(self.units or ()),
+            rules_from(self.missing or ()),
+        )
+
+
+@dataclass(frozen=True)
+class Along:
+    """What is estimated beside the model."""
+
+    offset: options.Offset = options.Choice.AUTO
+    drift: options.Drift = None
+    initial_state: options.InitialState = options.Beginning.AUTO
+
+    def terms(self) -> dict[str, Any]:
+        """As `Structure` takes them."""
+        return {
+            "offset": self.offset.answer,
+            "drift": None if self.drift is None else self.drift.answer,
+            "initial_state": self.initial_state.value,
+        }
+
+
+@dataclass(frozen=True)
+class Late:
+    """Dead times."""
+
+    delay: options.Delay = None
+
+    def template(self, along: Along, n_outputs: int, n_inputs: int) -> Structure:
+        """A structure of any orders."""
+        delay = nested_delays(self.delay or (), n_outputs, n_inputs)
+        return Structure(1, 0, delay=delay, **along.terms())
+
+
+@dataclass(frozen=True)
+class Known:
+    """What is known of the coefficients."""
+
+    fixed: options.Fixed = None
+    bounds: options.Limits = None
+    priors: options.Priors = None
+    gains: options.Gains = None
+
+    @property
+    def something(self) -> bool:
+        """Whether anything is."""
+        return bool(self.fixed or self.bounds or self.priors or self.gains)
+
+    def read(self) -> dict[str, Any]:
+        """As `Structure` takes it."""
+        return known_from(self.fixed or (), self.bounds or (), self.priors or (), self.gains or ())
+
+
+@dataclass(frozen=True)
+class Way:
+    """How it is estimated."""
+
+    method: options.Method = "three-model"
+    noise: options.NoiseModel = options.Noise.AUTO
+
+    def chosen(self, loss: options.Loss = options.Loss.SQUARED) -> Method:
+        """The method with its options."""
+        return chosen_method(self.method, self.noise, loss)
+
+
+def with_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with every group of options spread out.
+
+    Parameters
+    ----------
+    command : callable
+        Parameters annotated with a dataclass of options are groups.
+
+    Examples
+    --------
+    >>> def fit(file: str, way: Way, out: str | None = None) -> None:
+    ...     print(way.method, out)
+    >>> list(inspect.signature(with_groups(fit)).parameters)
+    ['file', 'method', 'noise', 'out']
+    >>> with_groups(fit)(file="a.csv", method="output-error", noise=options.Noise.AUTO, out="b")
+    output-error b
+    """
+    hints = get_type_hints(command, include_extras=True)
+    groups: dict[str, type[Any]] = {}
+    spread: list[inspect.Parameter] = []
+    for name, own in inspect.signature(command).parameters.items():
+        kind = hints[name]
+        if not is_dataclass(kind):
+            spread.append(own.replace(annotation=kind, kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        groups[name] = kind  # type: ignore[assignment]
+        inner = get_type_hints(kind, include_extras=True)
+        spread += [
+            inspect.Parameter(
+                one.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=one.default,
+                annotation=inner[one.name],
+            )
+            for one in fields(kind)
+        ]
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        made = {
+            name: group(**{one.name: given.pop(one.name) for one in fields(group)})
+            for name, group in groups.items()
+        }
+        command(**given, **made)
+
+    run.__signature__ = inspect.Signature(spread)  # type: ignore[attr-defined]
+    run.__annotations__ = {one.name: one.annotation for one in spread}
+    del run.__wrapped__
+    return run
