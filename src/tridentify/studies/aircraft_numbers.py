@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -130,24 +130,6 @@ class Condition:
         inverse = scipy.linalg.solve_triangular(self.information, np.eye(len(TRUTH)))
         return np.asarray(self.noise_std * np.sqrt(np.sum(inverse**2, axis=1)))
 
-    def distance(self, theta: Array) -> Array:
-        """Distance from the truth in the metric of the bound.
-
-        Parameters
-        ----------
-        theta : (..., 3) array
-
-        Returns
-        -------
-        (...) array
-            Its square is ``(theta - truth)' C^{-1} (theta - truth)`` with ``C`` the bound on the
-            covariance: for an unbiased Gaussian estimator on the bound, chi-square with three
-            degrees of freedom.
-        """
-        error = np.asarray(theta, dtype=np.float64) - np.array(TRUTH)
-        scaled = error @ self.information.T / self.noise_std
-        return np.asarray(np.sqrt(np.sum(scaled**2, axis=-1)))
-
     def summary(self, estimator: int) -> EstimatorSummary:
         """Summarise one estimator.
 
@@ -181,11 +163,6 @@ class Condition:
     def summaries(self) -> tuple[EstimatorSummary, ...]:
         """One for each estimator."""
         return tuple(self.summary(j) for j in range(len(ESTIMATORS)))
-
-    def share_as_close(self, estimator: int, distance: float) -> float:
-        """Share of the draws (failures included) that come at least as close to the truth."""
-        every = self.distance(self.theta[estimator])
-        return float(np.count_nonzero(every <= distance)) / self.n_draws
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,29 +215,6 @@ class AircraftNumbers:
             "truth": list(TRUTH),
             "conditions": [_condition_dict(condition) for condition in self.conditions],
         }
-
-
-def closer_by_chance(distances: Sequence[float]) -> float:
-    """How likely an efficient unbiased estimator is to come so close at all levels together.
-
-    Parameters
-    ----------
-    distances : sequence of float
-        From `Condition.distance`, one for each of several independent records.
-
-    Returns
-    -------
-    float
-        Probability that a chi-square variable with three degrees of freedom for each record does
-        not exceed the sum of the squares.
-
-    Examples
-    --------
-    >>> closer_by_chance([np.sqrt(2.366)])
-    0.5
-    """
-    total = sum(distance**2 for distance in distances)
-    return float(scipy.special.chdtr(len(TRUTH) * len(distances), total))
 
 
 def _condition_dict(condition: Condition) -> dict[str, Any]:
