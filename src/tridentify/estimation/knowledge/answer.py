@@ -32,6 +32,7 @@ from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.levenberg_marquardt import INDISTINGUISHABLE, ROUNDING_SQUARED
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.scores import ScoreScatter
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
 
@@ -106,11 +107,7 @@ def criterion(here: HeldFit, known: Knowledge, fall: float = 0.0) -> float:
     floor = INDISTINGUISHABLE * here.problem.size
     left = np.exp(min(-fall / n.sum(), LARGEST_EXPONENT))
     likelihood = float(n @ np.log(left * here.rss / n + floor)) + known.penalty(here.theta)
-    return likelihood + _count_penalty(float(n.sum()), unknowns(here, known))
-
-
-def _count_penalty(n: float, k: int) -> float:
-    return 2.0 * k + 2.0 * k * (k + 1.0) / max(n - k - 1.0, 0.5)
+    return likelihood + aicc_price(float(unknowns(here, known)), float(n.sum()))
 
 
 def freedom(here: HeldFit, known: Knowledge) -> Array:
@@ -281,7 +278,7 @@ def _noise_criterion(here: HeldFit, known: Knowledge, n: float) -> float:
         return 0.0
     k = unknowns(here, known)
     scale = float(sum(sum(r.log_scale) for r in here.place.regressions))
-    return scale + _count_penalty(n, k + added) - _count_penalty(n, k)
+    return scale + aicc_price(float(k + added), n) - aicc_price(float(k), n)
 
 
 def _nuisance(

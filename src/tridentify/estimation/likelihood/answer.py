@@ -27,6 +27,7 @@ from tridentify.estimation.likelihood.curvature import Curvature, degrees_of_fre
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, mean_square
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -207,11 +208,8 @@ def _noise_criterion(point: Point) -> float:
     problem, n = point.problem, float(point.counts.sum())
     k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
 
-    def penalty(unknowns: float) -> float:
-        return 2.0 * unknowns + 2.0 * unknowns * (unknowns + 1.0) / max(n - unknowns - 1.0, 0.5)
-
     scale = float(sum(sum(r.log_scale) for r in point.regressions))
-    return scale + penalty(k + added) - penalty(k)
+    return scale + aicc_price(float(k + added), n) - aicc_price(float(k), n)
 
 
 def model_of(problem: Problem, theta: Array, record: Record) -> TransferFunction:

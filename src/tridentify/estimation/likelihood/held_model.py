@@ -18,6 +18,7 @@ from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.regression import regress
 from tridentify.models.response import Response
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import Complex, cascade, denominator, monomials
 
 Array = NDArray[np.float64]
@@ -113,6 +114,4 @@ class HeldModel:
         """AICc of the output error, as in `likelihood.levenberg_marquardt.criterion`."""
         problem, n = self.problem, float(self.counts.sum())
         k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
-        room = max(n - k - 1.0, 0.5)
-        likelihood = float(self.counts @ np.log(self.variance))
-        return likelihood + 2.0 * k + 2.0 * k * (k + 1.0) / room
+        return float(self.counts @ np.log(self.variance)) + aicc_price(float(k), n)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from tridentify.estimation.answer.estimate import Pass, Status, Step
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import Complex, denominator, numerators
 from tridentify.numerics.slices import Slices, drain
 
@@ -102,8 +103,7 @@ def criterion(point: Point, decrease: float = 0.0) -> float:
     fall = np.exp(-decrease / n.sum())
     likelihood = float(n @ np.log(fall * point.rss / n + INDISTINGUISHABLE * problem.size))
     k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
-    room = max(float(n.sum()) - k - 1.0, 0.5)
-    return likelihood + 2.0 * k + 2.0 * k * (k + 1.0) / room
+    return likelihood + aicc_price(float(k), float(n.sum()))
 
 
 def at_rounding(point: Point) -> bool:

@@ -39,6 +39,7 @@ from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.regression import Regression, regress, restricted
 from tridentify.models.response import Response
 from tridentify.models.series_parallel import Filtering, fit_denominators
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
 from tridentify.numerics.slices import Slices, drain
@@ -473,8 +474,7 @@ def _order(
     shared = problem.n_outputs * (1 + (layout.offset + layout.drift) * len(regressions))
     shared += problem.n_outputs * layout.n_inputs * problem.biproper
     k = per_order * np.arange(1, most + 1) + shared
-    room = np.maximum(samples - k - 1.0, 0.5)
-    criterion = total + 2.0 * k + 2.0 * k * (k + 1.0) / room
+    criterion = total + aicc_price(k.astype(np.float64), samples)
     best = int(np.argmin(criterion[fewest - 1 :])) + fewest
     return best, float(criterion[best - 1])
 

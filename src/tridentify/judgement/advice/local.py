@@ -19,6 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.information import aicc_price
+
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
@@ -136,8 +138,7 @@ def local_response(window: Window) -> Local:
 
 def _criterion(fit: _Fit, n: int, size: float) -> float:
     """Corrected information criterion of ``n`` complex lines."""
-    k = 2.0 * fit.rank
-    price = 2.0 * k + 2.0 * k * (k + 1.0) / max(2.0 * n - k - 1.0, 0.5)
+    price = aicc_price(2.0 * fit.rank, 2.0 * n)
     return 2.0 * n * float(np.log(max(fit.rss, ROUNDING_SQUARED * size, 1e-300) / n)) + price
 
 

@@ -21,6 +21,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import finish
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.present import Present
 from tridentify.numerics.autoregression import deviance, fit_autoregression, whiten
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import Complex
 
 Array = NDArray[np.float64]
@@ -120,8 +121,7 @@ class Attempt:
     @property
     def criterion(self) -> float:
         """AICc."""
-        k = float(self.unknowns)
-        return self.deviance + 2.0 * k + 2.0 * k * (k + 1.0) / max(self.count - k - 1.0, 0.5)
+        return self.deviance + aicc_price(float(self.unknowns), self.count)
 
     @property
     def fits(self) -> Array:

@@ -35,6 +35,7 @@ from tridentify.judgement.causes.rivals import (
 )
 from tridentify.judgement.causes.saturation import saturation_rivals, with_limits
 from tridentify.judgement.causes.slow import slow_rivals
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.interpolation import FEWEST
 
 Array = NDArray[np.float64]
@@ -332,17 +333,13 @@ def _explanation(rival: Rival, ends: tuple[Attempt, ...], base: Attempt) -> Expl
     unknowns = sum(end.unknowns for end in ends)
     if len(ends) > 1:
         unknowns -= (len(ends) - 1) * sum(a.size for a in base.point.problem.noise)
-    gain = before - deviance + _penalty(base.unknowns, count) - _penalty(unknowns, count)
+    gain = before - deviance + aicc_price(float(base.unknowns), count)
+    gain -= aicc_price(float(unknowns), count)
     gain -= rival.price
     energy = base.energy if same else base.on(masks).energy
     left = sum(end.energy for end in ends)
     share = 1.0 - left / energy if energy > 0 else 0.0
     return Explanation(rival, ends, gain, share, unknowns)
-
-
-def _penalty(unknowns: int, count: float) -> float:
-    k = float(unknowns)
-    return 2.0 * k + 2.0 * k * (k + 1.0) / max(count - k - 1.0, 0.5)
 
 
 def _joint(ends: Sequence[Attempt]) -> float:

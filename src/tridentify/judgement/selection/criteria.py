@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.information import aicc_price
 
 Array = NDArray[np.float64]
 ROUNDING = 1e-22
@@ -59,8 +60,7 @@ class Criteria:
     @property
     def aicc(self) -> float:
         """Akaike's, corrected for few samples."""
-        k = self.n_unknowns
-        return self.aic + 2.0 * k * (k + 1.0) / max(self.n_samples - k - 1.0, 0.5)
+        return self.deviance + aicc_price(float(self.n_unknowns), self.n_samples)
 
     @property
     def bic(self) -> float:

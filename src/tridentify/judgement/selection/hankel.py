@@ -42,6 +42,7 @@ from tridentify.estimation.likelihood.nuisance import build_base, candidates
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.models.regression import Regression, regress
 from tridentify.models.response import ColumnBlocks, nuisance_blocks
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import Cascade, Complex, cascade
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -185,7 +186,7 @@ def _weights(base: Problem, variant: Variant, poles: Complex) -> _Weights:
         rows.append((gain * (q / norms)[where] / np.sqrt(variance)).reshape(-1, bank.order))
         roots.append(gain[:, None] * root[where])
         criterion += count * np.log(max(rss / count, 1e-30 * float(base.size[i])))
-        criterion += 2.0 * k + 2.0 * k * (k + 1.0) / max(count - k - 1.0, 0.5)
+        criterion += aicc_price(float(k), count)
     return _Weights(bank, np.vstack(rows), tuple(roots), criterion)
 
 

@@ -32,6 +32,7 @@ from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.models.response import Response
 from tridentify.numerics.autoregression import Whitener
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import monomials
 from tridentify.record.record import Record
@@ -317,7 +318,7 @@ def _fitted_start(
             size = point.problem.size[i] * 1e-30
             criterion += output.count * np.log(solution.cost / output.count + size)
             n, k = n + output.count, k + kept.size + 1
-        criterion += 2.0 * k + 2.0 * k * (k + 1.0) / max(n - k - 1.0, 0.5)
+        criterion += aicc_price(float(k), n)
         if best is None or criterion < best[0]:
             response = replace(_response(estimate, point, None), free=free)
             best = criterion, chosen, replace(point, response=response), residual
