@@ -25,6 +25,8 @@ from tridentify import (
     simulate,
 )
 
+pytestmark = pytest.mark.unjudged
+
 EXACT = 1e-8
 YEAR = 365.25 * 86400.0
 

@@ -22,6 +22,8 @@ from tridentify import (
     simulate,
 )
 
+pytestmark = pytest.mark.unjudged
+
 REST = {"offset": False, "initial_state": "rest"}
 FREE = {"offset": True, "initial_state": "free"}
 DT = 0.05

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
+
+pytestmark = pytest.mark.unjudged
 
 FEW = settings(max_examples=8, deadline=None)
 SOME = settings(max_examples=25, deadline=None)

@@ -13,6 +13,8 @@ import pytest
 
 from tridentify import Structure, ThreeModel, TransferFunction, identify, read_record, simulate
 
+pytestmark = pytest.mark.unjudged
+
 PLAIN = ThreeModel(noise="white", finish="likelihood")
 THREE = Structure(3, 0, offset=True, initial_state="free")
 

@@ -17,6 +17,8 @@ import pytest
 from tridentify import Record, Structure, ThreeModel, identify, read_record
 from tridentify.physical import PhysicalModel, PhysicalParameter, estimate_physical
 
+pytestmark = pytest.mark.unjudged
+
 PLAIN = ThreeModel(noise="white", finish="likelihood")
 NEWTON_PER_VOLT = 35.1506519
 PUBLISHED = {"M": 95.1089, "Fv": 203.50, "Fc": 20.39}

@@ -14,6 +14,8 @@ from tridentify.estimation.search.stand_ins import LARGE_RECORD, free_variant, w
 from tridentify.estimation.search.starts import best_laguerre, laguerre_starts
 from tridentify.numerics.converter import FEW_VALUES, quantum
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.1
 PAIR = TransferFunction([3.0], [1.0, 1.0, 3.0])
 TOLD = Structure(2, 0, offset=False, initial_state="rest")

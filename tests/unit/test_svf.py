@@ -32,6 +32,8 @@ from tridentify.estimation.methods.filtered.svf_instrumental_variable import ins
 from tridentify.estimation.methods.filtered.svf_least_squares import covariance, least_squares
 from tridentify.models.regression import regress
 
+pytestmark = pytest.mark.unjudged
+
 BOTH = [SvfLeastSquares, SvfInstrumentalVariable]
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])
 PLANT = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0])
