@@ -21,8 +21,6 @@ from scipy.signal import lfilter
 from tridentify import Estimate, Record, Structure, ThreeModel, TridentifyError, identify
 from tridentify import errors as err
 
-pytestmark = pytest.mark.unjudged
-
 REST = {"offset": False, "initial_state": "rest"}
 STRUCTURE = Structure(2, 1, **REST)
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])

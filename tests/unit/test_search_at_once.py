@@ -65,6 +65,7 @@ def test_coloured_noise_is_still_seen():
     assert found.noise_model[0].size > 0
 
 
+@pytest.mark.slow
 def test_looseness_is_the_spread_of_the_poles_over_noise_draws():
     base = build_base([noisy(PAIR, 0)], TOLD, candidates([noisy(PAIR, 0)], TOLD))[0]
     told = evaluate(base, np.roots([1.0, 1.0, 3.0]).astype(complex)).looseness
