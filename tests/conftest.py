@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from types import CodeType
 
 import hypothesis
 import pytest
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.judgement import choice
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 
@@ -16,6 +22,8 @@ hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True)
 hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25)
 hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
+
+QUICK = os.environ.get("HYPOTHESIS_PROFILE") == "quick"
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 
@@ -39,3 +47,30 @@ def shared_data() -> Path:
             pytest.fail(f"TRIDENTIFY_SHARED_DATA names {named}, which is not a folder")
         pytest.skip("no ../shared/data beside the repository; TRIDENTIFY_SHARED_DATA may name it")
     return folder
+
+
+WORDS = {"cautions", "findings", "summary", "validate"}
+"""What a test that reads findings names."""
+
+
+def _reads_findings(code: CodeType) -> bool:
+    inner = (one for one in code.co_consts if isinstance(one, CodeType))
+    return not WORDS.isdisjoint(code.co_names) or any(map(_reads_findings, inner))
+
+
+def _of_the_method(estimate: Estimate, *_: object) -> Sequence[Finding]:
+    return estimate.findings
+
+
+@pytest.fixture(autouse=True)
+def _judged_where_it_counts(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Leave out what `identify` finds to say, where a test looks at numbers alone.
+
+    Half of the time of an identification that is not all right goes there. `make test-all` has it
+    everywhere, as users have.
+    """
+    asked = QUICK and request.node.get_closest_marker("unjudged")
+    if asked and not _reads_findings(request.function.__code__):
+        monkeypatch.setattr(choice, "judged", _of_the_method)

@@ -17,6 +17,8 @@ from tridentify import Record, Status, Structure, ThreeModel, identify
 from tridentify import errors as err
 from tridentify.models.operators import AllPass, Laguerre, apply_operators
 
+pytestmark = pytest.mark.unjudged
+
 
 def respond(theta, n, u, dt):
     """Held-input response of b/a by its modes; all poles simple and away from zero."""

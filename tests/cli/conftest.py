@@ -33,6 +33,7 @@ Run = Callable[..., Outcome]
 Columns = dict[str, np.ndarray]
 Held = Callable[[Sequence[float], np.ndarray], np.ndarray]
 WriteTable = Callable[[str, Columns], Path]
+TableAt = Callable[[Path, Columns], Path]
 
 
 @pytest.fixture
@@ -55,7 +56,7 @@ def pulses(n: int = 600) -> np.ndarray:
     return u
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def held() -> Held:
     """Response of num/(s^2 + 3 s + 9) from rest to an input held between samples of 0.02 s."""
 
@@ -66,18 +67,23 @@ def held() -> Held:
     return response
 
 
-@pytest.fixture
-def write_table(tmp_path: Path) -> WriteTable:
+@pytest.fixture(scope="session")
+def table_at() -> TableAt:
     """Write columns as a CSV file without loss of digits."""
 
-    def write(name: str, columns: Columns) -> Path:
+    def write(path: Path, columns: Columns) -> Path:
         rows = np.column_stack(list(columns.values())).tolist()
         lines = [",".join(columns), *(",".join(map(repr, row)) for row in rows)]
-        path = tmp_path / name
         path.write_text("\n".join(lines) + "\n", encoding="utf-8")
         return path
 
     return write
+
+
+@pytest.fixture
+def write_table(table_at: TableAt, tmp_path: Path) -> WriteTable:
+    """The same by name, in the folder of the test."""
+    return lambda name, columns: table_at(tmp_path / name, columns)
 
 
 @pytest.fixture
@@ -98,6 +104,14 @@ def noisy(write_table: WriteTable, clean: Columns) -> Path:
     """The same with a few percent of noise on q."""
     noise = 1e-3 * np.random.default_rng(3).standard_normal(clean["q"].size)
     return write_table("noisy.csv", clean | {"q": clean["q"] + noise})
+
+
+@pytest.fixture
+def short(write_table: WriteTable, clean: Columns) -> Path:
+    """The 200 samples in which the elevator moves, with the same noise: for many models."""
+    noise = 1e-3 * np.random.default_rng(3).standard_normal(clean["q"].size)
+    columns = clean | {"q": clean["q"] + noise}
+    return write_table("short.csv", {name: column[40:240] for name, column in columns.items()})
 
 
 @pytest.fixture

@@ -29,6 +29,7 @@ def values(document: dict[str, Any]) -> dict[str, float]:
     return {item["name"]: item["value"] for item in document["parameters"]}
 
 
+@pytest.mark.unjudged
 @pytest.mark.parametrize("file", PITCH_RATE)
 def test_attas_pitch_rate(run, shared_data, file):
     path = shared_data / ATTAS / file
@@ -41,6 +42,7 @@ def test_attas_pitch_rate(run, shared_data, file):
     assert any("initial state" in note for note in document["decisions"])
 
 
+@pytest.mark.unjudged
 @pytest.mark.parametrize("file", PITCH_RATE)
 def test_attas_angle_of_attack_has_the_same_poles(run, shared_data, file):
     path = shared_data / ATTAS / file
@@ -64,6 +66,7 @@ def test_attas_held_input_fits_worse(run, shared_data):
     assert fits[0] > fits[1] + 0.2
 
 
+@pytest.mark.unjudged
 @pytest.mark.parametrize(
     "name",
     [

@@ -222,9 +222,9 @@ def test_several_outputs_may_have_their_own_number_of_zeros(run, write_table, cl
 
 
 @pytest.mark.parametrize("more", [[], pytest.param(["--poles", "auto"], marks=pytest.mark.slow)])
-def test_without_poles_the_orders_are_chosen_and_told(run, noisy, more):
+def test_without_poles_the_orders_are_chosen_and_told(run, short, more):
     options = ["--input", "elevator", "--output", "q", "--offset", "no", "--initial-state", "rest"]
-    outcome = run("identify", noisy, *options, *more)
+    outcome = run("identify", short, *options, *more)
     assert outcome.code == 0
     assert "poles, zeros = 2, 1 chosen of 10 candidates" in " ".join(outcome.out.split())
 

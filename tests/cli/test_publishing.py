@@ -75,6 +75,7 @@ def test_a_kill_at_any_moment_leaves_the_old_set_or_the_new_one(way, tmp_path):
         assert raw in (before, "new", *(() if at_once else ("mixed",))), done.stdout
 
 
+@pytest.mark.unjudged
 def test_a_model_is_read_from_the_set_that_was_complete(tmp_path):
     u = np.sign(np.sin(0.3 * np.arange(200.0)))
     record = Record(u, np.convolve(u, 0.9 ** np.arange(40.0))[:200], dt=0.1)

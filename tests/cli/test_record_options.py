@@ -161,6 +161,7 @@ def test_each_channel_may_have_its_denominator(run, write_table, clean):
 
 
 # ---------------------------------------------------------------------------- samples and units
+@pytest.mark.unjudged
 def test_what_a_rule_calls_missing_does_not_count(run, write_table, clean, question):
     q = np.minimum(clean["q"], 0.02)
     path = write_table("saturated.csv", clean | {"q": q})
@@ -183,6 +184,7 @@ def test_units_may_be_stated(run, noisy, question):
     )
 
 
+@pytest.mark.unjudged
 def test_a_band_limited_input(run, write_table, clean, question):
     t = clean["t"]
     u = 0.05 * np.sin(1.3 * t) * np.exp(-(((t - 6.0) / 2.0) ** 2))
@@ -212,6 +214,7 @@ def two_clocks(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.unjudged
 def test_channels_of_several_clocks_meet_where_they_are_told(run, tmp_path):
     path = two_clocks(tmp_path)
     listed = json.loads(run("channels", path, "--json").out)["channels"]

@@ -13,8 +13,8 @@ QUESTION = ["--input", "elevator", "--output", "q"]
 FEW = ["--poles", "1:2", "--zeros", "all"]
 
 
-def test_the_table_names_the_recommended_row_and_why_and_progress_is_elsewhere(run, noisy):
-    answer = run("select", noisy, *QUESTION, *FEW)
+def test_the_table_names_the_recommended_row_and_why_and_progress_is_elsewhere(run, short):
+    answer = run("select", short, *QUESTION, *FEW)
     assert answer.code == 0
     assert "recommended: 2, 1 (poles, zeros)" in answer.out
     marked = [line.split()[:3] for line in answer.out.splitlines() if line.startswith("->")]
@@ -25,9 +25,9 @@ def test_the_table_names_the_recommended_row_and_why_and_progress_is_elsewhere(r
     assert "the whole search for each: 3 of 3 done" in answer.err
 
 
-def test_json_and_a_folder_hold_the_same(run, noisy, tmp_path):
+def test_json_and_a_folder_hold_the_same(run, short, tmp_path):
     folder = tmp_path / "result"
-    outcome = run("select", noisy, *QUESTION, *FEW, "--json", "--out", folder)
+    outcome = run("select", short, *QUESTION, *FEW, "--json", "--out", folder)
     document = json.loads(outcome.out)
     assert outcome.code == 0
     assert document["rows"][document["recommended"]]["label"] == "2, 1"

@@ -10,23 +10,28 @@ import pytest
 from tridentify import Structure, ThreeModel, identify, read_record
 
 
-@pytest.fixture
-def flight(write_table, held):
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("models")
+
+
+@pytest.fixture(scope="module")
+def flight(table_at, folder, held):
     """A noisy response to a random square wave."""
     rng = np.random.default_rng(4)
     u = 0.05 * np.repeat(rng.choice([-1.0, 1.0], 40), 15)
     q = held([2.0, 3.0], u) + 1e-3 * rng.standard_normal(u.size)
-    return write_table("flight.csv", {"t": 0.02 * np.arange(u.size), "elevator": u, "q": q})
+    return table_at(folder / "flight.csv", {"t": 0.02 * np.arange(u.size), "elevator": u, "q": q})
 
 
-@pytest.fixture
-def models(flight, tmp_path):
+@pytest.fixture(scope="module")
+def models(flight, folder):
     """Models of the right and of too low an order."""
     record = read_record(flight, time="t", inputs=["elevator"], outputs=["q"])
     white = ThreeModel(noise="white")
     for name, structure in (("right", Structure(2, 1)), ("low", Structure(1, 0))):
-        identify(record, structure, white).save(tmp_path / f"{name}.json")
-    return tmp_path
+        identify(record, structure, white).save(folder / f"{name}.json")
+    return folder
 
 
 def test_a_right_model_is_called_so(run, flight, models):

@@ -41,6 +41,8 @@ from tridentify.uncertainty import (
     sampled_zeros,
 )
 
+pytestmark = pytest.mark.unjudged
+
 REST = {"offset": False, "initial_state": "rest"}
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])
 DT = 0.05

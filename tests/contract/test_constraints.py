@@ -26,6 +26,8 @@ from tridentify import errors as err
 from tridentify.estimation.methods.capability import Capability
 from tridentify.numerics.autoregression import whiten
 
+pytestmark = pytest.mark.unjudged
+
 ABLE = [key for key, make in METHODS.items() if Capability.CONSTRAINTS in make().capabilities]
 UNABLE = [key for key in METHODS if key not in ABLE]
 REST = {"offset": False, "initial_state": "rest"}

@@ -22,6 +22,8 @@ from tridentify import (
 )
 from tridentify import errors as err
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.05
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])
 AT_REST = Structure(2, 1, offset=False, initial_state="rest")

@@ -29,6 +29,8 @@ from tridentify import errors as err
 from tridentify.online.kernels import slots
 from tridentify.online.state import packed
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.05
 ASKED = Structure(2, 1, offset=True, initial_state="free")
 METHODS = {

@@ -21,6 +21,8 @@ import tridentify
 from tridentify import Record, Status, Structure, TransferFunction, TridentifyError, identify
 from tridentify import errors as err
 
+pytestmark = pytest.mark.unjudged
+
 KEYS = {
     "svf-least-squares": "SvfLeastSquares",
     "svf-instrumental-variable": "SvfInstrumentalVariable",

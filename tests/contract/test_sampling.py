@@ -12,7 +12,7 @@ from tridentify import METHODS, Record, Structure, TransferFunction, identify, s
 from tridentify import errors as err
 from tridentify.estimation.methods.capability import Capability
 
-pytestmark = pytest.mark.parametrize("key", list(METHODS), ids=str)
+pytestmark = [pytest.mark.unjudged, pytest.mark.parametrize("key", list(METHODS), ids=str)]
 DT, DELAY = 0.05, 0.137
 MODEL = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0], delay=DELAY)
 PLAIN = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0])

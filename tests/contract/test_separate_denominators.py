@@ -27,6 +27,8 @@ from tridentify import (
 from tridentify import errors as err
 from tridentify.estimation.methods.capability import Capability
 
+pytestmark = pytest.mark.unjudged
+
 FLAG = Capability.SEPARATE_DENOMINATORS
 ABLE = [key for key, method in METHODS.items() if FLAG in method().capabilities]
 UNABLE = [key for key in METHODS if key not in ABLE]

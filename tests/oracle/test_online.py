@@ -22,6 +22,8 @@ from tridentify import (
     simulate,
 )
 
+pytestmark = pytest.mark.unjudged
+
 REST = {"offset": False, "initial_state": "rest"}
 FREE = {"offset": True, "initial_state": "free"}
 DT = 0.05
@@ -254,7 +256,7 @@ def agreed(record, structure, method=None):
     return offline, run
 
 
-@pytest.mark.parametrize("noise", [0.02, 0.3])
+@pytest.mark.parametrize("noise", [pytest.param(0.02, marks=pytest.mark.slow), 0.3])
 @pytest.mark.parametrize("options", [REST, FREE], ids=["rest", "free state, offset"])
 @pytest.mark.parametrize("name", list(SYSTEMS), ids=str)
 def test_without_forgetting_it_ends_where_offline_does(name, options, noise):

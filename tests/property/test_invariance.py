@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 
-FEW = settings(max_examples=8, deadline=None)
-SOME = settings(max_examples=25, deadline=None)
+pytestmark = pytest.mark.unjudged
+
+# shares of what the profile has: `make test` is content with few
+FEW = settings(max_examples=settings.default.max_examples // 12, deadline=None)
+SOME = settings(max_examples=settings.default.max_examples // 4, deadline=None)
 DT = 0.05
 INTERSAMPLE = st.sampled_from(["zoh", "foh"])
 SEED = st.integers(0, 10_000)

@@ -21,7 +21,10 @@ DT = 0.05
 
 # The three-model strategy is the slowest by far, and has an invariance test of its own.
 OWN = [pytest.param(key, marks=pytest.mark.slow) for key in METHODS if key == "three-model"]
-pytestmark = pytest.mark.parametrize("key", [*OWN, *(k for k in METHODS if k != "three-model")])
+pytestmark = [
+    pytest.mark.unjudged,
+    pytest.mark.parametrize("key", [*OWN, *(k for k in METHODS if k != "three-model")]),
+]
 
 
 def respond(num, den, u, dt=DT, intersample="zoh"):

@@ -14,6 +14,8 @@ import pytest
 
 from tridentify import Structure, ThreeModel, identify, read_record
 
+pytestmark = pytest.mark.unjudged
+
 PLAIN = ThreeModel(noise="white", finish="likelihood")
 
 

@@ -13,6 +13,8 @@ import pytest
 
 from tridentify import Structure, ThreeModel, TransferFunction, identify, read_record, simulate
 
+pytestmark = pytest.mark.unjudged
+
 PLAIN = ThreeModel(noise="white", finish="likelihood")
 THREE = Structure(3, 0, offset=True, initial_state="free")
 
@@ -44,7 +46,13 @@ def test_the_harder_record_is_hardly_predicted(record, judged):
     assert judged(estimate.model, second)[0] == pytest.approx(23.5, abs=0.5)
 
 
-@pytest.mark.parametrize("name", ["data_prbs1.csv", "data_prbs2.csv", "data_prbs3.csv"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "data_prbs1.csv",
+        *(pytest.param(f"data_prbs{k}.csv", marks=pytest.mark.slow) for k in (2, 3)),
+    ],
+)
 def test_both_signs_give_no_linear_model(record, judged, name):
     estimate = identify(record(name), THREE, PLAIN, throw=False)
     assert estimate.fit[0] < 10.0

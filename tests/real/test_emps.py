@@ -17,6 +17,8 @@ import pytest
 from tridentify import Record, Structure, ThreeModel, identify, read_record
 from tridentify.physical import PhysicalModel, PhysicalParameter, estimate_physical
 
+pytestmark = pytest.mark.unjudged
+
 PLAIN = ThreeModel(noise="white", finish="likelihood")
 NEWTON_PER_VOLT = 35.1506519
 PUBLISHED = {"M": 95.1089, "Fv": 203.50, "Fc": 20.39}
@@ -60,6 +62,7 @@ def estimate(record):
     return estimate_physical(drive(), record("data.csv"), PLAIN)
 
 
+@pytest.mark.slow
 def test_mass_and_friction_are_near_the_published_values(estimate):
     for name, tolerance in (("M", 0.03), ("Fv", 0.02), ("Fc", 0.02)):
         assert estimate.value(name) == pytest.approx(PUBLISHED[name], rel=tolerance)
@@ -68,6 +71,7 @@ def test_mass_and_friction_are_near_the_published_values(estimate):
     assert estimate.fit[0] == pytest.approx(estimate.estimate.fit[0], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_the_offset_is_the_published_one(estimate):
     nuisance = estimate.estimate.nuisance[0]
     force, direction = nuisance.input_reference
@@ -75,6 +79,7 @@ def test_the_offset_is_the_published_one(estimate):
     assert -at_rest == pytest.approx(-3.165, rel=0.02)
 
 
+@pytest.mark.slow
 def test_the_residual_is_not_white_and_that_is_told(estimate):
     assert estimate.estimate.cautions
     far = abs(estimate.value("M") - PUBLISHED["M"]) / estimate.parameters["M"].std

@@ -23,6 +23,8 @@ import pytest
 from tridentify import Record, Structure, ThreeModel, identify, read_record
 from tridentify.physical import estimate_physical, short_period
 
+pytestmark = pytest.mark.unjudged
+
 PLAIN = ThreeModel(noise="white", finish="likelihood")
 DERIVATIVES = ("Z_alpha", "Z_delta", "M_alpha", "M_q", "M_delta")
 # relative; Z_delta has a line of its own

@@ -14,6 +14,8 @@ import pytest
 
 from tridentify import Record, Structure, ThreeModel, identify, read_record
 
+pytestmark = pytest.mark.unjudged
+
 ATTAS = {
     # a1, a0, b1, b0, fit of pitch rate [percent]
     "data.csv": ((2.455, 6.355, -7.08, -6.58), 94.8),

@@ -21,6 +21,8 @@ from tridentify.physical import (
     rcrc_circuit,
 )
 
+pytestmark = pytest.mark.unjudged
+
 PLAIN = ThreeModel(noise="white", finish="likelihood")
 TWO = Structure(2, 0, offset=True, initial_state="free")
 

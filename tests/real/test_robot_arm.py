@@ -14,6 +14,8 @@ import pytest
 
 from tridentify import Record, Structure, ThreeModel, identify
 
+pytestmark = pytest.mark.unjudged
+
 PLAIN = ThreeModel(noise="white", finish="likelihood")
 FOUR = Structure(4, 4, offset=True, initial_state="free")
 

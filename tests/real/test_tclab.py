@@ -15,6 +15,8 @@ import pytest
 
 from tridentify import Record, Structure, ThreeModel, identify, read_record
 
+pytestmark = pytest.mark.unjudged
+
 PLAIN = ThreeModel(noise="white", finish="likelihood")
 
 

@@ -11,6 +11,8 @@ from tridentify.estimation.methods.filtered.asymptotic_bias import asymptotic_bi
 from tridentify.estimation.methods.filtered.noise_through_filters import FilterColumns
 from tridentify.estimation.methods.filtered.state_variable_filters import filter_cascade
 
+pytestmark = pytest.mark.unjudged
+
 PLANT = TransferFunction([3.0], [1.0, 4.0, 3.0])
 FILTER = (1.0, 4.0, 4.0)
 AT_REST = Structure(2, 0, offset=False, initial_state="rest")

@@ -25,6 +25,8 @@ from tridentify.estimation.methods.filtered.state_variable_filters import (
     with_filtered,
 )
 
+pytestmark = pytest.mark.unjudged
+
 PLANT = TransferFunction([3.0], [1.0, 4.0, 3.0])
 TRUTH = np.array([4.0, 3.0, 3.0])
 AT_REST = Structure(2, 0, offset=False, initial_state="rest")

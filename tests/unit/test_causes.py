@@ -194,7 +194,7 @@ LIMITS = {
 
 
 @pytest.mark.parametrize("made", LIMITS)
-@pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_limit_is_told_with_its_level_and_what_it_brings(made, seed):
     (record,) = made(seed)
     first = identify(record, ASKED, throw=False).findings[0]
@@ -205,15 +205,16 @@ def test_a_limit_is_told_with_its_level_and_what_it_brings(made, seed):
     assert abs(told - limit) < 0.15 * limit
 
 
-def test_a_hardening_spring_is_not_taken_for_coloured_noise():
-    for seed in (3, 4, 5):
-        (record,) = cubic(seed)
-        estimate = identify(record, ASKED, throw=False)
-        assert estimate.noise_model[0].size
-        for found in (estimate.findings, validate(estimate, record).findings):
-            assert next(f.code for f in found if f.matters) == "nonlinear"
+@pytest.mark.parametrize("seed", [3, *(pytest.param(k, marks=pytest.mark.slow) for k in (4, 5))])
+def test_a_hardening_spring_is_not_taken_for_coloured_noise(seed):
+    (record,) = cubic(seed)
+    estimate = identify(record, ASKED, throw=False)
+    assert estimate.noise_model[0].size
+    for found in (estimate.findings, validate(estimate, record).findings):
+        assert next(f.code for f in found if f.matters) == "nonlinear"
 
 
+@pytest.mark.slow
 def test_a_short_delay_in_much_noise_is_told():
     codes = []
     for seed in range(4):
@@ -326,7 +327,9 @@ def test_a_slow_disturbance_is_named_where_the_noise_has_no_model():
     assert "a slow disturbance" in first.message
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 5))]
+)
 def test_a_stretch_at_rest_in_coloured_noise_shows_no_response(seed):
     rng = np.random.default_rng(seed)
     u = 0.001 * rng.standard_normal(400)

@@ -29,6 +29,8 @@ from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.levinson import autocovariance, polynomial
 from tridentify.numerics.realization import cascade
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.05
 BANK = cascade(np.array([-0.8, -1 + 2j, -1 - 2j, -6.0]))
 NOISE = (np.array([-1.2, 0.5]), np.zeros(0), polynomial(np.array([-0.9, 0.4, 0.1])))

@@ -11,6 +11,8 @@ from tridentify.estimation.knowledge import answer
 from tridentify.estimation.knowledge.scores import sensitivities
 from tridentify.estimation.likelihood.scores import whitened_scores
 
+pytestmark = pytest.mark.unjudged
+
 DT, N = 0.05, 800
 PLANT = TransferFunction([2.0], [1.0, 2.0, 4.0])
 DRIVE = TransferFunction([2.0], [1.0, 3.0, 0.0])

@@ -16,6 +16,8 @@ from tridentify.models.regression import Experiment, Layout, response_of
 from tridentify.numerics.realization import cascade
 from tridentify.numerics.sampled import Sampled, States
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.1
 BANK = cascade(np.array([-0.8, -1 + 2j, -1 - 2j, -0.8, -6.0], dtype=complex))
 TRUTH = {

@@ -23,6 +23,8 @@ from tridentify.estimation.likelihood.mixture import (
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.search.delays import _in_words
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.05
 ROOM = 0.6
 FIRST = TransferFunction([2.0], [1.0, 1.5], delay=0.337)

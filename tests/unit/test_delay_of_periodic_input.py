@@ -7,6 +7,8 @@ import pytest
 
 from tridentify import OutputError, Record, Structure, TransferFunction, identify, simulate
 
+pytestmark = pytest.mark.unjudged
+
 
 def test_the_shortest_of_equal_delays_is_taken():
     u = np.tile(np.repeat([1.0, -1.0], 25), 20)

@@ -20,6 +20,8 @@ from tridentify.estimation.answer.estimate import Status
 from tridentify.estimation.likelihood import curvature
 from tridentify.estimation.likelihood.scores import BLOCKS, FALSE_ALARMS, judged_scatter
 
+pytestmark = pytest.mark.unjudged
+
 MODEL = TransferFunction([2.0], [1.0, 2.0, 4.0])
 TRUTH = np.array([2.0, 4.0, 2.0])
 DT, N = 0.05, 800

@@ -21,6 +21,8 @@ from tridentify.errors import (
 from tridentify.excitation import Excitation, doublet, multisine, prbs, precision
 from tridentify.studies.cramer_rao import cramer_rao_covariance, output_sensitivities
 
+pytestmark = pytest.mark.unjudged
+
 SECOND = TransferFunction([1.0, 3.0], [1.0, 2.0, 9.0])
 REST = {"offset": False, "initial_state": "rest"}
 

@@ -11,6 +11,8 @@ from tridentify.errors import OptionError, ParameterNameError, UndeterminedError
 from tridentify.excitation import multisine, optimal_spectrum, precision
 from tridentify.excitation.frequency import response_gradient
 
+pytestmark = pytest.mark.unjudged
+
 SECOND = TransferFunction([2.0], [1.0, 1.0, 9.0])
 REST = {"offset": False, "initial_state": "rest"}
 

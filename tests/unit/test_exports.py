@@ -38,7 +38,9 @@ IMPORTS = [
 ]
 
 
-@pytest.mark.parametrize("statement", IMPORTS)
+@pytest.mark.parametrize(
+    "statement", [*IMPORTS[:3], *(pytest.param(s, marks=pytest.mark.slow) for s in IMPORTS[3:])]
+)
 @pytest.mark.parametrize("name", ["identify", pytest.param("simulate", marks=pytest.mark.slow)])
 def test_the_function_wins_over_the_module_of_its_name(name: str, statement: str) -> None:
     program = f"""

@@ -20,6 +20,8 @@ from tridentify.models.regression import Experiment, Layout, response_of
 from tridentify.numerics.intervals import Crossing, plan, steps
 from tridentify.numerics.realization import cascade
 
+pytestmark = pytest.mark.unjudged
+
 POLES = np.array([-1 + 3j, -1 - 3j, -20.0, -0.1], dtype=complex)
 BANK = cascade(np.tile(POLES, 2))
 DAY = 86400.0

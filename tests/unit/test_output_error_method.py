@@ -19,6 +19,8 @@ from tridentify import (
 from tridentify import errors as err
 from tridentify.studies.cramer_rao import cramer_rao_covariance, output_sensitivities
 
+pytestmark = pytest.mark.unjudged
+
 PLANT = TransferFunction([3.0], [1.0, 4.0, 3.0])
 AT_REST = Structure(2, 0, offset=False, initial_state="rest")
 DT = 0.05

@@ -31,6 +31,8 @@ from tridentify.physical import (
     short_period,
 )
 
+pytestmark = pytest.mark.unjudged
+
 WHITE = ThreeModel(finish="likelihood", noise="white")
 MOTOR = {"R": 1.0, "L": 1e-3, "K": 0.05, "J": 1e-4, "B": 2e-4}
 LADDER = {"R1": 1e4, "C1": 1e-7, "R2": 1e4, "C2": 2e-7}

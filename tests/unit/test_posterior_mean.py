@@ -31,6 +31,8 @@ from tridentify.estimation.posterior.surface import surface, unit_of
 from tridentify.models.regression import Experiment
 from tridentify.numerics.realization import denominator, sort_poles
 
+pytestmark = pytest.mark.unjudged
+
 REST = {"offset": False, "initial_state": "rest"}
 SECOND = Structure(2, 0, **REST)
 AIRCRAFT = TransferFunction([0.5], [1.0, 1.0, 3.0])

@@ -99,7 +99,7 @@ ORDERS = {
 }
 
 
-@pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.parametrize("intersample", [pytest.param("zoh", marks=pytest.mark.slow), "foh"])
 @pytest.mark.parametrize("poles", ORDERS.values(), ids=ORDERS)
 def test_long_records_have_the_same_states(poles, intersample):
     bank = cascade(poles)

@@ -9,6 +9,8 @@ from scipy.signal import lfilter
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.estimation.likelihood.raster import on_raster, places_on_raster
 
+pytestmark = pytest.mark.unjudged
+
 MODEL = TransferFunction([2.0], [1.0, 2.0, 4.0])
 DT, N = 0.05, 600
 METHOD = ThreeModel(finish="likelihood")

@@ -13,6 +13,8 @@ from tridentify.numerics.interpolation import between, lowpass, moments
 from tridentify.numerics.realization import cascade
 from tridentify.numerics.sampled import Sampled, States
 
+pytestmark = pytest.mark.unjudged
+
 PLANT = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0])
 TRUTH = [1.0, 3.0, 0.2, 0.5]
 WHITE = ThreeModel(noise="white")

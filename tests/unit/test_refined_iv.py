@@ -19,6 +19,8 @@ from tridentify import (
 from tridentify.errors import ConvergenceError, OptionError, UnsupportedError
 from tridentify.studies.cramer_rao import output_sensitivities
 
+pytestmark = pytest.mark.unjudged
+
 METHOD = RefinedInstrumentalVariable()
 PLANT = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0])
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])

@@ -10,7 +10,7 @@ import pytest
 from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
 from tridentify.judgement.validation import assess
 
-U = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 60), 8)
+U = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 25), 8)
 PLANT = TransferFunction([9.0], [1.0, 1.2, 9.0])
 Y = simulate(PLANT, Record(U, U, dt=0.05))[:, 0]
 Y = Y + 0.08 * np.random.default_rng(1).standard_normal(U.size)

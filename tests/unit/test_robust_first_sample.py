@@ -7,6 +7,8 @@ import pytest
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 
+pytestmark = pytest.mark.unjudged
+
 
 @pytest.mark.parametrize("kind", ["step", "switched"])
 @pytest.mark.parametrize("loss", ["huber", "student"])

@@ -14,6 +14,8 @@ from tridentify.estimation.search.stand_ins import LARGE_RECORD, free_variant, w
 from tridentify.estimation.search.starts import best_laguerre, laguerre_starts
 from tridentify.numerics.converter import FEW_VALUES, quantum
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.1
 PAIR = TransferFunction([3.0], [1.0, 1.0, 3.0])
 TOLD = Structure(2, 0, offset=False, initial_state="rest")
@@ -63,6 +65,7 @@ def test_coloured_noise_is_still_seen():
     assert found.noise_model[0].size > 0
 
 
+@pytest.mark.slow
 def test_looseness_is_the_spread_of_the_poles_over_noise_draws():
     base = build_base([noisy(PAIR, 0)], TOLD, candidates([noisy(PAIR, 0)], TOLD))[0]
     told = evaluate(base, np.roots([1.0, 1.0, 3.0]).astype(complex)).looseness

@@ -18,6 +18,8 @@ from tridentify import (
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.search.stand_ins import averaged, is_large, is_usable, window
 
+pytestmark = pytest.mark.unjudged
+
 SHARED = (
     TransferFunction([[[2.0, 1.0], [3.0]]], [[[1.0, 1.0, 4.0], [1.0, 1.0, 4.0]]]),
     lambda **options: Structure(2, [[1, 0]], **options),

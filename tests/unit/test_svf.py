@@ -32,6 +32,8 @@ from tridentify.estimation.methods.filtered.svf_instrumental_variable import ins
 from tridentify.estimation.methods.filtered.svf_least_squares import covariance, least_squares
 from tridentify.models.regression import regress
 
+pytestmark = pytest.mark.unjudged
+
 BOTH = [SvfLeastSquares, SvfInstrumentalVariable]
 TRUTH = np.array([1.0, 3.0, 0.2, 0.5])
 PLANT = TransferFunction([0.2, 0.5], [1.0, 1.0, 3.0])
@@ -105,7 +107,11 @@ def test_every_sample_a_row_is_the_same_as_the_triangle(intersample):
 # --------------------------------------------------------------------------------- without noise
 @pytest.mark.parametrize("method", BOTH)
 @pytest.mark.parametrize("intersample", ["zoh", pytest.param("foh", marks=pytest.mark.slow)])
-@pytest.mark.parametrize("filter", [(1.0, 4.0, 4.0), (1.0, 6.0, 12.0, 8.0)], ids=["n", "n + 1"])
+@pytest.mark.parametrize(
+    "filter",
+    [(1.0, 4.0, 4.0), pytest.param((1.0, 6.0, 12.0, 8.0), marks=pytest.mark.slow)],
+    ids=["n", "n + 1"],
+)
 def test_error_of_joining_the_output_falls_with_the_square_of_the_step(method, intersample, filter):
     errors = [
         worst(identify(record(dt, intersample=intersample), REST, method(filter)))

@@ -27,6 +27,8 @@ from tridentify.uncertainty.bias import corrected
 from tridentify.uncertainty.noise import NoiseModel
 from tridentify.uncertainty.resampling import _clean, _held
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.05
 PLANT = TransferFunction([0.5], [1.0, 1.0, 3.0])
 
