@@ -13,6 +13,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.signal import lfilter
 
+from oracles import by_modes
 from tridentify import Record, Status, Structure, ThreeModel, identify
 from tridentify import errors as err
 from tridentify.models.operators import AllPass, Laguerre, apply_operators
@@ -21,14 +22,7 @@ pytestmark = pytest.mark.unjudged
 
 
 def respond(theta, n, u, dt):
-    """Held-input response of b/a by its modes; all poles simple and away from zero."""
-    den, num = np.append(1.0, theta[:n]), theta[n:]
-    y = num[0] * u if num.size == n + 1 else np.zeros(u.size)
-    for pole in np.roots(den):
-        residue = np.polyval(num, pole) / np.polyval(np.polyder(den), pole)
-        weight = residue * np.expm1(pole * dt) / pole
-        y = y + lfilter([0.0, weight], [1.0, -np.exp(pole * dt)], u.astype(complex)).real
-    return y
+    return by_modes(theta[n:], np.append(1.0, theta[:n]), u, dt)
 
 
 def bound(theta, n, u, dt, sigma):

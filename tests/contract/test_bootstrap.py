@@ -14,10 +14,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 from scipy.signal import lfilter
 from scipy.signal import step as step_response
 
+from oracles import by_exponential
 from tridentify import (
     Estimate,
     OutputError,
@@ -51,14 +51,7 @@ N_DRAWS = 60
 
 
 def respond(theta, u, dt=DT):
-    """Held-input response of (b1 p + b0)/(p^2 + a1 p + a0) from rest, one matrix exponential."""
-    a1, a0, b1, b0 = theta
-    step = expm(np.array([[-a1, -a0, 1.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]) * dt)
-    x, y = np.zeros(2), np.empty(u.size)
-    for k in range(u.size):
-        y[k] = b1 * x[0] + b0 * x[1]
-        x = step[:2, :2] @ x + step[:2, 2] * u[k]
-    return y
+    return by_exponential(theta[2:], np.append(1.0, theta[:2]), u, dt)
 
 
 def binary(n_samples, hold=6, seed=1):

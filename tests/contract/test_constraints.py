@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 from scipy.optimize import minimize
 from scipy.signal import lsim
 
+from oracles import by_exponential
 from tridentify import (
     METHODS,
     Estimate,
@@ -37,20 +37,7 @@ every_able = pytest.mark.parametrize("key", ABLE)
 
 
 def respond(num, den, u, dt=DT):
-    """Held-input response, companion form in time counted in samples, one exponential."""
-    n = len(den) - 1
-    powers = dt ** np.arange(n + 1.0)
-    num = np.pad(np.asarray(num, float), (n + 1 - len(num), 0)) * powers
-    den = np.asarray(den) * powers
-    block = np.zeros((n + 1, n + 1))
-    block[0, :n], block[0, n] = -den[1:], 1.0
-    block[1:n, : n - 1] = np.eye(n - 1)
-    step = expm(block)
-    x, y = np.zeros(n), np.empty(u.size)
-    for k in range(u.size):
-        y[k] = (num[1:] - num[0] * den[1:]) @ x + num[0] * u[k]
-        x = step[:n, :n] @ x + step[:n, n] * u[k]
-    return y
+    return by_exponential(num, den, u, dt)
 
 
 def binary(n_samples=300, hold=5, seed=3):

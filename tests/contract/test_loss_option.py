@@ -9,8 +9,8 @@ import math
 import numpy as np
 import pytest
 from scipy import optimize, stats
-from scipy.signal import lfilter
 
+from oracles import by_modes
 from tridentify import (
     Estimate,
     OutputError,
@@ -32,14 +32,7 @@ robust = pytest.mark.parametrize("loss", LOSSES)
 
 
 def respond(theta, u, dt=DT):
-    """Response of (b1 p + b0) / (p^2 + a1 p + a0) from rest, pole by pole."""
-    den, num = np.concatenate([[1.0], theta[:2]]), theta[2:]
-    y = np.zeros(u.size)
-    for pole in np.roots(den):
-        residue = np.polyval(num, pole) / np.polyval(np.polyder(den), pole)
-        gain = residue * np.expm1(pole * dt) / pole
-        y = y + lfilter([0.0, gain], [1.0, -np.exp(pole * dt)], u.astype(complex)).real
-    return y
+    return by_modes(theta[2:], np.append(1.0, theta[:2]), u, dt)
 
 
 def input_of(n_samples, seed=1):

@@ -15,8 +15,8 @@ import re
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 
+from oracles import by_exponential
 from tridentify import (
     METHODS,
     DataError,
@@ -65,20 +65,7 @@ def test_every_method_says_what_it_promises(key):
 
 
 def respond(num, den, u, dt=DT, initial=None):
-    """Held-input response, companion form, one matrix exponential."""
-    num = np.pad(np.atleast_1d(num).astype(float), (len(den) - len(num), 0))
-    n = len(den) - 1
-    block = np.zeros((n + 1, n + 1))
-    block[0, :n] = -np.asarray(den[1:])
-    block[1:n, : n - 1] = np.eye(n - 1)
-    block[0, n] = 1.0
-    step = expm(block * dt)
-    x = np.zeros(n) if initial is None else np.array(initial, float)
-    row, y = num[1:] - num[0] * np.asarray(den[1:]), np.empty(u.size)
-    for k in range(u.size):
-        y[k] = row @ x + num[0] * u[k]
-        x = step[:n, :n] @ x + step[:n, n] * u[k]
-    return y
+    return by_exponential(num, den, u, dt, initial=initial)
 
 
 def binary(n_samples=400, hold=6, seed=1):

@@ -15,9 +15,9 @@ import random
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 from scipy.signal import lfilter
 
+from oracles import by_exponential
 from tridentify import Estimate, Record, Structure, ThreeModel, TridentifyError, identify
 from tridentify import errors as err
 
@@ -32,18 +32,7 @@ slow = pytest.mark.slow
 
 
 def respond(theta, u, dt=DT, intersample="zoh"):
-    """Response of (b1 p + b0)/(p^2 + a1 p + a0) from rest, one matrix exponential."""
-    a1, a0, b1, b0 = theta
-    block = np.zeros((4, 4))
-    block[0, :3] = -a1, -a0, 1.0
-    block[1, 0] = block[2, 3] = 1.0
-    step = expm(block * dt)
-    slope = np.append(np.diff(u), 0.0) / dt if intersample == "foh" else np.zeros(u.size)
-    x, y = np.zeros(2), np.empty(u.size)
-    for k in range(u.size):
-        y[k] = b1 * x[0] + b0 * x[1]
-        x = step[:2, :2] @ x + step[:2, 2] * u[k] + step[:2, 3] * slope[k]
-    return y
+    return by_exponential(theta[2:], np.append(1.0, theta[:2]), u, dt, intersample)
 
 
 def binary(n_samples, hold=6, seed=1):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.linalg import expm
 
+from oracles import by_exponential
 from tridentify import METHODS, Record, Status, Structure, ThreeModel, TridentifyError, identify
 from tridentify.errors import UnsupportedError
 
@@ -28,20 +28,7 @@ pytestmark = [
 
 
 def respond(num, den, u, dt=DT, intersample="zoh"):
-    """Exact response from rest: companion form, one matrix exponential, ramps between samples."""
-    n = len(den) - 1
-    num = np.pad(np.atleast_1d(num).astype(float), (n + 1 - np.size(num), 0))
-    block = np.zeros((n + 2, n + 2))
-    block[0, :n] = -np.asarray(den[1:])
-    block[1:n, : n - 1] = np.eye(n - 1)
-    block[0, n] = block[n, n + 1] = 1.0
-    step = expm(block * dt)
-    slope = np.append(np.diff(u), 0.0) / dt if intersample == "foh" else np.zeros(u.size)
-    row, x, y = num[1:] - num[0] * np.asarray(den[1:]), np.zeros(n), np.empty(u.size)
-    for k in range(u.size):
-        y[k] = row @ x + num[0] * u[k]
-        x = step[:n, :n] @ x + step[:n, n] * u[k] + step[:n, n + 1] * slope[k]
-    return y
+    return by_exponential(num, den, u, dt, intersample)
 
 
 def levels(n_samples, hold, rng):

@@ -10,22 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
 
+from oracles import by_modes
 from tridentify import IdentifiabilityError, Record, Structure, ThreeModel, identify
 
 DRAWS = 240
 
 
 def respond(theta, n, u, dt):
-    """Held-input response of b/a by its modes; all poles simple and away from zero."""
-    den, num = np.append(1.0, theta[:n]), theta[n:]
-    y = np.zeros(u.size)
-    for pole in np.roots(den):
-        residue = np.polyval(num, pole) / np.polyval(np.polyder(den), pole)
-        weight = residue * np.expm1(pole * dt) / pole
-        y = y + lfilter([0.0, weight], [1.0, -np.exp(pole * dt)], u.astype(complex)).real
-    return y
+    return by_modes(theta[n:], np.append(1.0, theta[:n]), u, dt)
 
 
 def scores(theta, n, u, dt):

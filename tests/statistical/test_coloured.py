@@ -13,6 +13,7 @@ import pytest
 from scipy.linalg import cho_factor, cho_solve, toeplitz
 from scipy.signal import lfilter
 
+from oracles import by_modes
 from tridentify import Record, Structure, ThreeModel, identify
 
 DRAWS = 120
@@ -39,13 +40,7 @@ NOISES = {
 
 
 def respond(theta, u):
-    """Held-input response of a second-order system without zeros, by its modes."""
-    y = np.zeros(u.size)
-    den = np.append(1.0, theta[:2])
-    for pole in np.roots(den).astype(complex):
-        weight = theta[2] / np.polyval(np.polyder(den), pole) * np.expm1(pole * DT) / pole
-        y = y + lfilter([0.0, weight], [1.0, -np.exp(pole * DT)], u.astype(complex)).real
-    return y
+    return by_modes(theta[2:], np.append(1.0, theta[:2]), u, DT)
 
 
 def register(length):

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 from scipy.signal import lfilter
 
+from oracles import by_exponential
 from tridentify import Record, Structure, ThreeModel, identify
 
 pytestmark = pytest.mark.slow
@@ -21,17 +21,7 @@ N, DT = 300, 0.05
 
 
 def respond(theta, n, u):
-    """Held-input response, companion form, one exponential."""
-    den, num = theta[:n], np.pad(theta[n:], (2 * n + 1 - theta.size, 0))
-    block = np.zeros((n + 1, n + 1))
-    block[0, :n], block[0, n] = -den, 1.0
-    block[1:n, : n - 1] = np.eye(n - 1)
-    step = expm(block * DT)
-    x, y = np.zeros(n), np.empty(u.size)
-    for k in range(u.size):
-        y[k] = (num[1:] - num[0] * den) @ x + num[0] * u[k]
-        x = step[:n, :n] @ x + step[:n, n] * u[k]
-    return y
+    return by_exponential(theta[n:], np.append(1.0, theta[:n]), u, DT)
 
 
 @dataclass(frozen=True)

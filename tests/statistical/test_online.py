@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
+from oracles import by_modes
 from tridentify import Record, Structure, SvfLeastSquares, identify, online
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -17,14 +17,7 @@ FREE = (("offset", True), ("initial_state", "free"))
 
 
 def respond(theta, n, u, dt):
-    """Held-input response of b/a by its modes; all poles simple and away from zero."""
-    den, num = np.append(1.0, theta[:n]), np.asarray(theta[n:])
-    y = np.zeros(u.size)
-    for pole in np.roots(den):
-        residue = np.polyval(num, pole) / np.polyval(np.polyder(den), pole)
-        weight = residue * np.expm1(pole * dt) / pole
-        y = y + lfilter([0.0, weight], [1.0, -np.exp(pole * dt)], u.astype(complex)).real
-    return y
+    return by_modes(theta[n:], np.append(1.0, theta[:n]), u, dt)
 
 
 def register(stages, taps, length, hold):

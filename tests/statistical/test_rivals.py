@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 from scipy.signal import lfilter
 
+from oracles import by_exponential
 from tridentify import (
     BiasCompensatedLeastSquares,
     OutputError,
@@ -40,19 +40,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(1200)]
 
 
 def respond(theta, n, u, dt):
-    """Held-input response from rest, companion form, one matrix exponential."""
-    den, num = np.append(1.0, theta[:n]), np.zeros(n + 1)
-    num[n + 1 - (theta.size - n) :] = theta[n:]
-    block = np.zeros((n + 1, n + 1))
-    block[0, :n] = -den[1:]
-    block[1:n, : n - 1] = np.eye(n - 1)
-    block[0, n] = 1.0
-    step = expm(block * dt)
-    row, x, y = num[1:] - num[0] * den[1:], np.zeros(n), np.empty(u.size)
-    for k in range(u.size):
-        y[k] = row @ x + num[0] * u[k]
-        x = step[:n, :n] @ x + step[:n, n] * u[k]
-    return y
+    return by_exponential(theta[n:], np.append(1.0, theta[:n]), u, dt)
 
 
 def bound_of(theta, n, u, dt, sigma, d=(1.0,)):

@@ -9,8 +9,8 @@ import functools
 
 import numpy as np
 import pytest
-from scipy.signal import lfilter
 
+from oracles import by_modes
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify import errors as err
 from tridentify.numerics.converter import quantum, runs
@@ -31,12 +31,7 @@ PLAIN = Structure(2, 1)
 
 
 def respond(u, dt=DT):
-    y = np.zeros(u.size)
-    for pole in np.roots(DEN):
-        residue = np.polyval(NUM, pole) / np.polyval(np.polyder(DEN), pole)
-        gain = residue * np.expm1(pole * dt) / pole
-        y = y + lfilter([0.0, gain], [1.0, -np.exp(pole * dt)], u.astype(complex)).real
-    return y
+    return by_modes(NUM, DEN, u, dt)
 
 
 def noisy(seed=0, n_samples=800, level=0.05, u=None):
