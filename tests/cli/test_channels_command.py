@@ -42,6 +42,19 @@ def test_channels_are_listed(run, file: Path) -> None:
     assert ["u", "[deg]", "200", "20", "deg"] in rows
 
 
+@pytest.mark.parametrize("columns", [1, 2500])
+def test_names_of_any_length_are_cut_in_the_table(run, tmp_path: Path, columns: int) -> None:
+    """One long name would make every row as wide as itself."""
+    named = ["t", "u" * 20_000, *(f"c{k}" for k in range(columns))]
+    (tmp_path / "long.csv").write_text(f"{','.join(named)}\n{','.join('1' for _ in named)}\n")
+    outcome = run("channels", tmp_path / "long.csv")
+    assert outcome.code == 0
+    assert max(map(len, outcome.out.splitlines())) < 300
+    assert "u...u" in outcome.out
+    listed = json.loads(run("channels", tmp_path / "long.csv", "--json").out)["channels"]
+    assert [entry["name"] for entry in listed] == named
+
+
 def test_channels_as_json(run, file: Path) -> None:
     listed = json.loads(run("channels", file, "--json").out)["channels"]
     assert [entry["name"] for entry in listed] == ["time [ms]", "u [deg]", "y [deg/s]"]

@@ -16,6 +16,8 @@ from tridentify import (
     Structure,
     ThreeModel,
     TransferFunction,
+    advise,
+    frequency_response,
     identify,
     simulate,
     validate,
@@ -152,6 +154,21 @@ def test_any_record_is_identified_or_refused_by_the_thorough_methods(seeds, atte
     estimates, refusals = explore(seeds, attempt, 25, THOROUGH)
     assert estimates
     assert refusals
+
+
+def test_any_record_is_surveyed_or_refused(seeds, attempt):
+    ended = []
+    for seed, rng in seeds.take(300):
+        made = attempt(f"seed {seed}, record", lambda rng=rng: record(rng))
+        if made is None:
+            continue
+        for survey in (frequency_response, advise):
+            what = f"seed {seed}, {survey.__name__}"
+            found = attempt(what, lambda made=made, survey=survey: survey(made))
+            ended.append(found is not None)
+            attempt(f"{what}, in words", lambda found=found: repr(found) + str(found))
+    assert any(ended)
+    assert not all(ended)
 
 
 SCALES = (1e-30, 1e-9, 1e9, 1e30)

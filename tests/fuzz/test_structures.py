@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from decimal import Decimal
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 
@@ -140,11 +141,12 @@ def test_any_structure_is_built_or_refused(seeds, attempt):
     assert refused
 
 
-def test_any_structure_is_estimated_as_it_is_known_or_refused(seeds, attempt):
+def estimated(seeds, attempt, count: int) -> tuple[int, int]:
+    """How many structures ended in an estimate, which keeps what is known, and in a refusal."""
     methods = {**METHODS, "paper": lambda: ThreeModel.paper(1.7)}
     keys = [*methods, "three-model", "output-error", "output-error"]
     estimates = refusals = 0
-    for seed, rng in seeds.take(25):
+    for seed, rng in seeds.take(count):
         record, chosen = lag(rng), options(rng)
         what = f"seed {seed}, {chosen}"
         structure = attempt(what, lambda chosen=chosen: Structure(**chosen))
@@ -163,5 +165,19 @@ def test_any_structure_is_estimated_as_it_is_known_or_refused(seeds, attempt):
         attempt(f"{what}, {key}, simulate", lambda e=estimate, r=record: simulate(e.model, r))
         attempt(f"{what}, {key}, validate", lambda e=estimate, r=record: validate(e, r))
         attempt(f"{what}, {key}, summary", estimate.summary)
+    return estimates, refusals
+
+
+def test_any_structure_is_estimated_as_it_is_known_or_refused(seeds, attempt):
+    estimates, refusals = estimated(seeds, attempt, 25)
     assert estimates
     assert refusals
+
+
+FOUND = (890366119108,)
+"""Seeds that once failed."""
+
+
+def test_what_once_failed_is_estimated_as_it_is_known_or_refused(attempt):
+    known = SimpleNamespace(take=lambda _: [(k, np.random.default_rng(k)) for k in FOUND])
+    assert sum(estimated(known, attempt, len(FOUND))) == len(FOUND)

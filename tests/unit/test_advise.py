@@ -9,7 +9,8 @@ import pytest
 from scipy.signal import lfilter
 
 import tridentify
-from tridentify import DataError, Record, TransferFunction, advise, simulate
+from tridentify import DataError, Record, TransferFunction, advise, frequency_response, simulate
+from tridentify.errors import ScaleError
 
 DT = 0.05
 SYSTEM = TransferFunction([2.0, 6.0], [1.0, 2.0, 9.0])
@@ -215,6 +216,16 @@ def test_too_little_and_the_wrong_records_are_refused(good):
         advise(Record(np.ones(30), np.arange(30.0), dt=1.0))
     with pytest.raises(DataError, match="different sets of channels"):
         advise([good, Record(good.u, good.y, dt=DT)])
+
+
+@pytest.mark.parametrize("survey", [advise, frequency_response])
+@pytest.mark.parametrize(
+    ("u", "y", "t"), [(1e200, 1.0, 1.0), (1.0, 1e-200, 1.0), (1.0, 1.0, 1e-130), (1.0, 1.0, 1e60)]
+)
+def test_numbers_without_room_are_refused(good, survey, u, y, t):
+    """Seen: squares that overflow, and warnings of libraries."""
+    with pytest.raises(ScaleError, match="choose"):
+        survey(Record(good.u * u, good.y * y, dt=DT * t))
 
 
 def test_names_are_public():

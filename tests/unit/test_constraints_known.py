@@ -54,6 +54,27 @@ def test_equalities_that_together_determine_a_coefficient_are_noticed():
     assert np.allclose(known.origin[:2], [3.0, 2.0], rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    "equalities",
+    [
+        [({"a0": 1e9, "b0": 1e31}, 0.3)],
+        [({"a0": 1e-14, "b0": 1.0}, 0.0)],
+        [({"a0": 1e-8, "b0": 1.0}, 0.0), ({"a1": 1.0, "b1": 1.0}, 2.0)],
+        [({"a0": 1e-22, "b0": 1.0}, 0.0)] * 2 + [({"a1": 1.0, "b0": 1e7}, 2.0)],
+    ],
+)
+def test_a_light_coefficient_counts_in_an_equality(equalities):
+    """Seen: 1e9 a0 + 1e31 b0 = 0.3 was taken for b0 = 3e-32, whatever a0 was."""
+    known = resolved(Structure(2, 1, equalities=equalities))
+    rng = np.random.default_rng(4)
+    for _ in range(20):
+        theta = known.origin + known.directions @ rng.standard_normal(known.n_free)
+        assert not known.determined.any()
+        for weights, value in equalities:
+            terms = [w * theta[known.names.index(name)] for name, w in weights.items()]
+            assert sum(terms) - value == pytest.approx(0.0, abs=1e-14 * sum(map(abs, terms)))
+
+
 def test_the_same_said_twice_is_no_contradiction():
     structure = Structure(2, 0, fixed={"a0": 3.0}, static_gain=2.0, equalities=[({"b0": 0.5}, 3.0)])
     assert resolved(structure).origin.tolist() == [0.0, 3.0, 6.0]

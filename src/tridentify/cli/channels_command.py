@@ -10,12 +10,14 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from tridentify.checks.names import LONGEST_NAME
 from tridentify.cli.load import time_channels
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import Activity, show, show_json
 from tridentify.errors import DataError, shown
 from tridentify.record.formats.channels import SECONDS, FloatArray, OpenFile
 from tridentify.record.formats.read import opened
+from tridentify.writing.layout import short
 
 MANY = 2000
 """Channels beyond which the table is laid out plainly: drawn, 80,000 of them take half a minute."""
@@ -109,8 +111,8 @@ def _instants(source: OpenFile, clock: str) -> FloatArray | None:
 
 
 def _plain(text: str) -> str:
-    """Keep what a file calls its channels from steering the terminal."""
-    return text if text.isprintable() else shown(text)
+    """Keep what a file calls its channels from steering the terminal, or filling it."""
+    return short(text, LONGEST_NAME) if text.isprintable() else shown(text)
 
 
 def _rate(time: FloatArray | None) -> float | None:

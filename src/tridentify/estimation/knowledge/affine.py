@@ -3,7 +3,8 @@
 Fixed coefficients, linear equalities and static gains (``b_0 - gain a_0 = 0``) are linear
 equalities in the physical coefficients. Those that say a coefficient alone are put in everywhere
 first, over and over, so that what they determine is exact to the last digit. A null-space basis,
-in coordinates of comparable size, holds the rest (Gill, Murray & Wright 1981, section 5.1).
+in coordinates of comparable size, holds the rest (Gill, Murray & Wright 1981, section 5.1); in it
+the heaviest coefficient of an equality follows from the others.
 Bounds stay inequalities; a Gaussian prior is a term of the cost.
 
 ``a_0 = ... = a_{k-1} = 0`` says ``k`` poles at the origin: integrators. All other poles are in
@@ -19,6 +20,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 import scipy.optimize
 from numpy.typing import NDArray
 
@@ -262,16 +264,34 @@ def _null_space(
     if off[worst] > CONSISTENT * (1e-300 + np.abs(right).max()):
         weights, value = rows[worst]
         _contradict(_in_words(weights, value, names))
-    basis = vt[rank:].T
-    if len(rows) > 1:
-        # a coefficient that several equalities determine together does not move
-        basis[np.linalg.norm(basis, axis=1) < np.sqrt(RANK)] = 0.0
+    point, basis = _as_written(matrix, right, point, vt[rank:].T, rank)
     origin[coupled] = point * scale[coupled]
     for column in basis.T:
         direction = np.zeros(p)
         direction[coupled] = column * scale[coupled]
         columns.append(direction)
     return origin, np.array(columns).T.reshape(p, len(columns))
+
+
+def _as_written(
+    matrix: Array, right: Array, point: Array, basis: Array, rank: int
+) -> tuple[Array, Array]:
+    """A point and directions that meet each equality to the rounding of its own terms.
+
+    Those of a singular value decomposition are exact to the rounding of their largest entry, in
+    which a light coefficient's share of an equality may be lost. The heaviest coefficients follow
+    from the others instead; one that several equalities determine together does not move.
+    """
+    lines = np.sort(scipy.linalg.qr(matrix.T, mode="r", pivoting=True)[1][:rank])
+    order = scipy.linalg.qr(matrix[lines], mode="r", pivoting=True)[1]
+    heavy, light = order[:rank], order[rank:]
+    inverse, others = np.linalg.inv(matrix[np.ix_(lines, heavy)]), matrix[np.ix_(lines, light)]
+    effects = inverse @ others
+    effects[np.abs(effects) <= RANK * (np.abs(inverse) @ np.abs(others))] = 0.0
+    point, basis = point.copy(), basis.copy()
+    point[heavy] = inverse @ right[lines] - effects @ point[light]
+    basis[heavy] = -effects @ basis[light]
+    return point, basis
 
 
 def _bounds(structure: Structure, names: tuple[str, ...]) -> tuple[Array, Array]:

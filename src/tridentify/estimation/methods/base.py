@@ -162,6 +162,18 @@ def steps_and_length(records: Sequence[Record]) -> tuple[float, float]:
     return min(steps), max(r.duration for r in records)
 
 
+def check_times(records: Sequence[Record]) -> None:
+    """Refuse time axes on which rates, integrals or slopes of signals have no room in a float.
+
+    Raises
+    ------
+    ScaleError
+    """
+    shortest, longest = steps_and_length(records)
+    check_time(0.0, longest, shortest)
+    check_span(shortest, longest)
+
+
 def check_scale(records: Sequence[Record], structure: Structure) -> None:
     """Refuse orders and units whose coefficients have no room in a float."""
     first = records[0]

@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 
 from tridentify.errors import DataError, TooFewSamplesError
 from tridentify.estimation.answer.trace import freeze_arrays
+from tridentify.estimation.methods.base import check_signals, check_times
 from tridentify.judgement.advice.local import DEGREE, Window, local_response
 from tridentify.judgement.advice.spectra import Stretch, Told, stretches
 from tridentify.record.record import Record
@@ -178,6 +179,8 @@ def frequency_response(records: Record | Sequence[Record]) -> FrequencyResponse:
     ------
     DataError
         No record, or records of different channels.
+    ScaleError
+        Signals or times whose squares have no room in a float.
     TooFewSamplesError
         No uninterrupted stretch is long enough.
 
@@ -190,7 +193,7 @@ def frequency_response(records: Record | Sequence[Record]) -> FrequencyResponse:
     1.0
     """
     given = [records] if isinstance(records, Record) else list(records)
-    check_alike(given)
+    check_surveyed(given)
     first = given[0]
     cut = [stretches(given, i) for i in range(first.n_outputs)]
     for (parts, _), name in zip(cut, first.output_names, strict=True):
@@ -222,12 +225,12 @@ def frequency_response(records: Record | Sequence[Record]) -> FrequencyResponse:
     )
 
 
-def check_alike(records: Sequence[Record]) -> None:
-    """Refuse no records, and records of different channels.
+def check_surveyed(records: Sequence[Record]) -> None:
+    """Refuse no records, records of different channels, and numbers without room.
 
     Raises
     ------
-    DataError
+    DataError, ScaleError
     """
     if not records:
         raise DataError("found no record; expected at least one; pass a record or several")
@@ -237,6 +240,8 @@ def check_alike(records: Sequence[Record]) -> None:
             f"found records of {len(names)} different sets of channels; expected the same inputs "
             "and outputs in all; use record.select"
         )
+    check_signals(records)
+    check_times(records)
 
 
 def _frequencies(parts: Sequence[Stretch]) -> Array:

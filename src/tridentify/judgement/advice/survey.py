@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from tridentify.checks.samples import Behaviour, typical_step
 from tridentify.errors import TooFewSamplesError, TridentifyError
 from tridentify.estimation.answer.finding import Finding, ranked
-from tridentify.judgement.advice.frequency import FrequencyResponse, check_alike, frequency_response
+from tridentify.judgement.advice.frequency import (
+    FrequencyResponse,
+    check_surveyed,
+    frequency_response,
+)
 from tridentify.judgement.advice.parallel import Parallel, WhitenedFit, p_value, with_noise_model
 from tridentify.judgement.advice.result import Advice
 from tridentify.judgement.advice.samples import (
@@ -108,6 +112,8 @@ def advise(records: Record | Sequence[Record]) -> Advice:
     ------
     DataError
         No record, records of different channels, or fewer than 40 samples of an output.
+    ScaleError
+        Signals or times whose squares have no room in a float.
 
     Notes
     -----
@@ -129,7 +135,7 @@ def advise(records: Record | Sequence[Record]) -> Advice:
     (['bad-samples'], (15.0,))
     """
     given = [records] if isinstance(records, Record) else list(records)
-    check_alike(given)
+    check_surveyed(given)
     first = given[0]
     for i, name in enumerate(first.output_names):
         count = sum(int(np.isfinite(record.y[:, i]).sum()) for record in given)
