@@ -40,6 +40,7 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.raster import are_even
+from tridentify.estimation.likelihood.thresholds import ALLOWANCE
 from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.estimation.search.search import Search, SearchEnd, search_again
@@ -62,7 +63,6 @@ FEW_STEPS = 12
 MOST_ROUNDS = 2
 MOSTLY = 0.5
 WORSE = 0.05
-ALLOWANCE = 6.0
 SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
 
 
