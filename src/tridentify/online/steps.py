@@ -35,6 +35,7 @@ from tridentify.record.record import Record
 Array = NDArray[np.float64]
 
 PASSES = 4
+"""Adapted passes at most: from the poles of the tick before one or two do."""
 
 
 @dataclass(frozen=True, eq=False)
