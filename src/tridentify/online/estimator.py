@@ -43,8 +43,12 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LEAST_FORGETTING = 0.5
+"""Least factor of forgetting: two samples are remembered there, and no model is known from them."""
 SAME = 1e-9
+"""Relative difference within which two sampling intervals are one: rounding of times that are
+counted from far away."""
 BATCH = 256
+"""Intervals for which constants are made at once where time is uneven."""
 
 
 class NotReadyError(UndeterminedError):
@@ -52,6 +56,8 @@ class NotReadyError(UndeterminedError):
 
 
 LONG_RECORD = 4000
+"""Samples from which the loop over blocks is loaded: its kernel takes longer to load than fewer
+samples take one by one."""
 
 
 class CompiledKernels(NamedTuple):

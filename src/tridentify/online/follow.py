@@ -29,6 +29,8 @@ from tridentify.online.summary import moved
 Array = NDArray[np.float64]
 
 NEAR = 0.01
+"""Relative distance of poles up to which they stay where they are: the bank holds them three times,
+so that the model is right to its square."""
 CLEARLY = 10.0  # of -2 log L
 TAKEN = 0.8  # of the samples, for a model that explains them
 

@@ -158,11 +158,21 @@ from tridentify.transfer_function import TransferFunction
 Array = NDArray[np.float64]
 
 WARM_UP = 10
+"""Samples for each unknown before the first period begins, and one over the quickest rate in
+samples."""
 MOST_PERIODS, FIXED_PERIODS = 16, 8
+"""Periods that are kept before neighbours are joined and the clock slows down; those that are
+averaged where the rate is fixed."""
 SCATTERED = 10
+"""Periods from which their scatter gives the standard errors: ten tell one to a quarter."""
 LINEAR = 0.1
+"""Standard error over value of a denominator's coefficients up to which a first model is near
+enough to linearise about."""
 REFIT_ROUNDS = 3
+"""Times that the kept samples are fitted again without those that the model finds doubtful."""
 SETTLING = 2
+"""Periods on a first basis before the poles are moved: the first one still forgets where it
+began."""
 
 
 @dataclass(frozen=True)

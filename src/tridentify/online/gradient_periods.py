@@ -20,12 +20,22 @@ from tridentify.transfer_function import TransferFunction
 Array = NDArray[np.float64]
 
 STEPS_PER_UNKNOWN, SLOWER = 10, 4.0
+"""Samples for each unknown in one over the rate, and how many times slower than the slowest pole it
+is at least."""
 PERIODS_TO_BE_SURE = 4
+"""Periods below which their scatter is not believed."""
 FIRST = 2
+"""Periods that are left out at the beginning."""
 SMALL = 0.1
+"""Share of the smallest relative standard error that the square of a move must be below to be left
+out."""
 DEGENERATE = 1e-13
+"""Smallest eigenvalue over the largest, near one, below which products do not determine the
+unknowns: rounding."""
 FASTEST, BELOW_NYQUIST, LEAST_DAMPED = 20.0, 0.98, 1e-6
+"""Where the poles may be, as in `likelihood.problem`."""
 ROUNDING = 1e-12
+"""Relative movement of a pole that is rounding."""
 
 
 def first_rate(basis: Basis, searched: float) -> float:

@@ -31,8 +31,13 @@ from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, parall
 Array = NDArray[np.float64]
 
 REPEATS = 3
+"""How often each pole stands in the bank: twice for the model and its slopes, and once for a move
+of them."""
 FLOOR = 1e-8
+"""Eigenvalue of a correlation matrix at which directions are held: what is not excited does not run
+away."""
 LEARNING = 20
+"""Blocks from which the usual size of the test for changes is learnt before it may tell one."""
 
 
 @dataclass(frozen=True, eq=False)

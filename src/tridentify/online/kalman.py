@@ -33,6 +33,7 @@ from tridentify.transfer_function import TransferFunction
 Array = NDArray[np.float64]
 
 SAMPLES_PER_UNKNOWN = 10
+"""Samples for each unknown that least squares is given before the filter begins from it."""
 
 
 @dataclass(frozen=True)

@@ -31,6 +31,7 @@ from tridentify.online.steps import StepsEnd, directions_of, estimate_of, solvin
 Array = NDArray[np.float64]
 
 MOVE_ROUNDS = 3
+"""Times that the search is repeated without the samples that its model finds doubtful."""
 
 
 class Planner(Estimator):

@@ -17,7 +17,10 @@ from tridentify.simulate import simulate
 Array = NDArray[np.float64]
 
 PIECES = 12
+"""Pieces of the samples in which the gain of a new model is counted, so that one manoeuvre or gust
+does not decide."""
 MOST_LAGS, LAGS_PER_SAMPLE = 12, 0.1
+"""Order of the autoregression that whitens, and the most of it for each sample."""
 STEPS, SHORT = 3, 0.1  # of Gauss and Newton; of a standard error, for differences
 DRIVEN = 30.0  # of -2 log L
 

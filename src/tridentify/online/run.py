@@ -23,6 +23,7 @@ from tridentify.structure import Structure
 Array = NDArray[np.float64]
 
 POINTS = 200
+"""Estimates along a record where none is asked for: a curve on a page."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,11 +37,15 @@ from tridentify.online.layout import Blueprint, watch_of
 Array = NDArray[np.float64]
 
 FEWEST, FEWEST_USUAL = 20.0, 2.0
+"""Blocks of a level from which its scatter is known, to 30 % for one number; and those from which
+what is usual begins."""
 FEW = 6.0  # blocks that tell one number
 CLEARLY_LARGER, CLEARLY_SMALLER = (
     3.0,
     6.0,
-)  # standard deviations off: larger errors, and smaller ones
+)
+"""Standard deviations by which scores must scatter more, or less, than innovations say before
+standard errors follow: larger ones are the cautious side."""
 WONTED = 1.5  # by how much the scores that are usual grow with a false alarm
 
 

@@ -28,10 +28,18 @@ from tridentify.transfer_function import TransferFunction
 Array = NDArray[np.float64]
 
 VAGUE = 0.5
+"""Standard error over value of the denominator's coefficients from which a search is not
+certain."""
 SUSPICIOUS = 10.0
+"""Largest bend over the median one from which gross outliers are looked for: the largest of a
+thousand Gaussian ones is five."""
 LEAST_FAR = 0.005
+"""Share of the samples below which a few are left for the estimator to refuse."""
 GROWTH = 1.3
+"""Samples after which is searched again, over those of the search before: all searches together
+cost about four times the last one."""
 STARTS, FEW_STARTS = 4, 2
+"""Starts of a thorough search, and of one while samples come in."""
 USABLE = (Status.CONVERGED, Status.AT_STABILITY_LIMIT, Status.POSTERIOR_MEAN)
 
 

@@ -29,6 +29,7 @@ Array = NDArray[np.float64]
 T = TypeVar("T")
 
 SCHEMA = 1
+"""Version of the file format."""
 KEY = "online_state"
 KEYS = (
     "method", "structure", "dt", "input_names", "output_names", "units", "intersample", "nuisance",

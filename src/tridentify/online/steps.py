@@ -11,16 +11,15 @@ from numpy.typing import NDArray
 from tridentify.estimation.answer.assemble import Asked, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
-from tridentify.estimation.likelihood.choose_nuisance import TRUSTED
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant, linear_blocks
 from tridentify.estimation.likelihood.levenberg_marquardt import (
-    SETTLED_LONG,
     Recorder,
     criterion,
     finishing,
 )
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.thresholds import EQUAL, SETTLED_LONG, TRUSTED
 from tridentify.estimation.search.passes import adapting, series_model
 from tridentify.models.regression import Regression
 from tridentify.numerics.realization import Complex
@@ -36,7 +35,7 @@ from tridentify.record.record import Record
 Array = NDArray[np.float64]
 
 PASSES = 4
-DOUBT = 1.0  # of AICc, by which a choice of nuisance terms may do better than it promised
+"""Adapted passes at most: from the poles of the tick before one or two do."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +119,7 @@ def solving(
         fall = min(point.step(0.0).decrease, TRUSTED * float(point.counts.sum()))
         promised.append((criterion(point, fall), nuisances, constants))
     for least, nuisances, constants in sorted(promised, key=lambda one: one[0]):
-        if least >= best.criterion + DOUBT:
+        if least >= best.criterion + EQUAL:
             break
         found = yield from _solved(base, nuisances, constants, best.point.poles, 0)
         if found.criterion < best.criterion:

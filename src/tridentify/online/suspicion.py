@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 CLEAR_GAIN = 30.0  # of -2 log L: one in a million for four coefficients, were the noise model true
 AGREEING = 0.6  # of the pieces; of noise alone, half
 RARE = 1e-5
+"""Probability with which an unchanged plant is taken for another: changes are suspected often."""
 LARGER = 2.0  # than by the noise model, the covariance of few samples
 TRIED, DOUBTED = 3, 12  # times the samples of a first search: a suspicion is tried, and dropped
 

@@ -100,11 +100,18 @@ from tridentify.transfer_function import TransferFunction
 Array = NDArray[np.float64]
 
 REPEATS = 3
+"""How often each pole stands in the bank: twice for the model and its slopes, and once for a move
+of them."""
 SHARE = 0.5
+"""Samples to the next tick over those so far: the work grows with their logarithm."""
 QUARTER = 0.25
+"""The same over the memory, where old samples are forgotten."""
 SHORTEST_TICK = 50
+"""Samples between two ticks at least."""
 LEAST_SAMPLES = 100
+"""Samples that are kept for the first search at least."""
 ALARM_LASTS = 200
+"""Samples for which a change is told, long enough to be seen on a slow display."""
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
 
 

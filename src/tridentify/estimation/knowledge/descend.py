@@ -30,18 +30,21 @@ from tridentify.estimation.knowledge.fixed_denominator import HeldFit, fit, plac
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     LONG,
     ROUNDING_SQUARED,
+)
+from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_FAST, Problem
+from tridentify.estimation.likelihood.thresholds import (
+    IDLE,
+    NEARLY_SETTLED,
+    SENSELESS,
     SETTLED,
     SETTLED_LONG,
 )
-from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_FAST, Problem
 
 Array = NDArray[np.float64]
 
 MOST_STEPS = 60
 SHRINK = 0.1
-NEARLY = 1e-3
 STUCK = 1e8
-IDLE = 1e-6
 
 
 @dataclass(frozen=True)
@@ -185,7 +188,7 @@ def descend(
         gain = -np.inf if trial is None else cost(here, known) - cost(trial, known)
         if trial is not None and is_exact(trial):
             exact += 1
-            if gain < 0.5 * here.counts.sum() or exact > 4:
+            if gain < SENSELESS * here.counts.sum() or exact > 4:
                 here = trial if gain > 0 else here
                 status, why = Status.CONVERGED, "the residual is down to rounding"
                 break
@@ -233,7 +236,7 @@ def _verdict(
     idle: int,
 ) -> tuple[Status, str]:
     """How steps that did not settle ended."""
-    if last.fall < NEARLY:
+    if last.fall < NEARLY_SETTLED:
         return Status.CONVERGED, f"a further step would lower the cost by {last.fall:.1e}"
     if (outside and idle > 2) or damping > STUCK:
         poles = poles_from(last.theta[known.moving])

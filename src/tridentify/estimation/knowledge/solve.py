@@ -44,10 +44,10 @@ from tridentify.estimation.knowledge.descend import (
 )
 from tridentify.estimation.knowledge.reach import check_reach
 from tridentify.estimation.knowledge.starts import further_points, starting_points
-from tridentify.estimation.likelihood.choose_nuisance import TRUSTED
 from tridentify.estimation.likelihood.noise_model import NoiseChoice
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white
 from tridentify.record.record import Record

@@ -39,6 +39,7 @@ from tridentify.estimation.knowledge.descend import (
 )
 from tridentify.estimation.knowledge.fixed_denominator import Denominator, HeldFit, place
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.thresholds import PASS_WITHIN
 from tridentify.models.response import Response
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import denominator
@@ -188,7 +189,7 @@ def constrained_passes(problem: Problem, known: Knowledge, a: Array, start: Arra
             break
         reached = fit_at(problem, known, theta)
         value = cost(reached, known)
-        worse = value > lowest - 0.1
+        worse = value > lowest - PASS_WITHIN
         if value < lowest:
             best, lowest = theta, value
         if worse or is_exact(reached):

@@ -28,12 +28,10 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.thresholds import EQUAL, TRUSTED
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices, drain
-
-TRUSTED = np.log(4.0)
-SURPRISE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +129,7 @@ def deciding(
         recorder = Recorder()
         point, status, why = yield from finishing(at, start, recorder, question.most)
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
-        surprised = abs(done[k].criterion - promised[k].criterion) > SURPRISE
+        surprised = abs(done[k].criterion - promised[k].criterion) > EQUAL
         if len(done) < len(choices) and (surprised or at_rounding(point)):
             promised, _ = yield from _predict(base, variants, [point.poles], known)
     best = min(done.values(), key=lambda one: one.criterion)

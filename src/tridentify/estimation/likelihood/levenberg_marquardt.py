@@ -15,20 +15,22 @@ from numpy.typing import NDArray
 from tridentify.estimation.answer.estimate import Pass, Status, Step
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
+from tridentify.estimation.likelihood.thresholds import (
+    IDLE,
+    NEARLY_SETTLED,
+    SENSELESS,
+    SETTLED,
+    SETTLED_LONG,
+)
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import Complex, denominator, numerators
 from tridentify.numerics.slices import Slices, drain
 
 Array = NDArray[np.float64]
 
-SETTLED = 1e-7
-SETTLED_LONG = 1e-4  # a hundredth of a standard error, squared
 LONG = 50_000
 ROUNDING_SQUARED = 1e-22
 MOST_STEPS = 60
-NEARLY_THERE = 1e-3
-IDLE = 1e-6
-KINK = 1e-3
 INDISTINGUISHABLE = 1e-22
 
 
@@ -178,7 +180,7 @@ def finishing(
         trial = at(poles) if delays is None else _late(at, poles, delays, problem)
         gain = _gain(point, trial)
         exact += at_rounding(trial)
-        if exact and (gain < 0.5 * point.counts.sum() or exact > 3):
+        if exact and (gain < SENSELESS * point.counts.sum() or exact > 3):
             best = trial if gain > 0 else point
             return best, Status.CONVERGED, "the residual is down to rounding"
         if gain <= 0:
@@ -203,7 +205,7 @@ def finishing(
     left = point.step(0.0).decrease
     if held and held != REFLECTED:
         return point, _settled(held), held
-    if left < NEARLY_THERE:
+    if left < NEARLY_SETTLED:
         return point, Status.CONVERGED, f"a further step would lower -2 log L by {left:.1e}"
     if idle > 2 or damping > 1e8:
         return point, Status.STALLED, "no further step lowers the cost"
@@ -225,7 +227,7 @@ def _on_a_kink(
     delays = np.where(kinks, np.round(problem.delays / dt) * dt, problem.delays)
     there = at(point.poles, delays=delays, pinned=kinks)
     end, status, why = finish(at, there, recorder, most)
-    if end.objective > point.objective + KINK:
+    if end.objective > point.objective + NEARLY_SETTLED:
         return point, Status.STALLED, "no further step lowers the cost"
     return end, status, f"{why}; a delay lies on a whole step, where the cost has a kink"
 

@@ -50,20 +50,22 @@ from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import Curvature
 from tridentify.estimation.likelihood.levenberg_marquardt import at_rounding, coefficients, finish
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.thresholds import (
+    LEAST_MASS,
+    NEAR,
+    UNFINISHED,
+    WHOLE_GAUSSIAN,
+)
 from tridentify.numerics.realization import Complex
 
 Array = NDArray[np.float64]
 
-NEAR = 20.0
-SHARE = 5.0
 LEAST_SHARE = 0.01
 MOST_CELLS = 24
 MOST_RIVAL_STEPS = 20
-UNFINISHED = 0.1
 BEYOND_BAND = 1.4
 INSET = 1e-6
 SAME = 0.5
-SPAN = 80.0
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 
 
@@ -86,7 +88,7 @@ class Component(NamedTuple):
         if not variance > 0 or (np.isinf(low) and np.isinf(high)):
             return self
         nearest = min(max(center, low), high)
-        reach = float(np.sqrt((nearest - center) ** 2 + SPAN * variance))
+        reach = float(np.sqrt((nearest - center) ** 2 + WHOLE_GAUSSIAN * variance))
         first, last = max(low, center - reach), min(high, center + reach)
         s = 0.5 * (first + last) + 0.5 * (last - first) * NODES
         highest = -0.5 * (nearest - center) ** 2 / variance
@@ -300,7 +302,7 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
             continue
         ends.append((end, cell))
         found.append(component(end, cell))
-        if found[-1].log_mass > max(one.log_mass for one in found) - SHARE:
+        if found[-1].log_mass > max(one.log_mass for one in found) - LEAST_MASS:
             mass = found[-1].log_mass
             queue += [(mass, one, end.poles) for one in cell.beside(end.problem.delays)]
     if len(found) == 1 and not home.kinked:

@@ -46,6 +46,7 @@ from tridentify.estimation.likelihood.noise_model import (
     residual_series,
 )
 from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.thresholds import SAME_END
 from tridentify.estimation.methods.maximum import Maximum
 from tridentify.estimation.search.search import Starts, search
 from tridentify.numerics.whiteness import is_white
@@ -57,8 +58,7 @@ MOST_ROUNDS = 8
 OPEN_ROUNDS = 3
 """Turns in which orders and nuisance terms are decided anew; later they would only alternate."""
 STILL = 0.01
-"""Movement [standard errors] below which coefficients stand still; also a gain of AICc that tells
-one end of a search from another."""
+"""Movement [standard errors] below which coefficients stand still."""
 LOST = 10.0
 """Residual power over that with white weights from which whitening has led astray."""
 NOTABLE, LARGE = 1.5, 4.0
@@ -146,7 +146,7 @@ def _alternate(
                 anew = search(whole.held, n_starts)
                 tried = tuple(replace(one, name=f"whitened: {one.name}") for one in anew.tried)
                 other = decide(whole, anew.seeds)
-                if other.best.criterion < following.best.criterion - STILL:
+                if other.best.criterion < following.best.criterion - SAME_END:
                     following = other
             after, reasons = following.best, following.decisions or reasons
         else:

@@ -34,6 +34,7 @@ from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.literal import Literal, Rests, fit_rests, literal_estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.thresholds import SAME_END
 from tridentify.estimation.methods.base import Progress, check, check_count
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.filtered.state_variable_filters import check_rates, monic_filter
@@ -56,7 +57,6 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 
-REACHED = 1e-2
 EXACT = 1e-16
 
 
@@ -318,7 +318,7 @@ class _PaperRun:
         if np.all(own / point.counts < EXACT * self.problem.size):
             return True
         above = float(point.counts @ np.log((own + 1e-300) / (point.rss + 1e-300)))
-        return above + point.step(0.0)[1] < REACHED
+        return above + point.step(0.0)[1] < SAME_END
 
     def _first(self) -> tuple[_PaperModel, tuple[Step, ...], str]:
         poles = np.concatenate([self.operators.poles, self.filter_bank.poles])

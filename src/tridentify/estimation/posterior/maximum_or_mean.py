@@ -22,6 +22,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
 )
 from tridentify.estimation.likelihood.problem import Variant
 from tridentify.estimation.likelihood.scores import ScoreScatter
+from tridentify.estimation.likelihood.thresholds import RIVAL
 from tridentify.estimation.posterior.mean import (
     VAGUE,
     Posterior,
@@ -37,7 +38,6 @@ from tridentify.numerics.realization import Complex, denominator
 Array = NDArray[np.float64]
 FinishChoice = Literal["auto", "likelihood", "posterior"]
 CHOICES = ("auto", "likelihood", "posterior")
-RIVAL = 30.0
 APART = float(np.log(2.0))
 SEPARATE = (
     "the likelihood's maximum: the posterior is weighed for a shared denominator and known delays"

@@ -44,6 +44,7 @@ from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import criterion, finish
 from tridentify.estimation.likelihood.nuisance import SLACK, Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.thresholds import EQUAL, HELPED, NEAR, PLAUSIBLE
 from tridentify.estimation.search.search import Search
 from tridentify.estimation.search.stand_ins import SMALL, free_variant, is_large, is_usable, window
 from tridentify.estimation.search.starts import parallel_criterion, rate_limits
@@ -72,12 +73,8 @@ MOST_STEPS = 12
 HELD_STEPS = 6
 MOST_ROUNDS = 4
 SWEEPS = 2
-NEAR = 20.0
 MOST_RIVALS = 6
-HELPED = 0.005
-EQUAL = 1.0
 FEW_STEPS = 5.0
-HOPELESS_COST = 30.0
 KEPT_RATES = 2
 # of how many places one is looked at with all rates
 THINNED = 3
@@ -322,7 +319,7 @@ def _best(
         known = [one.problem.delays for one in begun]
         places = [p for p in places[:1] if all(np.any(np.abs(p[1] - k) > around) for k in known)]
     for cost, delays in places:
-        if ends and cost > min(criterion(end) for end in ends) + HOPELESS_COST:
+        if ends and cost > min(criterion(end) for end in ends) + PLAUSIBLE:
             continue
         ends.append(_refined(problem, delays))
     best = min(ends, key=lambda point: point.objective)

@@ -21,13 +21,13 @@ from tridentify.estimation.answer.trace import pairs
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, at_rounding
 from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.thresholds import PASS_HELPED
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
 from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices, drain
 
-ENOUGH = 0.5
 MOST_ADAPTED = 12
 
 
@@ -98,7 +98,7 @@ def adapting(
         gain = np.inf if best is None else best.objective - point.objective
         if best is None or gain > 0:
             best = point
-        worse = worse + 1 if gain < ENOUGH else 0
+        worse = worse + 1 if gain < PASS_HELPED else 0
         if worse >= 1 + (gain < 0) or at_rounding(point):
             break
         poles, note = base.admissible(step.poles)

@@ -42,6 +42,15 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.likelihood.thresholds import (
+    ALLOWANCE,
+    CLEARLY,
+    EQUAL,
+    HELPED,
+    NEAR,
+    PLAUSIBLE,
+    WORTHWHILE,
+)
 from tridentify.estimation.search.one_mode_moved import Move, moving_poles
 from tridentify.estimation.search.passes import MOST_ADAPTED, adapting
 from tridentify.estimation.search.stand_ins import (
@@ -70,21 +79,15 @@ from tridentify.numerics.whiteness import is_white
 
 Array = NDArray[np.float64]
 
-ALLOWANCE = 6.0
-CLEARLY = 10.0
 MOST_ENRICHED = 8
 MOST_TRIED = 12
 MOST_SHARPENING = 3
 LONGER = 24
 MOST_MOVES = 4
 MOST_FOLLOWED = 3
-NEAR = 20.0
-HELPED = 0.005
-WORTHWHILE = 50.0
 TESTED = 200_000
 CERTAIN = 0.1
 FEW_ADAPTED = 3
-PLAUSIBLE = 30.0
 HOPELESS_RATIO = 2.0
 ALIKE = 0.02
 OF_WINDOW = "window of the record: "
@@ -430,7 +433,7 @@ class Search:
                 return SearchEnd(base, best, variant, reachable, True)
             before = criterion(best)
             best = yield from self._best_of(enriched[:2], reachable, best, where)
-            if criterion(best) < before - 1.0:
+            if criterion(best) < before - EQUAL:
                 continue
             if not further:
                 break

@@ -37,6 +37,8 @@ REWEIGHTED, REFINED = 4, 6
 """Linear fits with new weights, and Gauss-Newton steps."""
 
 LOCAL_CUTOFF = 1e-8
+"""Singular values below this share of the largest count as nothing: sums over a dozen lines of a
+spectrum carry some eight digits."""
 ROUNDING_SQUARED = 1e-26
 """Squares of residuals relative to those of the output that are rounding."""
 

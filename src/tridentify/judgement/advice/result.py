@@ -15,6 +15,7 @@ from tridentify.judgement.causes.intersample import TIE
 from tridentify.writing.layout import html_table
 
 _WIDTH = 78
+"""Characters a line: fits a terminal of 80."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,7 +75,9 @@ SLOW_LINES, SLOW = 4, 0.5
 """Periods in the record up to which a disturbance is slow, and its share of what is left."""
 
 FEWEST_LOOKED_AT = 30
+"""Samples below which a median of neighbours says nothing of one of them."""
 MOST_NAMED = 5
+"""Samples that are named by their times; more are counted."""
 
 
 def bad_samples(record: Record, output: int, left: Array, experiment: int | None) -> list[Finding]:

@@ -25,15 +25,30 @@ from tridentify.record.record import Record
 Array = NDArray[np.float64]
 
 FALSE_ALARMS = 1e-3
+"""Probability that a record of Gaussian noise is told to have a spike."""
 LEAST = 5.0
+"""Standard deviations that a spike has at least: in short records the tail of other distributions
+is no spike."""
 SHORT = 6.0
+"""Samples' worth by which the scale of a short record is uncertain: the limit is wider by this over
+their number."""
 SHARE = 0.5
+"""Share of a spike's size below which both its neighbours stay: spikes stand alone, a disturbance
+does not."""
 QUANTILE = 0.8
+"""Quantile of the absolute values that a second scale is taken from: rounding makes the median too
+small, up to a fifth of spikes does not move this."""
 ROUNDING = 1e-9
+"""Noise over output below which it is rounding, and has no spikes."""
 FEWEST = 12
+"""Samples below which a median is no scale."""
 LONGEST = 100_000
+"""Samples of a record that are looked at: spikes show in any part of it."""
 FEW = 10_000
+"""Samples by whose scale a long residual is looked at first: a median of so many is good to 1 %."""
 CLEARLY = 0.9
+"""Share of the limit below which that first look is believed; nine standard errors of the scale
+away from it."""
 MOST_SPIKES = 50
 """Samples taken out of one experiment's noise, one by one."""
 BESIDE = 3

@@ -27,6 +27,7 @@ LONGEST_TESTED = 20_000
 """Samples of a record that are looked at."""
 
 MOST_LAGS = 40
+"""Lags of the correlation that are looked at; `MOST_OUTSIDE` is for so many."""
 
 BOUND_99 = 2.5758
 """Quantile of the normal distribution that 99 % stay within."""

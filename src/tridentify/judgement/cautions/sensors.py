@@ -42,31 +42,61 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 LONGEST = 100_000
+"""Samples of a record that are looked at."""
 ROUNDING = 1e-9
+"""Noise over output below which it is rounding, and says nothing of a sensor."""
 DITHER = 0.5
+"""Standard deviation of the noise [steps of the converter] below which rounding is no longer like
+white noise: at half a step its error depends on the signal by less than a hundredth."""
 EXACT = 0.1
+"""Noise over a step of the converter below which it is no noise: samples repeat as the signal
+does."""
 JUMP = 1e-3
+"""Share of the range by which a value must be entered to have been jumped at, and not
+approached."""
 NEAR = 1e-4
+"""Share of the range below a limit from which the advice takes samples out: far below what a
+converter resolves."""
 FEWEST_AT_LIMIT = 4
+"""Samples at the largest or smallest value below which it is a peak."""
 BEYOND_NOISE = 4.0
+"""Standard errors by which the model must lie beyond the limit on the average: one in 30,000 by
+chance."""
 FEWEST_HANGING = 5
+"""Equal samples in a row below which a sensor has not hung."""
 RARELY = 0.02
 """Runs of equal values a sample, below which values do not repeat by themselves."""
 LONG_RUN = 8
 """Equal samples in a row that noise of any size cannot make where values do not repeat."""
 MOVED = 6.0
+"""Standard deviations of the noise by which the model moves while the sensor stands still: noise of
+some ten samples does not spread so far."""
 FEWEST_REPEATS = 3
+"""Repeated values below which they are chance."""
 MOST_REPEATS = 0.1
+"""Share of all runs that repeated values must be."""
 MOSTLY = 0.8
+"""Share of the samples, or of the runs, that make repeating the rule: a slow sensor."""
 STATIC = 1e-6
+"""Share of the range within which values are a function of the inputs at that moment: the digits of
+a file."""
 FEWEST_CHANGES = 8
+"""Changes below which their common divisor is chance."""
 CHANCE = 14.0
+"""Log of one over the probability that all changes fall on multiples by chance: 1e-6."""
 FEWEST_PLATEAUS = 2
+"""Runs at a limit below which it is one peak."""
 LEAST_PLATEAU = 3
+"""Samples of the longest of them."""
 PILED = 2.0
+"""Samples at the limit over those one step inside it: noise that is rounded leaves no more at its
+end than beside it."""
 LOOSE = 0.2
+"""Share of runs that may not fit the rule of the others."""
 RESTLESS = 0.8
+"""Share of samples with a new input from which a still output needs an explanation."""
 TURNING = 0.5
+"""Share of samples at which the input turns from which an end of its own is no plateau."""
 
 
 def sensor_findings(

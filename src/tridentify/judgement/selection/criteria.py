@@ -42,6 +42,8 @@ from tridentify.numerics.information import aicc_price
 
 Array = NDArray[np.float64]
 ROUNDING = 1e-22
+"""Residual power over the output's that is rounding, as `levenberg_marquardt.ROUNDING_SQUARED`: it
+is not ranked."""
 
 
 @dataclass(frozen=True)

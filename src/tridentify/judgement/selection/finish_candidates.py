@@ -40,6 +40,7 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.raster import are_even
+from tridentify.estimation.likelihood.thresholds import ALLOWANCE
 from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.estimation.search.search import Search, SearchEnd, search_again
@@ -58,11 +59,18 @@ from tridentify.structure import InitialState, Structure
 Array = NDArray[np.float64]
 
 FOLLOWED = 3
+"""Seeds of a candidate that are followed, the lowest."""
 FEW_STEPS = 12
+"""Steps from each: enough to rank them."""
 MOST_ROUNDS = 2
+"""Turns of the orders of the noise models and of which candidate is best: the one says the
+other."""
 MOSTLY = 0.5
+"""Share of a residual that follows the input from which it is a missing response, as
+`noise_model.MOSTLY`."""
 WORSE = 0.05
-ALLOWANCE = 6.0
+"""Deviance [-2 log L] by which a candidate may end above one that it contains: from more its steps
+ended elsewhere, and it begins again from there."""
 SOUND = (Status.CONVERGED, Status.WEAKLY_IDENTIFIABLE)
 
 

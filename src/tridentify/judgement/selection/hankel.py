@@ -49,8 +49,11 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 DRAWS = 200
+"""Draws of the noise alone: the quantile below rests on ten of them."""
 LEVEL = 0.95
+"""Quantile of a singular value by noise alone above which it counts."""
 SINGULAR = 1e-10
+"""Singular values of the columns below this share of the largest count as nothing."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -48,9 +48,13 @@ from tridentify.transfer_function import TransferFunction
 
 Array = NDArray[np.float64]
 FOLDS = 5
+"""Parts that are held out in turn."""
 BLOCKS = 4
+"""Stretches of each part, spread over the record, so that no part is one manoeuvre."""
 FEWEST = 40
+"""Samples below which a fifth of them is no test: eight."""
 MOST_STEPS = 20
+"""Steps without a part, from the end with all of them: it is near."""
 
 
 @dataclass(frozen=True, eq=False)

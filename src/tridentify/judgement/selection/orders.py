@@ -11,7 +11,9 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 
 MOST_POLES = 4
+"""Most poles of the candidates that are tried unasked."""
 PER_COEFFICIENT = 10
+"""Samples for each coefficient of a candidate at least."""
 
 
 def default_candidates(

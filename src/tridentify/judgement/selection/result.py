@@ -23,7 +23,9 @@ from tridentify.writing.layout import format_table, html_table
 
 Array = NDArray[np.float64]
 SCHEMA = 1
+"""Version of the file format."""
 _WIDTH = 78
+"""Characters a line: fits a terminal of 80."""
 _TITLES = ("", "poles, zeros", "coefficients", "fit [%]", "held-out [%]", "std/value", "remark")
 
 

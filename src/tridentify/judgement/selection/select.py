@@ -78,7 +78,10 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 REPEATED = 3
+"""How often each pole stands in the basis of the Hankel values: what is near the model is spanned
+by twice, and once more is room for what it lacks."""
 HALF = 0.5
+"""Standard error over natural size of a section's coefficients below which poles are identified."""
 
 
 def select_structure(

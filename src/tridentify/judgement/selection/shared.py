@@ -25,6 +25,7 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 APART = 2.0
+"""Ratio of rates from which two Laguerre starts are two."""
 
 
 @dataclass(frozen=True, eq=False)

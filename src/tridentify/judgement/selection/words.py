@@ -11,7 +11,9 @@ from tridentify.judgement.selection.rule import POINT, Contender, Verdict, neede
 from tridentify.structure import Structure
 
 POORLY = 0.5
+"""Standard error over value from which a coefficient is said to be poorly known."""
 CLOSE = 10.0
+"""Difference of AICc up to which it is said to be small, as `thresholds.CLEARLY`."""
 
 
 def in_words(

@@ -47,7 +47,10 @@ from tridentify.record.record import Record
 Array = NDArray[np.float64]
 
 FEWEST_LAGS, MOST_SHOWN_LAGS = 20, 60
+"""Lags of the correlations that are shown: three of the slowest time constants, between these
+two."""
 LEVEL = 0.99
+"""Confidence of the bounds that are drawn, by default."""
 LONGEST_LOOK = 5_000
 """Samples of each record that every estimate is judged by; `validate` takes them all."""
 OUTLIERS = 0.1

@@ -18,11 +18,15 @@ from tridentify.judgement.validation.residuals import Output, View
 Array = NDArray[np.float64]
 
 MOST_LAGS = 40
+"""Knots of a response that is looked for in the residual."""
 AHEAD = 4
 """Samples to come at which feedback is looked for first, where the input is not held."""
 FIRST_LAGS = 4
+"""Lags that are knots of their own, as a direct term or a delay shows there."""
 PER_COLUMN = 6
+"""Samples for each knot at least: with fewer the F test has no power."""
 WAVES = 4
+"""A constant and three cosines, the quickest of one and a half periods over the record."""
 
 
 def past_lags(view: View, output: Output) -> list[int]:

@@ -25,7 +25,9 @@ from tridentify.numerics.robust import median_scale
 Array = NDArray[np.float64]
 
 SMALL_SAMPLE = 6.0
+"""Samples' worth by which the scale of a short record is uncertain, as in `cautions.outliers`."""
 QUANTILE = 0.8
+"""Quantile of the absolute values that a second scale is taken from, as in `cautions.outliers`."""
 
 
 def distribution(

@@ -48,18 +48,30 @@ from tridentify.numerics.robust import median_scale
 Array = NDArray[np.float64]
 
 PRETEST = 0.05
+"""p-value of whiteness up to which a noise model is fitted before other tests."""
 ROUNDS = 2
+"""Turns of columns and noise model: the second one has the right weights."""
 WORTH_CHECKING = 0.02
+"""p-value of a score test above which the dearer likelihood ratio is not made: it could not fall
+below `CALLED`."""
 LONG = 20_000
+"""Samples from which the score test is left as it is: the likelihood ratio takes several fits, and
+differs from it where samples are few."""
 CALLED = 0.001
+"""p-value from which something is called wrong: several tests of each output together call about
+one right model in a hundred wrong (benchmarks, validation)."""
 SUSPICIOUS = 0.01
 """p-value of a score test from which an estimate is looked at more closely."""
 LEAST_FEEDBACK = 0.02
 """Share of the residual that samples of the input to come must explain to be called feedback."""
 PER_STRETCH = 25
+"""Samples of a stretch whose scale is compared with the others'."""
 MOST_STRETCHES = 8
+"""Most stretches of a record."""
 FARTHEST = 4.0
+"""Standard deviations at which samples are cut for that, so that one outlier is no stretch."""
 HEAVY = 0.9
+"""Leverage from which a sample is left out, as its residual is mostly its own doing."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -41,9 +41,13 @@ from tridentify.simulate import simulate
 Array = NDArray[np.float64]
 
 LONGEST = 100_000
+"""Samples of a record that are looked at."""
 ROUNDING = 1e-9
+"""Residual over output below which it is rounding, and nothing is tested."""
 FEWEST = 20
+"""Samples beyond the unknowns below which a residual cannot be tested."""
 RANK = 1e-10
+"""Eigenvalues of a correlation matrix below this share are rounding."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from tridentify.writing.layout import format_table, html_table
 Array = NDArray[np.float64]
 
 _WIDTH = 78
+"""Characters a line: fits a terminal of 80."""
 
 
 @dataclass(frozen=True, eq=False)

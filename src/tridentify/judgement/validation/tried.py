@@ -48,6 +48,7 @@ NOTHING = 1.0
 """p-value of a test whose result another cause explains."""
 
 FEW_LEFT = 0.9
+"""Share of the samples that must be left where outliers are taken out and the tests made again."""
 FEW_BAD = 0.97
 """Share of the samples that must be left where those that stand alone are taken out."""
 

@@ -79,6 +79,7 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SHORTEST = 4
+"""Samples of the shortest block: fewer are quicker one by one."""
 
 
 @compiled(types.int64(INTS, VECTOR, SAMPLES, SAMPLES, types.int64, types.int64), wide=True)

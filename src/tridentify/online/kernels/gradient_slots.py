@@ -20,7 +20,9 @@ RATE, KNOWN, READY, GRADIENT_PACE = range(4, 8)
 FROM, MOMENTS, SUMMED = 13, 14, 15
 
 MEMORY = 6.0
+"""Time constants of the weights over which the innovations are averaged."""
 WHITE = 0.25
+"""Leverage of a sample from which the weights follow every sample, so that none can be far off."""
 DOUBTS, TELLS = 0.5, 1.0  # of READY: a sample may be doubted; a change may be told
 
 

@@ -12,6 +12,7 @@ from tridentify.online.kernels.slots import COLUMNS, DIRECTIONS, INPUTS, LINE, O
 Array = NDArray[np.float64]
 
 LONGEST = 128
+"""Samples of the longest block: its rows fit the processor's cache."""
 # rows behind those of the filters, the columns and the directions
 OWN_ROWS = 9
 SINES, COSINES, LEFT, NOW, FIT, LEVERAGE, ERRORS, SCALED_ERRORS, REFERENCE = range(OWN_ROWS)

@@ -70,6 +70,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
 )
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
+from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.estimation.methods.base import Progress, check
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.filtered.state_variable_filters import (
@@ -86,8 +87,6 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
-
-TRUSTED = np.log(4.0)
 
 
 @dataclass(frozen=True)
