@@ -23,7 +23,7 @@ from tridentify import (
 )
 from tridentify.errors import CandidateError, DataError, OptionError
 from tridentify.judgement.selection import SelectionRow, default_candidates
-from tridentify.judgement.selection.held_out import folds
+from tridentify.judgement.selection.held_out import HeldEstimate, cross_fit, folds, information
 
 PLANT = TransferFunction([2.0, 3.0], [1.0, 2.0, 9.0])
 
@@ -124,7 +124,7 @@ def test_criteria_are_those_of_the_residual(record, selection):
 
 def test_the_fit_on_blocks_left_out_is_a_fit_without_them(record, selection):
     row = selection.rows[2]
-    number = folds(record.n_samples)
+    number = folds(information(row.estimate, [record])[0])
     error = np.zeros(record.n_samples)
     for fold in range(5):
         fit = OutputError(row.estimate.model)
@@ -133,6 +133,45 @@ def test_the_fit_on_blocks_left_out_is_a_fit_without_them(record, selection):
     wanted = 100 * (1 - np.linalg.norm(error) / np.linalg.norm(record.y - record.y.mean()))
     assert row.cross_fit[0] == pytest.approx(wanted, abs=1e-4)
     assert row.cross_fit[0] < row.fit[0]
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_single_short_transient_is_never_left_out_as_a_whole(seed):
+    # all that is to be learnt happens within a twentieth of the record
+    rng = np.random.default_rng(seed)
+    u = np.where(np.arange(1000) < 510, 0.0, 1.0)
+    y = simulate(TransferFunction([3.0, 9.0], [1.0, 2.2, 9.0]), Record(u, u, dt=0.1))[:, 0]
+    step = Record(u, y + 0.3 * np.std(y) * rng.standard_normal(1000), dt=0.1)
+    estimate = identify(step, at_rest(2, 1))
+    held = cross_fit(HeldEstimate(estimate, (step,), ()))
+    assert held.fit[0] == pytest.approx(estimate.fit[0], abs=0.5)
+
+
+def test_information_is_leverage(record):
+    estimate = identify(record, at_rest(2, 1))
+    found = information(estimate, [record])
+    assert [one.shape for one in found] == [(300,)]
+    # one for each unknown
+    assert found[0].sum() == pytest.approx(4.0)
+    parts = information(estimate, [record, record])
+    assert np.allclose(parts[0], found[0] / 2)
+    assert np.allclose(parts[1], found[0] / 2)
+
+
+def test_an_input_that_was_left_open_costs_no_second_search(record, monkeypatch):
+    asked = []
+    whole = ThreeModel.estimate
+
+    def estimate(self, records, structure, progress=None):
+        asked.append((structure, records[0].behaviour))
+        return whole(self, records, structure, progress)
+
+    monkeypatch.setattr(ThreeModel, "estimate", estimate)
+    left_open = Record(record.u, record.y, dt=record.dt, intersample="auto")
+    found = select_structure(left_open, CANDIDATES)
+    assert all(row.estimate is not None for row in found.rows)
+    assert len(asked) == len(set(asked))
+    assert len(asked) >= len(CANDIDATES)
 
 
 def test_a_second_record_judges_with_a_start_of_its_own(record):

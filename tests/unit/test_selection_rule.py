@@ -60,6 +60,14 @@ def test_unknown_poles_stand_back_where_others_are_known():
     rows = [contender(5, 10.0, 2, known=False), contender(6, 9.0, 2)]
     assert choose(rows) == 1
     assert choose(rows[:1]) == 0
+    assert choose([contender(6, 10.0, 4, known=False), contender(6, 11.0, 3)]) == 1
+
+
+def test_unknown_poles_are_no_reason_for_more_of_them():
+    rows = [contender(6, 10.0, 3, known=False), contender(8, 9.0, 5)]
+    assert choose(rows) == 0
+    # nor for other ones with more unknowns
+    assert choose([contender(6, 10.0, 4, known=False), contender(7, 10.0, 3)]) == 0
 
 
 def test_the_order_of_the_rows_does_not_matter():

@@ -80,7 +80,7 @@ class CandidateTask:
 
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
     Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
-    search for.
+    search for. ``found`` is what ``method`` gave where it was asked already.
     """
 
     records: tuple[Record, ...]
@@ -91,6 +91,7 @@ class CandidateTask:
     shared: bool = True
     search: bool = True
     reach: float = -np.inf
+    found: Estimate | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +128,7 @@ def run_task(task: CandidateTask) -> Entry:
 
 
 def _identified(task: CandidateTask) -> Estimate:
-    return task.method.estimate(task.records, task.structure)
+    return task.found or task.method.estimate(task.records, task.structure)
 
 
 def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:

@@ -7,10 +7,15 @@ are fitted to it.
 to a step has died away in the second half, which then says nothing. Here blocks of output samples
 all over the record are marked as missing, the coefficients are fitted to what is left, from where
 the candidate's own estimate ended and with its own noise model, and judged on the blocks. Every
-sample is left out once: five folds, each of several blocks, so that no fold loses the whole
-transient. The blocks are contiguous because neighbouring samples of coloured noise know each other
-(Burman, Chow & Nolan, Biometrika 81, 1994, 351-358; Racine, Journal of Econometrics 99, 2000,
-39-61).
+sample is left out once: five folds, each of several blocks. The blocks are contiguous because
+neighbouring samples of coloured noise know each other (Burman, Chow & Nolan, Biometrika 81, 1994,
+351-358; Racine, Journal of Econometrics 99, 2000, 39-61).
+
+*How long a block is.* After a single step all that is to be learnt about the plant happens in a few
+samples. In one block of a twentieth of the record they would all be left out at once, and what is
+fitted to the rest is anything. So a block ends after a twentieth of length and information, half of
+each: the information of a sample is its leverage on the candidate's unknowns. No block then holds
+more than a tenth of it.
 
 *Offset, drift and initial state* belong to the record, not to the plant. Fitted without the first
 block, a free initial state has to be run backwards through it, which explodes for every pole that
@@ -39,7 +44,7 @@ from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, finish
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
-from tridentify.judgement.selection.paired import without
+from tridentify.judgement.selection.paired import RANK, without
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
@@ -51,6 +56,9 @@ FOLDS = 5
 """Parts that are held out in turn."""
 BLOCKS = 4
 """Stretches of each part, spread over the record, so that no part is one manoeuvre."""
+INFORMED = 0.5
+"""Share of information in what blocks hold equally much of; the rest is length. All of it would
+leave a stretch at rest, where a wrong model may drift away, in one block."""
 FEWEST = 40
 """Samples below which a fifth of them is no test: eight."""
 MOST_STEPS = 20
@@ -129,27 +137,52 @@ def _percent(errors: Sequence[Array], records: Sequence[Record]) -> Array:
     return found
 
 
-def blocks(n_samples: int) -> NDArray[np.intp]:
-    """(n_samples,) number of the block of each sample."""
-    return np.asarray(np.arange(n_samples) * FOLDS * BLOCKS // n_samples, dtype=np.intp)
-
-
-def folds(n_samples: int) -> NDArray[np.intp]:
+def folds(weight: Array) -> NDArray[np.intp]:
     """(n_samples,) number of the fold that leaves out each sample.
+
+    Parameters
+    ----------
+    weight : (n_samples,) array
+        Information of each sample, in any unit.
 
     Examples
     --------
-    >>> np.bincount(folds(100)).tolist(), folds(100)[:12].tolist()
+    >>> np.bincount(folds(np.ones(100))).tolist(), folds(np.ones(100))[:12].tolist()
     ([20, 20, 20, 20, 20], [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2])
+    >>> folds(np.repeat([0.0, 1.0, 0.0], [40, 10, 50]))[40:50].tolist()
+    [4, 0, 1, 2, 3, 0, 1, 2, 3, 4]
     """
-    return np.asarray(blocks(n_samples) % FOLDS, dtype=np.intp)
+    total, count = float(np.sum(weight)), weight.size
+    known = weight / total if total > 0 and np.isfinite(total) else np.full(count, 1.0 / count)
+    share = INFORMED * known + (1.0 - INFORMED) / count
+    middles = np.cumsum(share) - 0.5 * share
+    return np.asarray((middles * (FOLDS * BLOCKS)).astype(np.intp) % FOLDS, dtype=np.intp)
+
+
+def information(estimate: Estimate, records: Sequence[Record]) -> list[Array]:
+    """(n_samples,) leverage of every sample of each record on the unknowns of an estimate."""
+    problem = problem_of(estimate, records, stated(estimate))
+    point = evaluate(problem, poles_of_estimate(estimate, problem))
+    unknowns = np.eye(point.jacobian()[1].shape[1])
+    noise = np.sqrt(point.rss / np.maximum(point.counts, 1))
+    noise = np.where(noise > 0, noise, 1.0)
+    by_output = [point.sensitivities(unknowns, i) for i in range(problem.n_outputs)]
+    # an output after the other, record after record
+    rows = [one / noise[i] for i, parts in enumerate(by_output) for one in parts]
+    stacked = np.nan_to_num(np.vstack(rows))
+    norms = np.linalg.norm(stacked, axis=0)
+    basis, sizes, _ = np.linalg.svd(stacked[:, norms > 0] / norms[norms > 0], full_matrices=False)
+    leverage = np.sum(basis[:, sizes > RANK * sizes[0]] ** 2, axis=1)
+    ends = np.cumsum([len(one) for one in rows])[:-1]
+    parts, count = np.split(leverage, ends), len(records)
+    return [np.sum(parts[e::count], axis=0) for e in range(count)]
 
 
 def _left_out(task: HeldEstimate) -> list[Array]:
     """Errors of every sample by the coefficients that did not see it."""
     assert task.estimate is not None
     errors = [np.full(record.y.shape, np.nan) for record in task.records]
-    numbers = [folds(record.n_samples) for record in task.records]
+    numbers = [folds(one) for one in information(task.estimate, task.records)]
     for fold in range(FOLDS):
         kept = tuple(
             record.mask(number == fold)

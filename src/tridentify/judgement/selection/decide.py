@@ -1,0 +1,226 @@
+"""From all that was found about the candidates to the rows and the one that is recommended."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.answer.estimate import Estimate, Status
+from tridentify.estimation.likelihood.raster import are_even
+from tridentify.judgement.selection.criteria import (
+    Criteria,
+    free_coefficients,
+    largest_relative_std,
+    young,
+)
+from tridentify.judgement.selection.finish_candidates import Entry
+from tridentify.judgement.selection.held_out import HeldOut
+from tridentify.judgement.selection.paired import Unseen
+from tridentify.judgement.selection.result import SelectionRow
+from tridentify.judgement.selection.rule import (
+    Contender,
+    Trial,
+    Verdict,
+    choose,
+    levels_off,
+    recommend,
+    refuted,
+)
+from tridentify.judgement.selection.soundness import CANCELS, apart_from_vagueness, doubts
+from tridentify.judgement.selection.table import SelectionTable
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """All that is known of the candidates before one is recommended.
+
+    Attributes
+    ----------
+    records, judges : tuple of Record
+        Those that were fitted, and those that the held-out errors belong to.
+    structures : tuple of Structure
+        As asked for.
+    table : SelectionTable
+        Every candidate on the maximum of one likelihood, on the same terms.
+    whole : tuple of Entry
+        What `identify` gives for each.
+    held : tuple of HeldOut
+        What became of these on samples that they have not seen.
+    """
+
+    records: tuple[Record, ...]
+    judges: tuple[Record, ...]
+    structures: tuple[Structure, ...]
+    table: SelectionTable
+    whole: tuple[Entry, ...]
+    held: tuple[HeldOut, ...]
+
+    def rows(self) -> list[SelectionRow]:
+        """What is shown of each candidate: all of its own estimate, but the criteria."""
+        return [
+            _row(self.records, asked, entry, criteria, fit, compared.estimate)
+            for asked, entry, criteria, fit, compared in zip(
+                self.structures,
+                self.whole,
+                self.table.criteria,
+                self.held,
+                self.table.entries,
+                strict=True,
+            )
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Decision:
+    """The rows, what the likelihood says of them, and the verdict."""
+
+    rows: tuple[SelectionRow, ...]
+    contenders: tuple[Contender, ...]
+    verdict: Verdict
+
+
+def decide(known: Evidence) -> Decision:
+    """The recommendation."""
+    rows, table = known.rows(), known.table
+    objections = _objections(table.contenders(), rows)
+    contenders = [
+        replace(one, known=one.known and not against)
+        for one, against in zip(table.contenders(), objections, strict=True)
+    ]
+    likeliest = choose(contenders)
+    found = levels_off(contenders, likeliest)
+    against = () if likeliest is None else objections[likeliest]
+    explains = (
+        likeliest is not None
+        and not (apart_from_vagueness(against) if found else against)
+        and not follows_input(table.entries[likeliest], table.noise[likeliest], known.records)
+    )
+    noise = () if likeliest is None else table.noise[likeliest]
+    verdict = recommend(
+        [_trial(row, fit, noise, known.judges) for row, fit in zip(rows, known.held, strict=True)],
+        likeliest,
+        explains=explains,
+        sharp=likeliest is not None and (found or _is_sharp(rows[likeliest])),
+    )
+    place = verdict.place
+    if place is not None and verdict.by == "likelihood":
+        rows[place] = replace(rows[place], doubts=objections[place])
+    return Decision(tuple(rows), tuple(contenders), verdict)
+
+
+def _row(
+    records: Sequence[Record],
+    structure: Structure,
+    entry: Entry,
+    criteria: Criteria | None,
+    held: HeldOut,
+    maximum: Estimate | None,
+) -> SelectionRow:
+    """A row: all of its own estimate, but the criteria of the contest."""
+    estimate = entry.estimate
+    if estimate is None:
+        return SelectionRow(structure, None, entry.reason or "no estimate")
+    widest_std, widest = largest_relative_std(estimate)
+    # earlier passes may carry nuisance terms that depend on each other and were left out
+    last = estimate.trace.passes[-1].steps if estimate.trace.passes else ()
+    steps = [step.condition for step in last]
+    conditions = [c for c in (*steps, estimate.condition) if math.isfinite(c)]
+    row = SelectionRow(
+        structure=structure,
+        estimate=estimate,
+        fit=estimate.fit,
+        cross_fit=held.fit,
+        held_out_reason=held.reason,
+        doubts=doubts(estimate, records),
+        condition=max(conditions, default=math.nan),
+        relative_std=widest_std,
+        widest=widest,
+        n_coefficients=free_coefficients(estimate),
+        identified=True,
+        ok=estimate.status.ok,
+    )
+    if criteria is None or maximum is None:
+        return row
+    return replace(
+        row,
+        aic=criteria.aic,
+        aicc=criteria.aicc,
+        bic=criteria.bic,
+        yic=young(maximum, _spread(records)),
+        n_unknowns=criteria.n_unknowns,
+        deviance=criteria.deviance,
+    )
+
+
+def _objections(
+    contenders: Sequence[Contender], rows: Sequence[SelectionRow]
+) -> list[tuple[str, ...]]:
+    """What speaks against each row where the likelihood has its say."""
+    orders: list[tuple[int, int] | None] = []
+    for row in rows:
+        n, m = row.structure.poles, row.structure.zeros
+        orders.append((n, m) if isinstance(n, int) and isinstance(m, int) else None)
+    return [
+        tuple(one for one in row.doubts if not (against and one == CANCELS))
+        for row, against in zip(rows, refuted(contenders, orders), strict=True)
+    ]
+
+
+def _is_sharp(row: SelectionRow) -> bool:
+    """Whether the likelihood is as good as Gaussian about an estimate."""
+    return row.estimate is not None and row.estimate.status is Status.CONVERGED
+
+
+def _trial(
+    row: SelectionRow, held: HeldOut, noise: Sequence[Array], records: Sequence[Record]
+) -> Trial:
+    """A candidate on samples that it has not seen."""
+    if row.estimate is None:
+        return Trial(0, Unseen(), Unseen(), False, False)
+    unseen = _unseen(held, records)
+    return Trial(
+        row.n_coefficients,
+        unseen,
+        replace(unseen, noise=tuple(noise)),
+        not row.doubts and not held.reason,
+        row.ok,
+    )
+
+
+def _unseen(held: HeldOut, records: Sequence[Record]) -> Unseen:
+    """The errors, each output over its spread and over their number; none where they grow."""
+    if not held.errors:
+        return Unseen()
+    centred = [np.asarray(r.y) - np.nanmean(np.asarray(r.y), axis=0) for r in records]
+    spread = np.sum([np.nansum(one**2, axis=0) for one in centred], axis=0)
+    size = np.sqrt(np.where(spread > 0, spread, 1.0) * spread.size)
+    found = Unseen(tuple(one / size for one in held.errors), held.terms)
+    return found if math.isfinite(found.loss) else Unseen()
+
+
+def _spread(records: Sequence[Record]) -> Array:
+    return np.asarray(np.mean([np.nanvar(np.asarray(r.y), axis=0) for r in records], axis=0))
+
+
+def follows_input(entry: Entry, noise: tuple[Array, ...], records: Sequence[Record]) -> bool:
+    """Whether the whitened residual knows the input (a chi-square test at 0.1 %)."""
+    from scipy.special import chdtri
+
+    from tridentify.numerics.whiteness import input_share
+
+    if not are_even(records):
+        return False
+    for i, a in enumerate(noise):
+        for one, record in zip(entry.residuals, records, strict=True):
+            _, statistic, dimension = input_share(one[:, i], np.asarray(record.u), a)
+            if statistic > chdtri(dimension, 1e-3):
+                return True
+    return False
