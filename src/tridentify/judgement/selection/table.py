@@ -14,10 +14,10 @@ from tridentify.estimation.posterior.mean import vagueness
 from tridentify.judgement.selection.criteria import Criteria, criteria_of, unknowns_of
 from tridentify.judgement.selection.finish_candidates import Entry, noise_of_orders
 from tridentify.judgement.selection.rule import Contender
+from tridentify.judgement.selection.soundness import HALF
 from tridentify.record.record import Record
 
 Array = NDArray[np.float64]
-HALF = 0.5
 
 
 @dataclass(frozen=True, eq=False)
