@@ -38,6 +38,7 @@ from tridentify.estimation.knowledge.affine import Knowledge, known_of
 from tridentify.estimation.knowledge.answer import freedom, spread_of
 from tridentify.estimation.knowledge.descend import ConstrainedEnd, descend, is_exact, is_stable
 from tridentify.estimation.likelihood.curvature import SINGULAR
+from tridentify.estimation.likelihood.noise_model import PER_UNKNOWN
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white
@@ -47,12 +48,22 @@ from tridentify.structure import Structure
 Array = NDArray[np.float64]
 
 LEVEL = 1e-3
+"""Probability with which true knowledge is called contradicted: one record in a thousand."""
 LEVEL_SHORT = 1e-6
+"""The same below `FEWEST_COLOURED` degrees of freedom, where coloured noise cannot be told from
+white and makes the ratio larger."""
 FAR = 3.3
+"""Standard errors from which a single piece of knowledge is named: a Gaussian is farther off with
+probability 1e-3, as `LEVEL`."""
 FEWEST_FREE = 30.0
+"""Degrees of freedom below which nothing is said: the ratio has its distribution only in long
+records."""
 FEWEST_COLOURED = 150.0
+"""Degrees of freedom below which nothing is said where the noise has a model: its own errors widen
+the tail."""
 CLEAR = 0.3
-PER_UNKNOWN = 2.0
+"""Standard error over value of a coefficient of the free denominator above which the free maximum
+says nothing: three standard errors from zero."""
 
 
 class KnownPiece(NamedTuple):

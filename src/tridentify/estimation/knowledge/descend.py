@@ -29,6 +29,7 @@ from tridentify.estimation.knowledge.bounded import bounded_least_squares
 from tridentify.estimation.knowledge.fixed_denominator import HeldFit, fit, place, poles_from
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     LONG,
+    MOST_STEPS,
     ROUNDING_SQUARED,
 )
 from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_FAST, Problem
@@ -42,9 +43,12 @@ from tridentify.estimation.likelihood.thresholds import (
 
 Array = NDArray[np.float64]
 
-MOST_STEPS = 60
 SHRINK = 0.1
+"""Share of a coefficient of the denominator that one step leaves at least, so that no step crosses
+zero; any size is within reach, a decade a step."""
 STUCK = 1e8
+"""Damping, relative to the squared length of each column, from which a step is a hundred-millionth
+of the undamped one and cannot help."""
 
 
 @dataclass(frozen=True)

@@ -44,7 +44,12 @@ from tridentify.estimation.knowledge.descend import (
 )
 from tridentify.estimation.knowledge.reach import check_reach
 from tridentify.estimation.knowledge.starts import further_points, starting_points
-from tridentify.estimation.likelihood.noise_model import NoiseChoice
+from tridentify.estimation.likelihood.noise_model import (
+    MOST_ROUNDS,
+    PER_UNKNOWN,
+    STILL,
+    NoiseChoice,
+)
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
@@ -55,12 +60,13 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 
-MOST_ROUNDS = 8
-STILL = 0.01
-PER_UNKNOWN = 2.0
 MOST_PLAIN = 6
+"""Plain denominators that are followed where no other start leads to a minimum: it bounds the time,
+a full descent each."""
 MOST_SEEDS = 3
+"""Ends of the free search that are followed: it bounds the time."""
 APART = 0.05
+"""Difference in the log of every coefficient of the denominator below which two seeds are one."""
 OF_FREE_SEARCH = ("initial state", "noise white", "noise taken as white", "noise model")
 
 

@@ -43,6 +43,8 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 MOST_POLES = 20
+"""Poles of one denominator: more than any record determines, and the most for which polynomials
+keep some digits."""
 DEPENDENT = 1e-10
 """Share of an input that the others do not hold, below which they hold all of it."""
 

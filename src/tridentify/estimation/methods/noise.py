@@ -38,6 +38,8 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finish,
 )
 from tridentify.estimation.likelihood.noise_model import (
+    MOST_ROUNDS,
+    STILL,
     TESTED,
     NoiseChoice,
     follows_input,
@@ -53,12 +55,8 @@ from tridentify.numerics.whiteness import is_white
 
 Array = NDArray[np.float64]
 
-MOST_ROUNDS = 8
-"""Turns of noise model and coefficients: they stand still after three or four."""
 OPEN_ROUNDS = 3
 """Turns in which orders and nuisance terms are decided anew; later they would only alternate."""
-STILL = 0.01
-"""Movement [standard errors] below which coefficients stand still."""
 LOST = 10.0
 """Residual power over that with white weights from which whitening has led astray."""
 NOTABLE, LARGE = 1.5, 4.0

@@ -55,8 +55,12 @@ from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
 GAP = 20.0
+"""Typical intervals between two samples from which a record is taken for two stretches, as a
+straight line across is no output. For the start only, as the next two."""
 FEWEST = 20
+"""Samples of a stretch that a start can be made from."""
 MOST = 20_000
+"""Samples on the even grid of a stretch: what a start needs of it."""
 
 Array = NDArray[np.float64]
 

@@ -36,6 +36,7 @@ from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import at_rounding, criterion, finish
+from tridentify.estimation.likelihood.noise_model import MOSTLY
 from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
@@ -65,9 +66,6 @@ FEW_STEPS = 12
 MOST_ROUNDS = 2
 """Turns of the orders of the noise models and of which candidate is best: the one says the
 other."""
-MOSTLY = 0.5
-"""Share of a residual that follows the input from which it is a missing response, as
-`noise_model.MOSTLY`."""
 WORSE = 0.05
 """Deviance [-2 log L] by which a candidate may end above one that it contains: from more its steps
 ended elsewhere, and it begins again from there."""
