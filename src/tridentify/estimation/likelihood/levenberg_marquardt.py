@@ -39,6 +39,26 @@ MOST_STEPS = 60
 them."""
 
 
+@dataclass(frozen=True)
+class Patience:
+    """How long steps go on.
+
+    Attributes
+    ----------
+    most : int
+        Most steps tried.
+    tolerance : float
+        Fall of ``-2 log L`` below which the next step is not worth while.
+    """
+
+    most: int = MOST_STEPS
+    tolerance: float = SETTLED
+
+    def settled(self, samples: float) -> float:
+        """The tolerance for so many samples: on a long record it is not below `SETTLED_LONG`."""
+        return self.tolerance if samples < LONG else max(self.tolerance, SETTLED_LONG)
+
+
 @dataclass(eq=False)
 class Recorder:
     """Collects the passes."""
@@ -172,7 +192,7 @@ def finishing(
     """`finish` in slices, one a step."""
     problem = point.problem
     if settled is None:
-        settled = SETTLED if point.counts.sum() < LONG else SETTLED_LONG
+        settled = Patience().settled(point.counts.sum())
     damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
     for _ in range(most):
         left = point.step(0.0).decrease

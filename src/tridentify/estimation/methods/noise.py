@@ -31,6 +31,7 @@ from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import Curvature, output_rss
 from tridentify.estimation.likelihood.levenberg_marquardt import (
+    Patience,
     Recorder,
     at_rounding,
     coefficients,
@@ -149,7 +150,7 @@ def _alternate(
             after, reasons = following.best, following.decisions or reasons
         else:
             orders = [a.size for a in model]
-            after = _finished(best, model, question.most)
+            after = _finished(best, model, question.patience)
         trail.passes.extend(_relabelled(after, model, len(trail.passes)))
         still = after.nuisances == best.nuisances and _stands(after.point, best.point)
         best = after
@@ -172,11 +173,13 @@ def _relabelled(end: Finished, model: Sequence[Array], before: int) -> list[Pass
     ]
 
 
-def _finished(best: Finished, model: tuple[Array, ...], most: int) -> Finished:
+def _finished(best: Finished, model: tuple[Array, ...], patience: Patience) -> Finished:
     """The minimum for another model of the noise, from where the last one ended."""
     problem = best.point.problem.whitened(model)
     at, recorder = partial(evaluate, problem), Recorder()
-    point, status, why = finish(at, at(best.point.poles), recorder, most)
+    start = at(best.point.poles)
+    settled = patience.settled(start.counts.sum())
+    point, status, why = finish(at, start, recorder, patience.most, settled)
     return Finished(best.nuisances, point, status, why, criterion(point), recorder)
 
 
