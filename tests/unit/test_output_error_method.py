@@ -157,6 +157,9 @@ REFUSED = {
     "too high an order": lambda: OutputError(TransferFunction([1.0], [1.0, 2.0, 3.0, 4.0])),
     "other channels": lambda: OutputError(MIMO),
     "no passes": lambda: OutputError(max_passes=0),
+    "no tolerance": lambda: OutputError(tolerance=0.0),
+    "no number for a tolerance": lambda: ThreeModel(tolerance="fine"),
+    "not a number for a tolerance": lambda: ThreeModel(tolerance=float("nan")),
     "not a model": lambda: OutputError(start=[1.0, 2.0]),
     "two denominators": lambda: OutputError(
         TransferFunction([[[1.0], [1.0]]], [[[1.0, 2.0], [1.0, 3.0]]])
@@ -190,3 +193,26 @@ def test_spread_reaches_the_bound():
     rmse = np.sqrt(np.mean((values - truth) ** 2, axis=0))
     assert np.all(np.abs(rmse / bound - 1.0) < 0.08), rmse / bound
     assert np.allclose(np.median(errors, axis=0), bound, rtol=0.05)
+
+
+@pytest.mark.parametrize("known", [{}, {"bounds": {"a1": (0.0, 3.9)}}], ids=["free", "bounded"])
+def test_a_looser_tolerance_stops_earlier_and_not_far_from_the_end(known):
+    record = noisy(PLANT, PRBS, 10, 3)
+    start = TransferFunction([1.0], [1.0, 12.0, 30.0])
+    asked = Structure(2, 0, offset=False, initial_state="rest", **known)
+    ends = [
+        identify(record, asked, OutputError(start, tolerance=tolerance))
+        for tolerance in (1e-7, 0.1)
+    ]
+    steps = [len(one.trace.passes) for one in ends]
+    assert steps[1] < steps[0]
+    off = np.abs(ends[1].theta - ends[0].theta)[ends[0].std > 0] / ends[0].std[ends[0].std > 0]
+    assert 1e-9 < off.max() < np.sqrt(0.1)
+    assert "less than 1e-01" in ends[1].trace.stopped
+
+
+def test_three_models_stop_at_their_tolerance():
+    record = noisy(PLANT, PRBS, 10, 3)
+    for tolerance in (1e-9, 1e-3):
+        found = identify(record, AT_REST, ThreeModel(tolerance=tolerance))
+        assert f"less than {tolerance:.0e}" in found.trace.stopped

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from tridentify.errors import OptionError
+from tridentify.estimation.likelihood.problem import BELOW_NYQUIST, FASTEST, LEAST_DAMPED
 from tridentify.numerics.realization import Complex, sort_poles
 from tridentify.online.gradient_plan import Basis, inverse_of, without_constant
 from tridentify.online.kernels import gradient_slots as places
@@ -32,8 +33,6 @@ out."""
 DEGENERATE = 1e-13
 """Smallest eigenvalue over the largest, near one, below which products do not determine the
 unknowns: rounding."""
-FASTEST, BELOW_NYQUIST, LEAST_DAMPED = 20.0, 0.98, 1e-6
-"""Where the poles may be, as in `likelihood.problem`."""
 ROUNDING = 1e-12
 """Relative movement of a pole that is rounding."""
 

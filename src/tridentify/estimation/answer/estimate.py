@@ -59,9 +59,14 @@ __all__ = ["Estimate", "Nuisance", "Parameter", "Pass", "Start", "Status", "Step
 Array = npt.NDArray[np.float64]
 Row = tuple[str, float, float, str]
 SCHEMA = 2
+"""Version of the file format: raised when a field is added, dropped or changes its meaning."""
 HELD = 1e-17
+"""A derived error below this share of its value is no error: a tenth of the rounding of a
+double."""
 ONE_SIGMA = 0.6826894921370859
+"""Probability within one standard deviation of a Gaussian, erf(1 / sqrt 2)."""
 _WIDTH = 78
+"""Characters a line of the summary: fits a terminal of 80."""
 _TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
 
 

@@ -37,7 +37,11 @@ Array = NDArray[np.float64]
 Rows = list[tuple[dict[int, float], float]]
 
 CONSISTENT = 1e-9
+"""Share of the sizes involved by which equalities may miss each other: far above rounding, far
+below any digit that is measured."""
 RANK = 1e-11
+"""Singular values below this share of the largest count as zero: between rounding and
+`CONSISTENT`."""
 PLAIN = 1e50
 """Weights of up to this size, or its inverse, stay as they are written; others become about one."""
 

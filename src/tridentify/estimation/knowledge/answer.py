@@ -29,7 +29,7 @@ from tridentify.estimation.knowledge.fixed_denominator import Denominator, HeldF
 from tridentify.estimation.knowledge.scores import constrained_scatter
 from tridentify.estimation.likelihood.answer import fit_percent, free_after, model_of
 from tridentify.estimation.likelihood.curvature import SINGULAR
-from tridentify.estimation.likelihood.levenberg_marquardt import INDISTINGUISHABLE, ROUNDING_SQUARED
+from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.scores import ScoreScatter
 from tridentify.numerics.information import aicc_price
@@ -104,7 +104,7 @@ def criterion(here: HeldFit, known: Knowledge, fall: float = 0.0) -> float:
     ``fall`` is what further steps are expected to take off the cost.
     """
     n = here.counts
-    floor = INDISTINGUISHABLE * here.problem.size
+    floor = ROUNDING_SQUARED * here.problem.size
     left = np.exp(min(-fall / n.sum(), LARGEST_EXPONENT))
     likelihood = float(n @ np.log(left * here.rss / n + floor)) + known.penalty(here.theta)
     return likelihood + aicc_price(float(unknowns(here, known)), float(n.sum()))

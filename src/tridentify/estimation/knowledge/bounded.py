@@ -22,7 +22,10 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 SLACK = 1e-12
+"""Share of the sizes involved by which a bound may be missed: some thousand roundings."""
 POSSIBLE = 1e-14
+"""What the nonnegative solution leaves of a unit goal; where less than rounding is left, the
+inequalities contradict each other."""
 
 
 class Bounded(NamedTuple):

@@ -38,6 +38,8 @@ from tridentify.estimation.knowledge.affine import Knowledge, known_of
 from tridentify.estimation.knowledge.answer import freedom, spread_of
 from tridentify.estimation.knowledge.descend import ConstrainedEnd, descend, is_exact, is_stable
 from tridentify.estimation.likelihood.curvature import SINGULAR
+from tridentify.estimation.likelihood.levenberg_marquardt import Patience
+from tridentify.estimation.likelihood.noise_model import PER_UNKNOWN
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white
@@ -47,12 +49,22 @@ from tridentify.structure import Structure
 Array = NDArray[np.float64]
 
 LEVEL = 1e-3
+"""Probability with which true knowledge is called contradicted: one record in a thousand."""
 LEVEL_SHORT = 1e-6
+"""The same below `FEWEST_COLOURED` degrees of freedom, where coloured noise cannot be told from
+white and makes the ratio larger."""
 FAR = 3.3
+"""Standard errors from which a single piece of knowledge is named: a Gaussian is farther off with
+probability 1e-3, as `LEVEL`."""
 FEWEST_FREE = 30.0
+"""Degrees of freedom below which nothing is said: the ratio has its distribution only in long
+records."""
 FEWEST_COLOURED = 150.0
+"""Degrees of freedom below which nothing is said where the noise has a model: its own errors widen
+the tail."""
 CLEAR = 0.3
-PER_UNKNOWN = 2.0
+"""Standard error over value of a coefficient of the free denominator above which the free maximum
+says nothing: three standard errors from zero."""
 
 
 class KnownPiece(NamedTuple):
@@ -72,7 +84,7 @@ def disagreement(
     structure: Structure,
     record: Record,
     scale: Array,
-    most: int,
+    patience: Patience,
 ) -> tuple[Finding, ...]:
     """A caution where the record contradicts what is known.
 
@@ -90,8 +102,8 @@ def disagreement(
         Names the channels.
     scale : (p,) array
         Sizes of the coefficients.
-    most : int
-        Most steps to the free maximum.
+    patience : Patience
+        With the steps to the free maximum.
 
     Returns
     -------
@@ -101,14 +113,14 @@ def disagreement(
     known = within.known
     if known.integrators or not seeds or not within.status.ok:
         return ()
-    free = _free_maximum(problem, within, seeds, structure, record, scale, most)
+    free = _free_maximum(problem, within, seeds, structure, record, scale, patience)
     if free is None:
         return ()
     noise = _colour(free)
     if noise:
         coloured = problem.whitened(noise)
-        within = descend(coloured, known, within.fit.theta, most)
-        free = _free_maximum(coloured, within, [free.fit.theta], structure, record, scale, most)
+        within = descend(coloured, known, within.fit.theta, patience)
+        free = _free_maximum(coloured, within, [free.fit.theta], structure, record, scale, patience)
     if free is None or not within.status.ok:
         return ()
     pieces = _pieces(structure, known, within, record)
@@ -143,7 +155,7 @@ def _free_maximum(
     structure: Structure,
     record: Record,
     scale: Array,
-    most: int,
+    patience: Patience,
 ) -> ConstrainedEnd | None:
     """The free minimum of the same cost, or None where there is none to compare with."""
     plain = replace(
@@ -152,7 +164,9 @@ def _free_maximum(
     open_ = known_of(plain, record.input_names, record.output_names, scale)
     starts = [seeds[0], within.fit.theta]
     ends = [
-        descend(problem, open_, theta, most) for theta in starts if is_stable(theta[open_.moving])
+        descend(problem, open_, theta, patience)
+        for theta in starts
+        if is_stable(theta[open_.moving])
     ]
     settled = [end for end in ends if end.status.ok and not is_exact(end.fit)]
     return min(settled, key=lambda end: end.cost) if settled else None

@@ -28,23 +28,24 @@ from tridentify.estimation.knowledge.affine import Knowledge
 from tridentify.estimation.knowledge.bounded import bounded_least_squares
 from tridentify.estimation.knowledge.fixed_denominator import HeldFit, fit, place, poles_from
 from tridentify.estimation.likelihood.levenberg_marquardt import (
-    LONG,
     ROUNDING_SQUARED,
+    Patience,
 )
 from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_FAST, Problem
 from tridentify.estimation.likelihood.thresholds import (
     IDLE,
     NEARLY_SETTLED,
     SENSELESS,
-    SETTLED,
-    SETTLED_LONG,
 )
 
 Array = NDArray[np.float64]
 
-MOST_STEPS = 60
 SHRINK = 0.1
+"""Share of a coefficient of the denominator that one step leaves at least, so that no step crosses
+zero; any size is within reach, a decade a step."""
 STUCK = 1e8
+"""Damping, relative to the squared length of each column, from which a step is a hundred-millionth
+of the undamped one and cannot help."""
 
 
 @dataclass(frozen=True)
@@ -154,9 +155,7 @@ def is_exact(here: HeldFit) -> bool:
     return bool(np.all(here.rss / here.counts < ROUNDING_SQUARED * here.problem.size))
 
 
-def descend(
-    problem: Problem, known: Knowledge, theta: Array, most: int = MOST_STEPS
-) -> ConstrainedEnd:
+def descend(problem: Problem, known: Knowledge, theta: Array, patience: Patience) -> ConstrainedEnd:
     """Steps to a stationary point of the constrained cost.
 
     Parameters
@@ -165,12 +164,12 @@ def descend(
     known : Knowledge
     theta : (p,) array
         Meets all constraints, and its poles are stable.
-    most : int
-        Most steps tried.
+    patience : Patience
+        How long they go on.
     """
     here = fit_at(problem, known, theta)
     room = Room.around(problem, theta[known.moving])
-    settled = SETTLED if here.counts.sum() < LONG else SETTLED_LONG
+    most, settled = patience.most, patience.settled(here.counts.sum())
     steps: list[tuple[HeldFit, float]] = [(here, 0.0)]
     damping, growth, exact, idle, outside = 0.0, 2.0, 0, 0, False
     status, why = Status.MAX_PASSES, f"{most} steps on the constrained cost"

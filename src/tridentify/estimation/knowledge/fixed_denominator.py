@@ -26,6 +26,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.estimation.likelihood.cost import FLOOR
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.regression import Regression, regress, response_of
 from tridentify.models.response import Response
@@ -40,8 +41,6 @@ from tridentify.numerics.realization import (
 )
 
 Array = NDArray[np.float64]
-
-FLOOR = 1e-30
 
 
 def poles_from(a: Array) -> Complex:

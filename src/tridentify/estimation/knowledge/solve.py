@@ -44,7 +44,13 @@ from tridentify.estimation.knowledge.descend import (
 )
 from tridentify.estimation.knowledge.reach import check_reach
 from tridentify.estimation.knowledge.starts import further_points, starting_points
-from tridentify.estimation.likelihood.noise_model import NoiseChoice
+from tridentify.estimation.likelihood.levenberg_marquardt import Patience
+from tridentify.estimation.likelihood.noise_model import (
+    MOST_ROUNDS,
+    PER_UNKNOWN,
+    STILL,
+    NoiseChoice,
+)
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
@@ -55,12 +61,13 @@ from tridentify.structure import Structure
 
 Array = NDArray[np.float64]
 
-MOST_ROUNDS = 8
-STILL = 0.01
-PER_UNKNOWN = 2.0
 MOST_PLAIN = 6
+"""Plain denominators that are followed where no other start leads to a minimum: it bounds the time,
+a full descent each."""
 MOST_SEEDS = 3
+"""Ends of the free search that are followed: it bounds the time."""
 APART = 0.05
+"""Difference in the log of every coefficient of the denominator below which two seeds are one."""
 OF_FREE_SEARCH = ("initial state", "noise white", "noise taken as white", "noise model")
 
 
@@ -154,7 +161,7 @@ def constrain(
     known: Knowledge,
     seeds: Seeds,
     say: Callable[[str], None],
-    most: int,
+    patience: Patience,
     noise: NoiseChoice,
 ) -> Estimate:
     """The constrained maximum and its covariance.
@@ -169,8 +176,8 @@ def constrain(
         What the free search found.
     say : callable
         Is told what is going on.
-    most : int
-        Most steps.
+    patience : Patience
+        With the steps.
     noise : {"white", "ar", "auto"}
         What the noise is taken for.
 
@@ -192,24 +199,26 @@ def constrain(
     known = known_of(structure, first.input_names, first.output_names, scale)
     fullest = choices[-1]
     problem = problem_for(records, structure, fullest, known).whitened(seeds.noise)
-    reached, tried = _from_all(problem, known, starts, scale, most)
-    doubts = disagreement(problem, reached, starts, structure, first, scale, most)
-    best, nuisances, told = _decided(records, structure, choices, reached, most)
+    reached, tried = _from_all(problem, known, starts, scale, patience)
+    doubts = disagreement(problem, reached, starts, structure, first, scale, patience)
+    best, nuisances, told = _decided(records, structure, choices, reached, patience)
     model = seeds.noise
     if not seeds.coefficients and noise != "white":
         # no search has tested the residual
-        best, nuisances = _tinted(records, structure, choices, best, nuisances, noise)
+        best, nuisances = _tinted(records, structure, choices, best, nuisances, noise, patience)
         model = best.fit.problem.noise
     if any(a.size for a in model):
         say("coloured noise, within the constraints")
-        best, nuisances, told = _coloured(records, structure, choices, best, nuisances, told, most)
+        best, nuisances, told = _coloured(
+            records, structure, choices, best, nuisances, told, patience
+        )
     told += _whiteness(best, noise)
     trace = _trace(seeds.trace, best, tried, told)
     return estimate_of(best, asked, nuisances, trace, doubts)
 
 
 def _from_all(
-    problem: Problem, known: Knowledge, seeds: Sequence[Array], scale: Array, most: int
+    problem: Problem, known: Knowledge, seeds: Sequence[Array], scale: Array, patience: Patience
 ) -> tuple[ConstrainedEnd, tuple[Start, ...]]:
     """The best end over all starts."""
     found: list[ConstrainedEnd] = []
@@ -220,7 +229,7 @@ def _from_all(
         tried.append(
             Start(f"constrained: {name}", theta, float(here.rss.sum() / here.counts.sum()))
         )
-        found.append(descend(problem, known, theta, most))
+        found.append(descend(problem, known, theta, patience))
 
     for name, theta in starting_points(problem, known, seeds, scale):
         follow(name, theta)
@@ -243,7 +252,7 @@ def _decided(
     structure: Structure,
     choices: Sequence[Nuisances],
     reached: ConstrainedEnd,
-    most: int,
+    patience: Patience,
 ) -> tuple[ConstrainedEnd, Nuisances, tuple[str, ...]]:
     """The choice of nuisance terms with the lowest AICc at its constrained maximum.
 
@@ -267,7 +276,7 @@ def _decided(
             continue
         if table[k] >= min(table[j] for j in ends):
             break
-        ends[k] = descend(problems[k], known, reached.fit.theta, most)
+        ends[k] = descend(problems[k], known, reached.fit.theta, patience)
         table[k] = criterion(ends[k].fit, known)
     k = min(ends, key=lambda j: table[j])
     listed = "; ".join(
@@ -284,7 +293,7 @@ def _coloured(
     best: ConstrainedEnd,
     nuisances: Nuisances,
     told: tuple[str, ...],
-    most: int,
+    patience: Patience,
 ) -> tuple[ConstrainedEnd, Nuisances, tuple[str, ...]]:
     """Noise model and constrained coefficients in turn, until the coefficients stand still."""
     orders: list[int] | None = None
@@ -293,8 +302,8 @@ def _coloured(
         orders = [a.size for a in noise] if count else None
         before = best
         problem = problem_for(records, structure, choices[-1], best.known).whitened(noise)
-        again = descend(problem, best.known, best.fit.theta, most)
-        best, nuisances, told = _decided(records, structure, choices, again, most)
+        again = descend(problem, best.known, best.fit.theta, patience)
+        best, nuisances, told = _decided(records, structure, choices, again, patience)
         moved = np.abs(best.fit.theta - before.fit.theta)
         if np.all(moved <= STILL * standard_errors(best)):
             break
@@ -309,6 +318,7 @@ def _tinted(
     best: ConstrainedEnd,
     nuisances: Nuisances,
     noise: NoiseChoice,
+    patience: Patience,
 ) -> tuple[ConstrainedEnd, Nuisances]:
     """With a first model of the noise where it is asked for, or the residual is not white."""
     if is_exact(best.fit):
@@ -323,7 +333,7 @@ def _tinted(
     if not any(a.size for a in found):
         return best, nuisances
     problem = problem_for(records, structure, nuisances, best.known).whitened(tuple(found))
-    return descend(problem, best.known, best.fit.theta), nuisances
+    return descend(problem, best.known, best.fit.theta, patience), nuisances
 
 
 def _whiteness(best: ConstrainedEnd, noise: NoiseChoice) -> tuple[str, ...]:

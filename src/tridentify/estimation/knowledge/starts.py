@@ -47,10 +47,18 @@ from tridentify.numerics.realization import denominator
 Array = NDArray[np.float64]
 
 MOST_PASSES = 6
+"""Steps 1 and 2 in turn at most: they end when they no longer gain, mostly after three."""
 STABLE_SHARES = (1e-2, 1e-4, 1e-8)
+"""Shares of their sizes that the coefficients of the denominator keep, tried in turn until there is
+a point on the constraints."""
 RATES = 13
+"""Rates of plain denominators, evenly over the band in the logarithm: some four a decade of a
+record of a few thousand samples."""
 DAMPINGS = (1.0, 0.5, 0.15)
+"""Their dampings: equal real poles, medium, and light."""
 SHARES = (0.95, 0.8, 0.6, 0.4, 0.2)
+"""Where on the way from the best plain denominator to a free optimum stability is looked for, the
+farthest first."""
 
 
 def feasible(theta: Array, known: Knowledge, scale: Array) -> Array | None:

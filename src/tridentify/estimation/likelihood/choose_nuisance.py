@@ -126,8 +126,10 @@ def deciding(
         same = _same_input(problem, base, variants[k])
         # the variant holds the inputs of the base: what is simulated later needs its own
         start = replace(promised[k].point, problem=problem) if same else at(promised[k].point.poles)
-        recorder = Recorder()
-        point, status, why = yield from finishing(at, start, recorder, question.most)
+        patience, recorder = question.patience, Recorder()
+        settled = patience.settled(start.counts.sum())
+        steps = finishing(at, start, recorder, patience.most, settled)
+        point, status, why = yield from steps
         done[k] = Finished(choices[k], point, status, why, criterion(point), recorder)
         surprised = abs(done[k].criterion - promised[k].criterion) > EQUAL
         if len(done) < len(choices) and (surprised or at_rounding(point)):

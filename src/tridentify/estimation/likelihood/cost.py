@@ -58,6 +58,8 @@ from tridentify.numerics.realization import (
 Array = NDArray[np.float64]
 
 FLOOR = 1e-30
+"""Share of the output's power added to a residual's: (1e-15)^2, its rounding. The logarithm of a
+residual of nothing is a number then."""
 LEAST_VARIANCE = 1e-300
 """A residual of nothing counts as this: its logarithm is a number."""
 

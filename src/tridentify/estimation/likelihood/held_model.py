@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.estimation.likelihood.levenberg_marquardt import INDISTINGUISHABLE
+from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.literal import Literal, Rests, fit_rests
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem
@@ -24,6 +24,7 @@ from tridentify.numerics.realization import Complex, cascade, denominator, monom
 Array = NDArray[np.float64]
 
 TINY = 1e-300
+"""Keeps the logarithm of a residual of nothing a number: near the smallest double."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,7 @@ class HeldModel:
     @property
     def variance(self) -> Array:
         """(n_outputs,) mean squares of the output error, kept above rounding."""
-        return np.asarray(self.rss / self.counts + INDISTINGUISHABLE * self.problem.size)
+        return np.asarray(self.rss / self.counts + ROUNDING_SQUARED * self.problem.size)
 
     @property
     def mean_square(self) -> float:

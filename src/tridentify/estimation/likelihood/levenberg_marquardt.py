@@ -29,9 +29,34 @@ from tridentify.numerics.slices import Slices, drain
 Array = NDArray[np.float64]
 
 LONG = 50_000
+"""Samples from which a step is settled by `thresholds.SETTLED_LONG`: a pass over them takes longer
+than all else a step does."""
 ROUNDING_SQUARED = 1e-22
+"""Residual power over the output's below which it is rounding: 1e-11 of its size, some 1e5 times
+the rounding of one sample, as filters and solves add theirs."""
 MOST_STEPS = 60
-INDISTINGUISHABLE = 1e-22
+"""Most steps tried, by default; no record of the sensitivity benchmark takes more than half of
+them."""
+
+
+@dataclass(frozen=True)
+class Patience:
+    """How long steps go on.
+
+    Attributes
+    ----------
+    most : int
+        Most steps tried.
+    tolerance : float
+        Fall of ``-2 log L`` below which the next step is not worth while.
+    """
+
+    most: int = MOST_STEPS
+    tolerance: float = SETTLED
+
+    def settled(self, samples: float) -> float:
+        """The tolerance for so many samples: on a long record it is not below `SETTLED_LONG`."""
+        return self.tolerance if samples < LONG else max(self.tolerance, SETTLED_LONG)
 
 
 @dataclass(eq=False)
@@ -103,7 +128,7 @@ def criterion(point: Point, decrease: float = 0.0) -> float:
     problem = point.problem
     n = point.counts
     fall = np.exp(-decrease / n.sum())
-    likelihood = float(n @ np.log(fall * point.rss / n + INDISTINGUISHABLE * problem.size))
+    likelihood = float(n @ np.log(fall * point.rss / n + ROUNDING_SQUARED * problem.size))
     k = problem.n_coefficients + problem.n_nuisance + problem.n_outputs
     return likelihood + aicc_price(float(k), float(n.sum()))
 
@@ -167,7 +192,7 @@ def finishing(
     """`finish` in slices, one a step."""
     problem = point.problem
     if settled is None:
-        settled = SETTLED if point.counts.sum() < LONG else SETTLED_LONG
+        settled = Patience().settled(point.counts.sum())
     damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
     for _ in range(most):
         left = point.step(0.0).decrease

@@ -61,11 +61,20 @@ from tridentify.numerics.realization import Complex
 Array = NDArray[np.float64]
 
 LEAST_SHARE = 0.01
+"""Share of the mass below which a component is left out: an interval of 95 % does not know of it,
+but its covariance may be without bounds."""
 MOST_CELLS = 24
+"""Cells and other minima that are looked at: it bounds the time, some steps each."""
 MOST_RIVAL_STEPS = 20
+"""Steps to the least cost of one of them: it bounds the time."""
 BEYOND_BAND = 1.4
+"""Rate times sampling interval from which a pole is faster than the samples show: twice the fast
+edge of the search's band (`starts.FAST_EDGE`)."""
 INSET = 1e-6
+"""Share of a cell by which its ends are moved inwards, so that it is clear on which side of the
+kink a delay lies."""
 SAME = 0.5
+"""Standard errors of a delay within which two smooth minima are one."""
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(48)
 
 

@@ -44,10 +44,24 @@ NoiseChoice = Literal["white", "ar", "auto"]
 
 CHOICES = ("white", "ar", "auto")
 ROUNDING = 1e-9
+"""Residual over output below which there is no noise to be modelled: filters and solves leave up to
+that much of colour of their own."""
 PER_UNKNOWN = 2.0
+"""Samples taken off for each unknown before the highest order is chosen: twice what it costs in
+degrees of freedom, as it also bends the correlations."""
 MOSTLY = 0.5
+"""Share of the whitened residual's power that follows the input from which most of it is a missing
+response, and not noise."""
 LONGEST_MODELLED = 20_000
+"""Samples on which the share that follows the input is found, and up to which what the fit took
+from the residual's correlations is put back: beyond it that is less than their error."""
 TESTED = 200_000
+"""Samples of a residual on which whiteness is tested: correlations of 0.005 are seen with so
+many."""
+MOST_ROUNDS = 8
+"""Turns of noise model and coefficients: they stand still after three or four."""
+STILL = 0.01
+"""Movement [standard errors] below which coefficients stand still between two turns."""
 
 
 def check_noise(noise: str) -> None:

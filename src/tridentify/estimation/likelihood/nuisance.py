@@ -34,6 +34,8 @@ from tridentify.structure import InitialState, Structure
 Array = NDArray[np.float64]
 
 SLACK = 1e-6
+"""Share of a sampling interval within which a time counts as that of a sample: rounding of times
+that are counted from far away."""
 
 
 @dataclass(frozen=True)

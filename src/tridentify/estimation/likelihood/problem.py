@@ -16,11 +16,20 @@ from tridentify.structure import Structure
 Array = NDArray[np.float64]
 
 SLOWEST = 1e-3
+"""Slowest decay over one over the record's length: a pole that loses a thousandth over all of the
+record cannot be told from an integrator in noise."""
 FASTEST = 20.0
+"""Fastest pole times sampling interval: exp(-20) = 2e-9 of it is left at the next sample, so that a
+faster one would change nothing."""
 LEAST_DAMPED = 1e-6
+"""Damping that a pole keeps at least: a million radians to decay, beyond any record."""
 BELOW_NYQUIST = 0.98
+"""Share of the Nyquist frequency that a pair may reach: at the limit itself its two parts cannot be
+told apart."""
 
 ON_A_STEP = 0.02
+"""Steps from a whole one within which a delay counts as lying on the kink there: the slope jumps,
+so that steps end close to it and not on it."""
 
 REFLECTED = "reflected an unstable pole"
 TOO_FAST = "held a pole at the fastest the sampling can show"

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.cost import Point
-from tridentify.estimation.likelihood.levenberg_marquardt import MOST_STEPS
+from tridentify.estimation.likelihood.levenberg_marquardt import Patience
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, build_base, candidates
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.record.record import Record
@@ -43,8 +43,8 @@ class Question:
         Holds every choice.
     variants : tuple of Variant
         Each choice as a part of ``base``.
-    most : int
-        Most steps on the output error for each choice.
+    patience : Patience
+        With the steps on the output error, for each choice.
     say : callable
         Is told what is going on.
     """
@@ -54,7 +54,7 @@ class Question:
     choices: tuple[Nuisances, ...]
     base: Problem
     variants: tuple[Variant, ...]
-    most: int
+    patience: Patience
     say: Say
 
     @classmethod
@@ -63,7 +63,7 @@ class Question:
         records: Sequence[Record],
         structure: Structure,
         *,
-        most: int = MOST_STEPS,
+        patience: Patience = Patience(),  # noqa: B008 - frozen
         say: Say = silently,
     ) -> Question:
         """Resolve what the structure leaves open.
@@ -75,7 +75,7 @@ class Question:
         """
         choices = candidates(records, structure)
         base, variants = build_base(records, structure, choices)
-        return cls(tuple(records), structure, choices, base, variants, most, say)
+        return cls(tuple(records), structure, choices, base, variants, patience, say)
 
     @property
     def held(self) -> Question:

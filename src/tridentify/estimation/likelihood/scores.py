@@ -63,6 +63,7 @@ LONGEST_SCORED = 200_000
 """Samples of all outputs beyond which the scores are not looked at."""
 
 COVERED = 0.975
+"""Quantile at which Student's and the Gaussian's ends are compared: that of an interval of 95 %."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,6 +6,7 @@ A method is a frozen set of options with a name and one verb, `Method.estimate`.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from numbers import Real
 from typing import Protocol, runtime_checkable
 
 import numpy as np
@@ -43,6 +44,8 @@ Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 MOST_POLES = 20
+"""Poles of one denominator: more than any record determines, and the most for which polynomials
+keep some digits."""
 DEPENDENT = 1e-10
 """Share of an input that the others do not hold, below which they hold all of it."""
 
@@ -130,6 +133,21 @@ def check_count(name: str, value: object) -> None:
         raise OptionError(
             f"found {name}={value!r}; expected a whole number of at least 1; leave it out or "
             "correct it"
+        )
+
+
+def check_tolerance(value: object) -> None:
+    """Refuse a tolerance that is no positive number.
+
+    Raises
+    ------
+    OptionError
+    """
+    number = isinstance(value, Real) and not isinstance(value, bool)
+    if not number or not 0.0 < float(value) < np.inf:  # type: ignore[arg-type]
+        raise OptionError(
+            f"found tolerance={shown(value)}; expected a positive number, a fall of -2 log L; "
+            "leave it out or correct it"
         )
 
 

@@ -14,7 +14,7 @@ from tridentify.estimation.answer.assemble import Asked
 from tridentify.estimation.answer.estimate import Estimate, Trace
 from tridentify.estimation.knowledge.solve import Seeds, constrain, resolve, seen
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
-from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.levenberg_marquardt import Patience, coefficients
 from tridentify.estimation.likelihood.noise_model import NoiseChoice
 from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.methods.maximum import Maximiser
@@ -23,7 +23,7 @@ NONE_ACTIVE = "constraints: the free estimate lies within all bounds, none activ
 
 
 def within_constraints(
-    method: Maximiser, asked: Asked, say: Progress, most: int, noise: NoiseChoice
+    method: Maximiser, asked: Asked, say: Progress, patience: Patience, noise: NoiseChoice
 ) -> Estimate:
     """The maximum of the likelihood, and of the priors, within what is known.
 
@@ -35,8 +35,8 @@ def within_constraints(
         The structure with its constraints.
     say : callable
         Is told what is going on.
-    most : int
-        Most steps.
+    patience : Patience
+        With the steps.
     noise : {"white", "ar", "auto"}
         What the noise is taken for.
     """
@@ -52,7 +52,7 @@ def within_constraints(
                     return estimate_from(ending.told(NONE_ACTIVE), asked)
         tried = [one.theta for one in sorted(free.trace.starts, key=lambda start: start.cost)]
         seeds = Seeds((coefficients(free.point), *tried), free.point.problem.noise, free.trace)
-    return constrain(asked, known, seeds, say, most, noise)
+    return constrain(asked, known, seeds, say, patience, noise)
 
 
 def _within_bounds(ending: Ending, asked: Asked) -> bool:

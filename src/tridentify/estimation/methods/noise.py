@@ -31,6 +31,7 @@ from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import Curvature, output_rss
 from tridentify.estimation.likelihood.levenberg_marquardt import (
+    Patience,
     Recorder,
     at_rounding,
     coefficients,
@@ -38,6 +39,8 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finish,
 )
 from tridentify.estimation.likelihood.noise_model import (
+    MOST_ROUNDS,
+    STILL,
     TESTED,
     NoiseChoice,
     follows_input,
@@ -53,12 +56,8 @@ from tridentify.numerics.whiteness import is_white
 
 Array = NDArray[np.float64]
 
-MOST_ROUNDS = 8
-"""Turns of noise model and coefficients: they stand still after three or four."""
 OPEN_ROUNDS = 3
 """Turns in which orders and nuisance terms are decided anew; later they would only alternate."""
-STILL = 0.01
-"""Movement [standard errors] below which coefficients stand still."""
 LOST = 10.0
 """Residual power over that with white weights from which whitening has led astray."""
 NOTABLE, LARGE = 1.5, 4.0
@@ -151,7 +150,7 @@ def _alternate(
             after, reasons = following.best, following.decisions or reasons
         else:
             orders = [a.size for a in model]
-            after = _finished(best, model, question.most)
+            after = _finished(best, model, question.patience)
         trail.passes.extend(_relabelled(after, model, len(trail.passes)))
         still = after.nuisances == best.nuisances and _stands(after.point, best.point)
         best = after
@@ -174,11 +173,13 @@ def _relabelled(end: Finished, model: Sequence[Array], before: int) -> list[Pass
     ]
 
 
-def _finished(best: Finished, model: tuple[Array, ...], most: int) -> Finished:
+def _finished(best: Finished, model: tuple[Array, ...], patience: Patience) -> Finished:
     """The minimum for another model of the noise, from where the last one ended."""
     problem = best.point.problem.whitened(model)
     at, recorder = partial(evaluate, problem), Recorder()
-    point, status, why = finish(at, at(best.point.poles), recorder, most)
+    start = at(best.point.poles)
+    settled = patience.settled(start.counts.sum())
+    point, status, why = finish(at, start, recorder, patience.most, settled)
     return Finished(best.nuisances, point, status, why, criterion(point), recorder)
 
 

@@ -36,10 +36,16 @@ from tridentify.estimation.answer.estimate import Estimate, Start, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import Recorder, coefficients, mean_square
+from tridentify.estimation.likelihood.levenberg_marquardt import (
+    Patience,
+    Recorder,
+    coefficients,
+    mean_square,
+)
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question, silently
-from tridentify.estimation.methods.base import Progress, check, check_count
+from tridentify.estimation.likelihood.thresholds import SETTLED
+from tridentify.estimation.methods.base import Progress, check, check_count, check_tolerance
 from tridentify.estimation.methods.capability import EVERYTHING, Capability
 from tridentify.estimation.methods.constrained import within_constraints
 from tridentify.estimation.methods.delays import over_delays
@@ -55,8 +61,12 @@ from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
 GAP = 20.0
+"""Typical intervals between two samples from which a record is taken for two stretches, as a
+straight line across is no output. For the start only, as the next two."""
 FEWEST = 20
+"""Samples of a stretch that a start can be made from."""
 MOST = 20_000
+"""Samples on the even grid of a stretch: what a start needs of it."""
 
 Array = NDArray[np.float64]
 
@@ -76,6 +86,8 @@ class OutputError:
         Most steps on the output error.
     loss : {"squared", "huber", "student"}
         What is minimised, as in `ThreeModel`.
+    tolerance : float
+        Fall of ``-2 log L`` below which the next step is not worth while, as in `ThreeModel`.
 
     Raises
     ------
@@ -103,6 +115,7 @@ class OutputError:
     start: TransferFunction | None = None
     max_passes: int = 60
     loss: Loss = "squared"
+    tolerance: float = SETTLED
 
     def __post_init__(self) -> None:
         if not (self.start is None or isinstance(self.start, TransferFunction)):
@@ -111,7 +124,13 @@ class OutputError:
                 "write for example TransferFunction([1.0], [1.0, 2.0, 2.0])"
             )
         check_count("max_passes", self.max_passes)
+        check_tolerance(self.tolerance)
         check_loss(self.loss)
+
+    @property
+    def patience(self) -> Patience:
+        """How long steps on the output error go on."""
+        return Patience(self.max_passes, self.tolerance)
 
     @property
     def name(self) -> str:
@@ -157,12 +176,12 @@ class OutputError:
         if self.loss != "squared":
             plain, near = (
                 replace(self, loss="squared"),
-                partial(OutputError, max_passes=self.max_passes),
+                partial(OutputError, max_passes=self.max_passes, tolerance=self.tolerance),
             )
             return robust_estimate(records, structure, self.loss, plain, near, say)
         asked = Asked.of(records, structure, self.name)
         if structure.constrained:
-            return within_constraints(self, asked, say, self.max_passes, "white")
+            return within_constraints(self, asked, say, self.patience, "white")
         if structure.delay == "free":
             given = None if self.start is None else self.start.delay.max(axis=0)
             best = over_delays(self, records, structure, say, given)
@@ -189,7 +208,7 @@ class OutputError:
         located : Located, optional
             Delays to take up, and how far they may go.
         """
-        question = Question.of(records, structure, most=self.max_passes, say=say)
+        question = Question.of(records, structure, patience=self.patience, say=say)
         base, variants = question.base, question.variants
         say("a single start")
         # a model without its integrators is another one than the start given

@@ -58,6 +58,8 @@ from tridentify.structure import Structure
 Array = NDArray[np.float64]
 
 EXACT = 1e-16
+"""Residual power over the output's below which the end counts as without residual: 1e-8 of its
+size."""
 
 
 @dataclass(frozen=True)

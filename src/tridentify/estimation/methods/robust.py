@@ -41,15 +41,28 @@ Flags = NDArray[np.bool_]
 Near = Callable[[TransferFunction], Method]
 
 MOST_ROUNDS = 40
+"""Most rounds of weights: it bounds the time, an estimate each."""
 OPEN_ROUNDS = 3
+"""Rounds in which nuisance terms are decided anew; later they would only alternate."""
 STILL = 2e-4
+"""Movement [standard errors] below which the coefficients stand still: so little that
+pseudo-samples and end agree to the digits that are shown."""
 SLOW = 0.7
+"""Movement over that of the round before from which rounds alternate, and are damped."""
 DITHER = 1e-2
+"""Movement [standard errors] below which slow rounds are not damped: they are near their end."""
 LEAST_DAMPING = 0.125
+"""Least share of a round's change that is made."""
 FAR = 4.0
+"""Standard deviations from which a sample is an outlier: one of 16,000 good ones is."""
 NEAR = 2.5
+"""Standard deviations within which a sample that was set aside should not have been: one of 80 good
+ones is farther off."""
 DOUBTFUL = 0.02
+"""Share of the samples that were set aside wrongly, or should have been, from which the search is
+repeated."""
 FEW = 3
+"""The same as a number, for short records."""
 
 
 @dataclass(frozen=True, eq=False)

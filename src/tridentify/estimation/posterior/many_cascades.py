@@ -31,6 +31,7 @@ from tridentify.numerics.realization import Complex
 Array = NDArray[np.float64]
 
 CLOSEST = 1e-300
+"""Keeps the logarithm of the distance of two equal poles a number: near the smallest double."""
 
 
 @dataclass(frozen=True, eq=False)

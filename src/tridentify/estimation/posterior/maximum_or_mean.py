@@ -39,6 +39,8 @@ Array = NDArray[np.float64]
 FinishChoice = Literal["auto", "likelihood", "posterior"]
 CHOICES = ("auto", "likelihood", "posterior")
 APART = float(np.log(2.0))
+"""Difference in the log of a rate from which a place is another one: a factor of two, the
+resolution of a damped pole."""
 SEPARATE = (
     "the likelihood's maximum: the posterior is weighed for a shared denominator and known delays"
 )

@@ -59,18 +59,37 @@ from tridentify.numerics.root_draws import stacked_roots
 Array = NDArray[np.float64]
 
 LONGEST = 5_000
+"""Samples up to which the posterior is weighed: thousands of denominators are fitted to all of
+them."""
 VAGUE = 0.1
+"""Standard error over natural size of a section's coefficient below which the posterior is as good
+as Gaussian: mean and maximum agree within a fraction of a standard error."""
 DRAWS = 1_000
+"""Draws that are kept: 25 of them lie beyond each end of an interval of 95 %."""
 ROUND = 1_000
+"""Denominators fitted in a round."""
 ENOUGH = 400.0
+"""Independent draws that end the sampling in the first rounds, one round a pole: the mean is off by
+1 / 20 of a standard error."""
 SOME = 60.0
+"""Independent draws that end it later: the mean is off by an eighth of a standard error."""
 MORE = 7
+"""Rounds after the first ones, a round a pole: they bound the time."""
 TOO_FEW = 5.0
+"""Independent draws below which nothing is said: not even a standard deviation is known to a
+third."""
 SEVERAL = 3
+"""Poles from which the mean is also taken section by section: with two there is one section."""
 SLOW_EDGE, FAST_EDGE = 0.3, 2.0
+"""Box of the first draws: rates from 0.3 over the record's length to 2 over the sampling interval,
+a factor of three beyond where the prior of `posterior.surface` begins to fall."""
 LEAST_DAMPING, MOST_DAMPING = 0.02, 6.0
+"""The same for the damping of a section: from light to two real poles a factor of 140 apart."""
 SPREAD = (0.02, 1.0)
+"""Least and largest standard deviation, in log rate and log damping, of the kernel at the end of a
+search."""
 DIFFERENCE = 1e-6
+"""Step of central differences of a logarithm: near the cube root of rounding."""
 NORMAL = NormalDist()
 
 

@@ -19,9 +19,15 @@ from scipy.special import gammaln
 Array = NDArray[np.float64]
 
 FREEDOM = 4.0
+"""Degrees of freedom of the kernels: tails heavier than those of what they are to cover, and a
+variance."""
 CENTRES = 40
+"""Kernels of a proposal, so that a curved posterior is followed."""
 WIDEST = 1.0
+"""Largest standard deviation of a kernel along any axis, in log rate and log damping: a factor of
+e."""
 NARROWEST = 1e-4
+"""The smallest: keeps the kernels regular where all weight is on one draw."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -54,10 +54,19 @@ from tridentify.numerics.sampled import Sampled, States
 Array = NDArray[np.float64]
 
 FASTEST = 0.7
+"""Rate times sampling interval beyond which the prior falls off: nine samples a period, the fast
+edge of the search's band."""
 SLOWEST = 1.0
+"""Rate times length of the record below which the prior falls off: such a pole decays by less than
+a factor of e within it."""
 ROLL_OFF = 2.0
+"""Twice the fourth power: the prior falls as the eighth beyond the band, so that its tail holds
+nothing even for several poles."""
 LARGEST_BLOCK = 6_000_000
+"""Numbers in the largest array of a batch: 48 MB."""
 TINY = 1e-280
+"""Keeps the logarithms of a shape of nothing finite: above the smallest double by room for a
+product."""
 
 
 @dataclass(frozen=True, eq=False)

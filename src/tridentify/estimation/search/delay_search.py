@@ -59,27 +59,48 @@ Array = NDArray[np.float64]
 # is known, which leaves no sample out
 STRETCHES = (0.03, 0.1, 0.3)
 LONGEST_STATED = 0.6
+"""Longest delay over the shortest record where the start is known, and leaves no sample out: the
+rest must show the response."""
 # steps; fewer than a stretch has places would be one place twice
 SHORTEST_STRETCH = 6.0
 # places of a stretch; a place for every width that a function of a parallel model can bridge
 PLACES = 12
 FINE = 36
+"""Places of a delay at which the cost is taken with the poles held: three for every place of the
+profile."""
 RATES = 5
+"""Rates of Laguerre functions that are tried, evenly over the band in the logarithm."""
 FUNCTIONS = 10
+"""Most Laguerre functions of a parallel model of the profile: of low order, so that it cannot stand
+for a delay itself."""
 MOST_PLACES = 3
+"""Places that are followed, of a profile and of what lies elsewhere: they bound the time."""
 MOST_RUNGS = 6
+"""Places on either side on the ladder: from half a step to sixteen."""
 STARTS = 2
+"""Starts followed in the search for poles at one place."""
 MOST_STEPS = 12
+"""Steps on poles and delays from a place, to rank it: the best is finished later."""
 HELD_STEPS = 6
+"""Steps on the poles alone before the delay is let go, or it would slide back at once."""
 MOST_ROUNDS = 4
+"""Times that elsewhere and the ladder are tried again from a better end: it bounds the time."""
 SWEEPS = 2
+"""Times that the delays of several inputs are taken along the grid, one at a time."""
 MOST_RIVALS = 6
+"""Other ends that are kept for the uncertainty of the delay: they bound the time."""
 FEW_STEPS = 5.0
+"""Steps within which two delays are one place, so that the later one need not be better by
+`EQUAL`."""
 KEPT_RATES = 2
+"""Rates with which all places are looked at, the best of `RATES`."""
 # of how many places one is looked at with all rates
 THINNED = 3
 APART = 0.5
+"""Steps within which two delays are the same end, and share of a place's width within which
+elsewhere is here."""
 AGREE = 0.25
+"""Steps within which two kinds of start agree, so that little is looked for around the second."""
 # steps beyond a delay, in which it may still move
 ROOM = 2.0
 # share of the samples that a delay may leave out for nothing

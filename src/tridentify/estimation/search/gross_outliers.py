@@ -42,17 +42,32 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 WINDOW_SAMPLES = 4_000
+"""Samples of a window: far more than its columns, and few enough that a bank over the band of the
+window serves it."""
 MOST_COLUMNS = 24
+"""Poles of the bank."""
 PER_COLUMN = 6
+"""Samples for each column at least: with fewer a fit follows its outliers."""
 LAGUERRE_RATES = 4
+"""Laguerre banks that are tried beside those of `SPREAD_DAMPING`."""
 FAR = 4.0
+"""Robust standard deviations from which a sample is set aside: one of 16,000 good ones is."""
 BIWEIGHT = 4.685
+"""Tukey's constant [robust standard deviations]: 95 % efficient with Gaussian noise (Holland &
+Welsch 1977)."""
 ABSOLUTE_ROUNDS = 12
+"""Rounds of weights towards least absolute values: a way in for the biweight, not an end."""
 BIWEIGHT_ROUNDS = 8
+"""Rounds of biweights: only the set of samples that are far off matters, not the last digits."""
 NEAR_ZERO = 0.05
+"""Share of the median residual below which a residual gets no more weight: weights of one over
+nothing would fit some samples exactly."""
 RIDGE = 1e-12
+"""Share of the trace added to the normal equations, where weights take a column away."""
 MOST_SET_ASIDE = 0.4
+"""Share of an output's samples that are set aside at most: no fit bears half of them wrong."""
 SELF_FITTED = 0.7
+"""Leverage above which a sample mostly decides its own fit, and its residual says little."""
 
 
 def gross_outliers(records: Sequence[Record], structure: Structure) -> tuple[Flags, ...]:

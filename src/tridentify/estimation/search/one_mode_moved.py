@@ -30,6 +30,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.estimation.likelihood.cost import FLOOR
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.search.starts import rate_limits
 from tridentify.models.regression import Regression, regress
@@ -39,9 +40,11 @@ from tridentify.numerics.slices import Slices, drain
 Array = NDArray[np.float64]
 
 DAMPINGS = (0.1, 0.5)
+"""Light and medium damping, for which the grid's step is 1.4 and 3."""
 REAL_STEP = 2.2
+"""Ratio of neighbouring real poles: within a factor of 1.5 of one lies every rate."""
 FARTHER = 3.0
-FLOOR = 1e-30
+"""How far beyond the band's fast edge places are tried: to two thirds of the Nyquist frequency."""
 TOGETHER = 16  # places; more take some milliseconds at once
 
 

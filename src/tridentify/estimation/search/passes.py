@@ -29,6 +29,7 @@ from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices, drain
 
 MOST_ADAPTED = 12
+"""Most adapted passes: steps on the cost do the rest."""
 
 
 def adapt(

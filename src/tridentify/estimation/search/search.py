@@ -39,6 +39,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finishing,
     mean_square,
 )
+from tridentify.estimation.likelihood.noise_model import TESTED
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
@@ -80,16 +81,28 @@ from tridentify.numerics.whiteness import is_white
 Array = NDArray[np.float64]
 
 MOST_ENRICHED = 8
+"""Times that a richer parallel model is asked what is left: it bounds the time."""
 MOST_TRIED = 12
+"""Steps on the cost from a start, to rank it: the best is finished later."""
 MOST_SHARPENING = 3
+"""Steps on a longer window before the whole record is touched."""
 LONGER = 24
+"""Length of the longer window over that of the first one, `stand_ins.SMALL`: standard errors a
+fifth."""
 MOST_MOVES = 4
+"""Times that one pole or pair is taken to another place, each after a lower one was found."""
 MOST_FOLLOWED = 3
-TESTED = 200_000
+"""Places followed of one scan, the lowest."""
 CERTAIN = 0.1
+"""Largest standard error of a pole over its decay rate (`Point.looseness`) for which nothing needs
+to be looked for elsewhere: a pole at a wrong place explains little and is loose."""
 FEW_ADAPTED = 3
+"""Adapted passes from the window's best start, before anything else is tried."""
 HOPELESS_RATIO = 2.0
+"""Looseness over what is asked from which the samples of the whole record will not do either."""
 ALIKE = 0.02
+"""Relative difference of poles within which the window's end has been followed on the whole record
+already."""
 OF_WINDOW = "window of the record: "
 FURTHER = ("discrete", "spread", "relaxed")
 

@@ -30,8 +30,14 @@ from tridentify.models.regression import Experiment
 Array = NDArray[np.float64]
 
 LARGE_RECORD = 5_000
+"""Samples from which stand-ins are searched: two and a half windows, as a window saves little of
+fewer."""
 AS_GOOD = 0.5
+"""Movement of a record's beginning over that of the liveliest stretch from which the known start is
+worth more than the rest of the movement."""
 SMALL = 2_000
+"""Samples of a stand-in: more than 30 for each unknown of a model of twenty poles and zeros and a
+free start."""
 
 
 def is_large(problem: Problem) -> bool:

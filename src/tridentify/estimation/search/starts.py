@@ -47,14 +47,25 @@ from tridentify.numerics.slices import Slices, drain
 Array = NDArray[np.float64]
 
 PER_DECADE = 3.0
+"""Rates of Laguerre functions in a decade: neighbours are a factor of two apart."""
 MOST_FUNCTIONS = 12
+"""Most Laguerre functions; AICc says how many."""
 MOST_SPREAD = 30
+"""Poles spread over the band, some nine a decade of a record of a few thousand samples."""
 SLOW_EDGE = 3.0
+"""Slowest rate times length of the record: it decays to 5 % within it."""
 FAST_EDGE = 0.7
+"""Fastest rate times sampling interval: nine samples a period."""
 BEYOND = 2.0
+"""Over the fast edge, from which a pole has run out of the band."""
 MOVED_DAMPING = 0.2
+"""Damping of the pattern on which runaway poles are put back, where a pair is easiest drawn to a
+resonance."""
 MOVED_RADII = 10
+"""Its radii over the band."""
 SPREAD_DAMPING = (1.0, 0.3, 0.05)
+"""Dampings of the poles spread over the band: real ones, and pairs for light and very light
+damping."""
 
 
 @dataclass(frozen=True, eq=False)

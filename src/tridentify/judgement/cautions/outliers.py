@@ -19,6 +19,7 @@ from scipy.special import ndtri
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.first_samples import Predictions, beginning
+from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
 
@@ -29,15 +30,9 @@ FALSE_ALARMS = 1e-3
 LEAST = 5.0
 """Standard deviations that a spike has at least: in short records the tail of other distributions
 is no spike."""
-SHORT = 6.0
-"""Samples' worth by which the scale of a short record is uncertain: the limit is wider by this over
-their number."""
 SHARE = 0.5
 """Share of a spike's size below which both its neighbours stay: spikes stand alone, a disturbance
 does not."""
-QUANTILE = 0.8
-"""Quantile of the absolute values that a second scale is taken from: rounding makes the median too
-small, up to a fifth of spikes does not move this."""
 ROUNDING = 1e-9
 """Noise over output below which it is rounding, and has no spikes."""
 FEWEST = 12
@@ -213,7 +208,7 @@ def _scale(size: Array) -> float:
 
 def _limit(count: int) -> float:
     """The largest of so many, in standard deviations."""
-    return max(LEAST, -float(ndtri(FALSE_ALARMS / count / 2))) * (1.0 + SHORT / count)
+    return max(LEAST, -float(ndtri(FALSE_ALARMS / count / 2))) * (1.0 + SMALL_SAMPLE / count)
 
 
 def _clearly_none(seen: Array) -> bool:

@@ -37,13 +37,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.information import aicc_price
 
 Array = NDArray[np.float64]
-ROUNDING = 1e-22
-"""Residual power over the output's that is rounding, as `levenberg_marquardt.ROUNDING_SQUARED`: it
-is not ranked."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +99,9 @@ def criteria_of(
             energy += float(seen @ seen)
             count += seen.size
             scale += log_scale
-        deviance += count * math.log(energy / max(count, 1) + ROUNDING * size[i] + 1e-300) + scale
+        deviance += (
+            count * math.log(energy / max(count, 1) + ROUNDING_SQUARED * size[i] + 1e-300) + scale
+        )
         total += count
     return Criteria(n_unknowns + sum(a.size for a in noise), total, deviance)
 

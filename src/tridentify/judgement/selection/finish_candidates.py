@@ -35,7 +35,13 @@ from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant
-from tridentify.estimation.likelihood.levenberg_marquardt import at_rounding, criterion, finish
+from tridentify.estimation.likelihood.levenberg_marquardt import (
+    Patience,
+    at_rounding,
+    criterion,
+    finish,
+)
+from tridentify.estimation.likelihood.noise_model import MOSTLY
 from tridentify.estimation.likelihood.nuisance import Nuisances, candidates
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
@@ -65,9 +71,6 @@ FEW_STEPS = 12
 MOST_ROUNDS = 2
 """Turns of the orders of the noise models and of which candidate is best: the one says the
 other."""
-MOSTLY = 0.5
-"""Share of a residual that follows the input from which it is a missing response, as
-`noise_model.MOSTLY`."""
 WORSE = 0.05
 """Deviance [-2 log L] by which a candidate may end above one that it contains: from more its steps
 ended elsewhere, and it begins again from there."""
@@ -135,8 +138,8 @@ def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
     """The likelihood's maximum from the seeds."""
     records, structure = list(task.records), task.structure
     check(records, structure, task.method.name, ThreeModel().capabilities)
-    most = task.method.max_passes if isinstance(task.method, ThreeModel) else 60
-    question = Question.of(records, structure, most=most).whitened(task.noise)
+    patience = task.method.patience if isinstance(task.method, ThreeModel) else Patience()
+    question = Question.of(records, structure, patience=patience).whitened(task.noise)
     found = decide(question, [_best(question.base, question.variants, task).poles])
     lacks = found.best.criterion > task.reach + ALLOWANCE
     if found.best.status not in SOUND and task.search and lacks:

@@ -25,9 +25,11 @@ from tridentify.numerics.robust import median_scale
 Array = NDArray[np.float64]
 
 SMALL_SAMPLE = 6.0
-"""Samples' worth by which the scale of a short record is uncertain, as in `cautions.outliers`."""
+"""Samples' worth by which the scale of a short record is uncertain: the limit is wider by this over
+their number."""
 QUANTILE = 0.8
-"""Quantile of the absolute values that a second scale is taken from, as in `cautions.outliers`."""
+"""Quantile of the absolute values that a second scale is taken from: rounding makes the median too
+small, and up to a fifth of spikes does not move this."""
 
 
 def distribution(

@@ -31,6 +31,7 @@ LONGEST_TEXT = 20_000
 a thousand."""
 
 _DIMENSIONS = 3
+"""Most dimensions of an array in a file: no field has more."""
 _WORDS = {None: math.nan, "inf": math.inf, "-inf": -math.inf}
 
 

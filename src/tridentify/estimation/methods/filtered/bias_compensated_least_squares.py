@@ -103,8 +103,13 @@ from tridentify.structure import Structure
 Array = NDArray[np.float64]
 
 MOST_PASSES = 10
+"""Passes over the noise levels of several outputs: it bounds the time."""
 SETTLED = 1e-3
+"""Largest difference between outputs in how the logarithm of the noise variance changed, a tenth of
+a per cent: far less than its own error, sqrt(2 / N)."""
 VANISHING = 1e-12
+"""Share of the largest coefficient, each in the size of its noise, below which the highest one is
+nothing: above the rounding of the eigenvector."""
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,10 @@ from tridentify.numerics.realization import Cascade, degree_basis
 Array = NDArray[np.float64]
 
 FADED = 1e-18
+"""Share of its beginning at which an impulse response has ended: below rounding."""
 BLOCK = 4096
+"""Samples made at once: enough that the loop over blocks does not show, and few numbers too many at
+the end."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -83,6 +83,7 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 
 TINY = 1e-300
+"""Keeps the inverse root of the power of an output of nothing finite: near the smallest double."""
 
 
 def checked_filter(filter: Sequence[float] | None) -> tuple[float, ...] | None:

@@ -52,6 +52,8 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 
 PASSES = 3
+"""Passes with instruments from the model of the pass before, by default; the best of them
+counts."""
 
 
 @dataclass(frozen=True)

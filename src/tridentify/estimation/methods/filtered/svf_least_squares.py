@@ -65,6 +65,8 @@ from tridentify.structure import Structure
 Array = NDArray[np.float64]
 
 PER_DECADE = 3.0
+"""Filters tried in a decade, a factor of two apart; those halfway to the best one's neighbours are
+tried too."""
 BIASED = "standard errors: about the limit to which noise biases the estimate, without that bias"
 
 
