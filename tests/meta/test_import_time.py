@@ -62,3 +62,20 @@ def test_the_command_line_starts_without_what_few_commands_need() -> None:
     loaded = loaded_after("import tridentify.cli.app")
     slow = {"scipy.signal", "scipy.stats", "scipy.integrate", "matplotlib", "jinja2", "numba"}
     assert sorted(loaded & slow) == []
+
+
+JUDGED = """
+import numpy as np
+from tridentify import Record, Structure, identify
+y = np.random.default_rng(0).standard_normal(120).cumsum()
+found = identify(Record(np.sign(np.sin(np.arange(120) ** 1.3)), y, dt=0.1), Structure(1, 0),
+                 throw=False)
+assert found.findings
+"""
+
+
+def test_a_judgement_waits_for_no_package_that_it_hardly_needs() -> None:
+    """`scipy.signal` takes half a second, more than many a judgement."""
+    loaded = loaded_after(JUDGED)
+    assert "tridentify.judgement.causes.lost" in loaded
+    assert not loaded & {"scipy.signal", "scipy.stats", "matplotlib"}

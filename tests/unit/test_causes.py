@@ -17,7 +17,9 @@ from tridentify import (
     simulate,
     validate,
 )
+from tridentify.judgement.causes import explain
 from tridentify.judgement.causes.saturation import levels
+from tridentify.judgement.validation import tried
 
 DT, N = 0.05, 800
 PLANT = TransferFunction([9.0], [1.0, 1.5, 9.0])
@@ -358,3 +360,28 @@ def test_right_records_with_other_inputs_and_noise_are_left_alone():
             told += estimate.cautions[:1]
     # 3 % of 36 records
     assert len(told) <= 1, told
+
+
+def test_no_output_is_looked_at_twice_and_nothing_is_tried_beside_lost_rows_in_vain(monkeypatch):
+    looked, made = [], []
+    examine, rivals = tried.examine, explain._rivals
+
+    def look(view, index, *rest):
+        looked.append((view, index))
+        return examine(view, index, *rest)
+
+    def make(present, fitted):
+        made.append(present)
+        return rivals(present, fitted)
+
+    monkeypatch.setattr(tried, "examine", look)
+    monkeypatch.setattr(explain, "_rivals", make)
+    (record,) = changed(3)
+    y = np.array(record.y)
+    y[[150, 420, 600], 0] += [1.0, -1.2, 0.9]
+    spoiled = Record(record.u, y, dt=DT)
+    estimate = identify(spoiled, ASKED, throw=False)
+    assert {"bad-samples", "varying"} <= {f.code for f in estimate.findings}
+    assert len(looked) == len(set(looked)) > 1
+    # with the bad samples and without them
+    assert len(made) == 2

@@ -57,7 +57,8 @@ def drift(rng):
     return (walk - walk.mean()) / walk.std()
 
 
-@pytest.mark.parametrize("disturb", [pytest.param(gusts, marks=pytest.mark.slow), drift])
+@pytest.mark.parametrize("disturb", [gusts, drift])
+@pytest.mark.slow
 def test_errors_grow_with_a_slow_disturbance(disturb, monkeypatch):
     seeds = range(6)
     found = [identify(record(k, disturb), Structure(2, 0), WHITE) for k in seeds]

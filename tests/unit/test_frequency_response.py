@@ -33,6 +33,7 @@ def errors(measured, model):
     return ratio[measured.good]
 
 
+@pytest.mark.slow
 def test_the_scatter_is_the_one_stated():
     ratios = np.concatenate([errors(frequency_response(recorded(k)), LIGHT) for k in range(15)])
     assert ratios.size > 500

@@ -257,6 +257,7 @@ def test_the_bias_of_an_equation_error_in_coloured_noise_is_told(key):
     assert abs(found.parameters["a0"].value - 9.0) > 0.3
 
 
+@pytest.mark.slow
 def test_kalman_errors_are_widened_in_coloured_noise_and_told():
     method = online.Kalman(drift=1e-5)
     u, y = samples(13, 4000, noise=0.05)

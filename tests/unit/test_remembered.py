@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from tridentify import Record, Structure, TransferFunction, identify, simulate, validate
+from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate, validate
 from tridentify.judgement.validation import assess
 
 U = np.repeat(np.random.default_rng(0).choice([-1.0, 1.0], 25), 8)
@@ -15,6 +15,7 @@ PLANT = TransferFunction([9.0], [1.0, 1.2, 9.0])
 Y = simulate(PLANT, Record(U, U, dt=0.05))[:, 0]
 Y = Y + 0.08 * np.random.default_rng(1).standard_normal(U.size)
 RECORD = Record(U, Y, dt=0.05)
+QUICK = ThreeModel(noise="white", finish="likelihood")
 
 
 def alike(one, other):
@@ -44,7 +45,7 @@ def counted(monkeypatch):
 
 
 def test_validation_after_identification_is_the_judgement_that_came_with_it(counted):
-    estimate = identify(RECORD, Structure(1, 0), throw=False)
+    estimate = identify(RECORD, Structure(1, 0), QUICK, throw=False)
     assert len(counted) == 1
     first = validate(estimate, RECORD)
     assert len(counted) == 1
@@ -70,6 +71,6 @@ def test_validation_after_identification_is_the_judgement_that_came_with_it(coun
     ],
 )
 def test_anything_else_is_judged_by_itself(other, counted):
-    estimate, record, options = other(identify(RECORD, Structure(1, 0), throw=False))
+    estimate, record, options = other(identify(RECORD, Structure(1, 0), QUICK, throw=False))
     validate(estimate, record, **options)
     assert len(counted) == 2

@@ -9,7 +9,7 @@ rival gains the greater part of what the best one gains.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -92,6 +92,11 @@ class Explanation:
     share: float
     unknowns: int
 
+    @property
+    def is_clear(self) -> bool:
+        """Whether it gains enough to be worth a word."""
+        return self.gain > CLEARLY and self.share > LEAST_SHARE
+
     def fits(self, base: Attempt) -> Array:
         """(n_outputs,) NRMSE [percent] of one part, about the means of the records as they are."""
         (end,) = self.attempts
@@ -130,10 +135,7 @@ class Explanations:
         clear = [
             one
             for one in self.found
-            if one.gain > CLEARLY
-            and one.share > LEAST_SHARE
-            and not self._is_worse(one)
-            and not self._is_shared(one)
+            if one.is_clear and not self._is_worse(one) and not self._is_shared(one)
         ]
         if not clear:
             return None
@@ -160,14 +162,14 @@ class Explanations:
 
 
 def explain(
-    present: Present, *, skip: Iterable[str] = (), torn: Sequence[Place] = ()
+    present: Present, *, skip: Collection[str] = (), torn: Sequence[Place] = ()
 ) -> Explanations | None:
     """Fit all that may explain the records better.
 
     Parameters
     ----------
     present : Present
-    skip : iterable of str
+    skip : collection of str
         Codes that are not tried.
     torn : sequence of Place
         Where the state of the model seems to jump (`lost.jumps`).
@@ -175,32 +177,36 @@ def explain(
     Returns
     -------
     Explanations or None
-        None where the present explanation itself cannot be fitted.
+        None where the present explanation itself cannot be fitted; lost rows alone where the state
+        jumps and they do not explain it.
     """
     base = settle(present)
     if base is None:
         return None
     settled = _from(present, base)
+    found = [] if "lost-rows" in skip else _fitted(lost_rival(settled, torn), base)
+    if torn and not any(one.is_clear for one in found):
+        return Explanations(base, tuple(found), (None,) * base.point.problem.n_outputs)
     pairs = zip(base.point.problem.experiments, base.point.residuals(), strict=True)
     fitted = [experiment.y - residual for experiment, residual in pairs]
-    left_out = set(skip)
-    found = []
-    for code, rivals in _rivals(settled, fitted, torn).items():
-        if code in left_out:
-            continue
-        for rival in rivals:
-            ends = _attempted(rival)
-            if ends is not None:
-                found.append(_explanation(rival, ends, base))
+    for code, rivals in _rivals(settled, fitted).items():
+        if code not in skip:
+            found += _fitted(rivals, base)
     found += _sharper(found, settled, base)
     result = Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
     named = result.named
     if named is not None and named.rival.code == "delay":
-        more = [_explanation(rival, ends, base) for rival, ends in _refined(named.rival, settled)]
+        more = _fitted(neighbours(settled, named.rival), base)
         every = sorted([*result.found, *more], key=lambda one: -one.gain)
         result = Explanations(base, tuple(every))
     most = max((one.gain for one in result.found), default=0.0)
     return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0))))
+
+
+def _fitted(rivals: Iterable[Rival], base: Attempt) -> list[Explanation]:
+    """Those that can be fitted."""
+    pairs = ((rival, _attempted(rival)) for rival in rivals)
+    return [_explanation(rival, ends, base) for rival, ends in pairs if ends is not None]
 
 
 def settle(present: Present) -> Attempt | None:
@@ -213,14 +219,6 @@ def settle(present: Present) -> Attempt | None:
         # a noise model that takes the system for noise compares nothing
         here = plain
     return here[0]
-
-
-def _refined(rival: Rival, present: Present) -> Iterator[tuple[Rival, tuple[Attempt, ...]]]:
-    """Delays beside the one that promised most, each fitted."""
-    for near in neighbours(present, rival):
-        ends = _attempted(near)
-        if ends is not None:
-            yield near, ends
 
 
 def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
@@ -247,12 +245,9 @@ def _from(present: Present, base: Attempt) -> Present:
     return replace(present, poles=base.point.poles, noise=base.point.problem.noise)
 
 
-def _rivals(
-    present: Present, fitted: Sequence[Array], torn: Sequence[Place]
-) -> dict[str, list[Rival]]:
-    """Of every code those that promise most."""
+def _rivals(present: Present, fitted: Sequence[Array]) -> dict[str, list[Rival]]:
+    """Of every code but lost rows those that promise most."""
     every = [
-        *lost_rival(present, torn),
         *_intersample_rivals(present),
         *delay_rivals(present),
         *saturation_rivals(present, fitted),

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import expm
 from scipy.special import chdtri
 
@@ -178,11 +179,8 @@ def _free_responses(banks: Sequence[Cascade], step: float, most: int) -> Array:
 
 
 def _template(free: Array, a: Array) -> _Template:
-    # imported here, as below: it takes half a second
-    from scipy.signal import lfilter
-
     taps = np.concatenate([[1.0], a])
-    columns = lfilter(taps, [1.0], free, axis=0)
+    columns = np.array([np.convolve(taps, one)[: one.size] for one in free.T]).T
     u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     return _Template(u[:, s > 1e-6 * s[0]], taps / np.linalg.norm(taps))
 
@@ -224,9 +222,11 @@ def _places(white: Array, templates: Sequence[_Template]) -> list[int]:
 
 def _along(series: Array, column: Array) -> Array:
     """Products of a column with a series, for every sample that it may begin at."""
-    from scipy.signal import fftconvolve
-
-    return np.asarray(fftconvolve(series, column[::-1])[column.size - 1 :])
+    # not from scipy.signal, whose import takes longer than the whole look
+    whole = series.size + column.size - 1
+    length = next_fast_len(whole, real=True)
+    product = irfft(rfft(series, length) * rfft(column[::-1], length), length)
+    return np.asarray(product[column.size - 1 : whole])
 
 
 def _take_out(series: Array, columns: Array, at: int) -> None:

@@ -196,10 +196,7 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         return _exact(estimate, view, level)
     outputs, n_inputs = range(len(view.outputs)), view.records[0].n_inputs
     rate = (1.0 - level) * OUTLIERS / len(outputs)
-    torn = torn_at(view)
-    tried = try_causes(view, estimate, n_lags, rate, torn)
-    if torn and (tried.named is None or tried.named.rival.code != "lost-rows"):
-        tried = try_causes(view, estimate, n_lags, rate, ())
+    tried = try_causes(view, estimate, n_lags, rate)
     view, evidence, explained = tried.view, tried.evidence, tried.explained
     noises = [one.noise for one in evidence]
     transfer = None if view.own else carried_over(view, estimate, noises)

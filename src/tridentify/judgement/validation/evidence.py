@@ -21,6 +21,7 @@ but the past inputs is tested on what that leaves.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -241,13 +242,14 @@ def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: A
     n_lags = len(found.lags)
     p_past = _past(past, basis, e, n_lags, n)
     level = added(e, basis, span(wave, basis), n).p_value
-    p_past = _checked(output, fitted, found.past, noise, p_past)
+    alone = _Known(output, fitted, noise)
+    p_past = _checked(alone, found.past, p_past)
     p_late = []
     for one in found.late:
         p = added(e, basis, span(output.white(one, noise), basis), n).p_value
-        p_late.append(_checked(output, fitted, one, noise, p))
+        p_late.append(_checked(alone, one, p))
     p_past = min(1.0, (1 + len(p_late)) * min(p_past, *p_late))
-    level = _checked(output, fitted, found.wave, noise, level)
+    level = _checked(alone, found.wave, level)
     if p_past < CALLED and level < CALLED:
         p_past, level = _told_apart(past, wave, (basis, e), n_lags, n, p_past)
     n_inputs = past.shape[1] // n_lags
@@ -256,14 +258,15 @@ def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: A
         by_input = tuple(_one_input(past, j, basis, e, n_lags, n) for j in range(n_inputs))
     more = (found.past,) if p_past < CALLED else ()
     drift = (found.wave,) if level < CALLED else ()
-    beside, wide = _joined(fitted, *more, *drift), _joined(fitted, found.past, *drift)
+    wide = _Known(output, _joined(fitted, found.past, *drift), noise)
+    beside = _Known(output, _joined(fitted, *more, *drift), noise) if more or drift else alone
 
-    def p_value(extra: tuple[Array, ...], known: tuple[Array, ...], least: float = 0.0) -> float:
-        own = span(output.white(known, noise))
+    def p_value(extra: tuple[Array, ...], known: _Known, least: float = 0.0) -> float:
+        own = known.basis
         test = added(e, own, span(output.white(extra, noise), own), n)
         # in a long record the slightest imperfection is significant, and means nothing
         p = test.p_value if test.share > least else max(test.p_value, PRETEST)
-        return _checked(output, known, extra, noise, p)
+        return _checked(known, extra, p)
 
     return _Tested(
         p_past,
@@ -279,9 +282,31 @@ def _joined(*several: tuple[Array, ...]) -> tuple[Array, ...]:
     return tuple(np.hstack(one) for one in zip(*several, strict=True))
 
 
-def _checked(
-    output: Output, known: tuple[Array, ...], extra: tuple[Array, ...], noise: Array, p: float
-) -> float:
+class _Known:
+    """Columns that are fitted before others are tested beside them; several tests ask the same."""
+
+    def __init__(self, output: Output, columns: tuple[Array, ...], noise: Array) -> None:
+        self.output, self.columns, self.noise = output, columns, noise
+        self.most = most_coefficients(output.count)
+
+    @cached_property
+    def basis(self) -> Array:
+        """Of the columns, whitened."""
+        return span(self.output.white(self.columns, self.noise))
+
+    @cached_property
+    def order(self) -> int:
+        """Of the noise model that is theirs alone, at least that of the noise."""
+        alone = _modelled(self.output, self.columns, np.zeros(0), self.most, 0)
+        return max(alone.size, self.noise.size)
+
+    @cached_property
+    def deviance(self) -> tuple[float, int]:
+        """As `_deviance`, with a noise model of that order."""
+        return _deviance(self.output, self.columns, self.order, self.most)
+
+
+def _checked(known: _Known, extra: tuple[Array, ...], p: float) -> float:
     """A p-value that holds although the noise's model was fitted to the same samples.
 
     Under the model that belongs to the added columns the score test rejects too easily, under one
@@ -289,16 +314,14 @@ def _checked(
     rejects, the likelihood ratio decides, each side with a model of its own of the same order, in
     F form; without a model it is the same test.
     """
-    most = most_coefficients(output.count)
-    if p > WORTH_CHECKING or not most or output.count > LONG:
+    output = known.output
+    if p > WORTH_CHECKING or not known.most or output.count > LONG:
         return p
-    alone = _modelled(output, known, np.zeros(0), most, 0)
-    order = max(alone.size, noise.size)
+    order = known.order
     if order == 0:
         return p
-    both = _joined(known, extra)
-    before, rank = _deviance(output, known, order, most)
-    after, larger = _deviance(output, both, order, most)
+    before, rank = known.deviance
+    after, larger = _deviance(output, _joined(known.columns, extra), order, known.most)
     k, freedom = larger - rank, output.count - larger - order
     if k < 1 or freedom < 1:
         return 1.0

@@ -115,10 +115,11 @@ def may_react(view: View) -> bool:
     return False
 
 
-def try_causes(
-    view: View, estimate: Estimate, n_lags: int, rate: float, torn: Sequence[Place]
-) -> TriedCauses:
+def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> TriedCauses:
     """Make all tests, and fit what may explain what they find.
+
+    Where the state of the model jumps rows may have been lost; if that is not what explains the
+    record best, the jumps are no cause of their own.
 
     Parameters
     ----------
@@ -128,13 +129,16 @@ def try_causes(
         Of the autocorrelations.
     rate : float
         Probability of a false outlier.
-    torn : sequence of Place
-        From `torn_at`: far samples right after these are no outliers.
     """
-    setting = _Setting(estimate, n_lags, rate, tuple(torn))
+    setting = _Setting(estimate, n_lags, rate, tuple(torn_at(view)), {})
+    if setting.torn:
+        tried = _tried(view, setting, True)
+        if tried.named is not None and tried.named.rival.code == "lost-rows":
+            return tried
+        setting = setting._replace(torn=())
     without = _tried(view, setting, True)
     found = sum(len(one.normality.outliers) for one in without.evidence)
-    if not found or torn or not without.cause:
+    if not found or not without.cause:
         return without
     # what the model misses has far samples too: do they stand out where the cause is fitted along?
     whole = _tried(view, setting, False)
@@ -149,12 +153,17 @@ def try_causes(
 
 
 class _Setting(NamedTuple):
-    """What all tests are made with."""
+    """What all tests are made with.
+
+    Far samples right after the places where the record is torn are no outliers. The same output of
+    the same view is looked at more than once; what was found is kept.
+    """
 
     estimate: Estimate
     n_lags: int
     rate: float
     torn: tuple[Place, ...]
+    known: dict[tuple[View, int, tuple[Place, ...] | None], Evidence]
 
 
 def _tried(view: View, setting: _Setting, without_bad: bool) -> TriedCauses:
@@ -299,8 +308,18 @@ def _called(one: Evidence) -> bool:
 
 def _examined(view: View, index: int, setting: _Setting) -> Evidence:
     """All tests of one output, on the samples that are no outliers."""
-    estimate, n_lags, rate, torn = setting
-    found = _with_bad_samples_alone(view, examine(view, index, estimate, n_lags, rate))
+    known, key = setting.known, (view, index, setting.torn)
+    if key not in known:
+        known[key] = _tested(view, index, setting)
+    return known[key]
+
+
+def _tested(view: View, index: int, setting: _Setting) -> Evidence:
+    estimate, n_lags, rate, torn, known = setting
+    whole = view, index, None
+    if whole not in known:
+        known[whole] = examine(view, index, estimate, n_lags, rate)
+    found = _with_bad_samples_alone(view, known[whole])
     if torn and len(found.normality.outliers):
         left = _after(torn, view, found.normality.outliers)
         found = replace(found, normality=replace(found.normality, outliers=left))
