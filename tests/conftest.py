@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from types import CodeType
 
 import hypothesis
 import pytest
@@ -49,15 +48,6 @@ def shared_data() -> Path:
     return folder
 
 
-WORDS = {"cautions", "findings", "summary", "validate"}
-"""What a test that reads findings names."""
-
-
-def _reads_findings(code: CodeType) -> bool:
-    inner = (one for one in code.co_consts if isinstance(one, CodeType))
-    return not WORDS.isdisjoint(code.co_names) or any(map(_reads_findings, inner))
-
-
 def _of_the_method(estimate: Estimate, *_: object) -> Sequence[Finding]:
     return estimate.findings
 
@@ -71,6 +61,6 @@ def _judged_where_it_counts(
     Half of the time of an identification that is not all right goes there. `make test-all` has it
     everywhere, as users have.
     """
-    asked = QUICK and request.node.get_closest_marker("unjudged")
-    if asked and not _reads_findings(request.function.__code__):
+    marked = request.node.get_closest_marker
+    if QUICK and marked("unjudged") and not marked("judged"):
         monkeypatch.setattr(choice, "judged", _of_the_method)

@@ -109,6 +109,7 @@ def test_signature_is_the_promised_one():
     assert uncertainty.bootstrap is bootstrap
 
 
+@pytest.mark.judged
 def test_shapes_and_finite_numbers(copies, estimate):
     assert copies.theta.shape == copies.std_draws.shape == (N_DRAWS, 4)
     assert copies.n_draws == N_DRAWS
@@ -475,6 +476,7 @@ def test_coloured_noise_is_drawn_coloured():
     assert copies.std[k] == pytest.approx(found.std[k], rel=0.4)
 
 
+@pytest.mark.judged
 def test_failures_are_counted_and_named_not_hidden():
     """A record at the edge: noise as large as the signal, few samples, one order too many."""
     record = short_period(noise=1.5, n_samples=40, seed=2)

@@ -151,6 +151,7 @@ def test_with_noise_it_is_the_optimum_of_a_general_solver(key, case):
 
 
 # ------------------------------------------------------------------------ what is said of it
+@pytest.mark.judged
 @every_able
 def test_what_is_fixed_has_no_variance_and_no_unknown(key):
     record = record_of([0.2, 0.5], [1.0, 1.0, 3.0], 0.1)
@@ -200,6 +201,7 @@ def test_bounds_that_are_not_active_change_nothing(key):
     assert any("none active" in line for line in found.trace.decisions)
 
 
+@pytest.mark.judged
 @every_able
 def test_an_active_bound_is_held_and_said(key):
     record = record_of([0.2, 0.5], [1.0, 1.0, 3.0], 0.1)
@@ -260,6 +262,7 @@ def ramps(u):
     return lsim(([2.0], [1.0, 2.0, 0.0]), u, DT * np.arange(u.size), interp=True)[1]
 
 
+@pytest.mark.judged
 @every_able
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 def test_a_drive_with_an_integrator(key, intersample):

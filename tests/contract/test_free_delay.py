@@ -162,6 +162,7 @@ def test_experiments_of_other_steps_share_the_delay(key):
     assert abs(together.theta[-1] - 0.33) < 4 * together.std[-1]
 
 
+@pytest.mark.judged
 @pytest.mark.parametrize("key", ABLE)
 def test_the_estimate_survives_a_file_and_predicts(key, tmp_path):
     record = made(TransferFunction(*SECOND, delay=0.337), noise=0.05)
@@ -183,6 +184,7 @@ def test_missing_samples_do_not_count(key):
     assert abs(estimate.theta[-1] - 0.337) < 4 * estimate.std[-1]
 
 
+@pytest.mark.judged
 @pytest.mark.parametrize("key", ABLE)
 def test_a_fast_pole_that_a_delay_could_be_shows_in_the_standard_error(key):
     """A time constant of a fifth of a step, seen through noise: delay and pole trade places."""

@@ -383,6 +383,7 @@ def test_two_streams_do_not_disturb_each_other(key, tmp_path):
 
 
 # ----------------------------------------------------------------------------- what comes out
+@pytest.mark.judged
 @every_method
 @every_case
 def test_an_estimate_is_whole(key, case, walked, tmp_path):

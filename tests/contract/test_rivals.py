@@ -597,6 +597,7 @@ def test_nobody_else_s_random_numbers_are_touched(name):
     assert np.array_equal(one.cov, two.cov)
 
 
+@pytest.mark.judged
 @every_rival
 def test_estimate_survives_pickling(name):
     record = short_period()
@@ -609,6 +610,7 @@ def test_estimate_survives_pickling(name):
     assert np.array_equal(again.predict(record), found.predict(record))
 
 
+@pytest.mark.judged
 @every_rival
 def test_estimate_says_who_made_it(name):
     found = identify(short_period(), Structure(2, 1), make(name))

@@ -279,6 +279,7 @@ def test_one_channel_nested_is_the_plain_case(key):
     assert nested.status is plain.status
 
 
+@pytest.mark.judged
 @pytest.mark.parametrize("key", ABLE)
 def test_derived_quantities_and_summary_name_the_channels(key):
     structure = orders(*MISO, **REST)

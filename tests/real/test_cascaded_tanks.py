@@ -50,6 +50,7 @@ def test_more_coefficients_do_not_help(records, judged, poles, zeros):
     assert judged(estimate.model, records[1])[0] < 72.5
 
 
+@pytest.mark.judged
 def test_what_is_left_is_told(records):
     estimate = identify(records[0], structure(2, 0), PLAIN)
     assert any("white" in caution for caution in estimate.cautions)

@@ -46,6 +46,7 @@ def test_the_harder_record_is_hardly_predicted(record, judged):
     assert judged(estimate.model, second)[0] == pytest.approx(23.5, abs=0.5)
 
 
+@pytest.mark.judged
 @pytest.mark.parametrize(
     "name",
     [

@@ -79,6 +79,7 @@ def test_the_offset_is_the_published_one(estimate):
     assert -at_rest == pytest.approx(-3.165, rel=0.02)
 
 
+@pytest.mark.judged
 @pytest.mark.slow
 def test_the_residual_is_not_white_and_that_is_told(estimate):
     assert estimate.estimate.cautions

@@ -206,6 +206,7 @@ def test_frozen_logger_is_named(step):
 SLOW_DEN = np.array([1.0, 1.0, 9.0])
 
 
+@pytest.mark.judged
 @pytest.mark.parametrize(
     "share", [0.02, 0.2, *(pytest.param(x, marks=pytest.mark.slow) for x in (0.4, 0.55, 0.7))]
 )
@@ -257,6 +258,7 @@ def test_flat_tops_of_a_fast_system_raise_no_alarm(ratio, steps, level):
         assert not words & {"saturated", "repeats each value", "repeats one value exactly"}
 
 
+@pytest.mark.judged
 def test_saturated_measured_input():
     rng = np.random.default_rng(6)
     true = np.repeat(rng.uniform(-1.0, 1.0, 80), 10)
@@ -267,6 +269,7 @@ def test_saturated_measured_input():
     assert any("of input u stay at its ends, -0.7 and 0.7" in line for line in lines)
 
 
+@pytest.mark.judged
 @pytest.mark.parametrize("count", [1, 10])
 def test_gross_outliers_recommend_a_robust_loss(count):
     record, sigma = noisy(4)
@@ -323,6 +326,7 @@ def test_counts_with_noise_of_their_own_raise_no_alarm():
     assert said(record.with_outputs(np.round(1.5 * record.y / sigma)))[0] == set()
 
 
+@pytest.mark.judged
 def test_response_that_the_model_misses_is_not_taken_for_outliers():
     record, _ = noisy(10, level=0.0)
     lines = identify(

@@ -159,6 +159,7 @@ def test_estimate_is_dense_generalised_least_squares_at_its_own_noise_model():
     assert np.allclose(np.sqrt(np.diag(cov)), estimate.std, rtol=1e-3)
 
 
+@pytest.mark.judged
 def test_noise_model_is_that_of_the_residual():
     record = coloured([-0.9], 4000)
     estimate = identify(record, STRUCTURE)
@@ -215,6 +216,7 @@ def test_fit_is_that_of_the_simulated_output():
     assert estimate.fit[0] == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.judged
 def test_standard_errors_grow_with_slow_noise(monkeypatch):
     record = coloured([-0.95], seed=2)
     seen = identify(record, STRUCTURE, ThreeModel(noise="white"))
@@ -278,6 +280,7 @@ def test_noise_free_record_is_not_whitened():
         assert np.allclose(estimate.theta, THETA, rtol=1e-9)
 
 
+@pytest.mark.judged
 def test_missing_response_is_not_taken_for_noise():
     """Without noise, a model of too low an order: nearly all of its residual is a response."""
     u = excitation(800)
@@ -291,6 +294,7 @@ def test_missing_response_is_not_taken_for_noise():
     assert asked.noise_model[0].size > 0
 
 
+@pytest.mark.judged
 def test_each_output_has_its_own_noise():
     first, second = coloured([-0.9], seed=3), coloured([], seed=4)
     gain = simulate(TransferFunction([1.0, 2.0], [1.0, 1.0, 3.0]), first)[:, 0]
@@ -347,6 +351,7 @@ def test_too_few_samples():
     assert any("too few samples" in line for line in estimate.trace.decisions)
 
 
+@pytest.mark.judged
 def test_summary_and_trace_say_what_was_done():
     estimate = identify(coloured([-0.9]), STRUCTURE)
     assert f"noise model y: AR({estimate.noise_model[0].size})" in estimate.summary()

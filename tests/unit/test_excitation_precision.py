@@ -170,6 +170,7 @@ def test_a_delay_that_is_estimated_along_costs_precision():
     assert found.names[-1] == "delay"
 
 
+@pytest.mark.judged
 def test_what_is_known_has_no_error_and_helps_the_rest():
     plan = Excitation(switched(300), 0.03)
     free = precision(SECOND, plan, Structure(2, 1, **REST), noise_std=0.1)
@@ -234,6 +235,7 @@ def estimate():
     return identify(record, Structure(2, 1, **REST), OutputError()), record
 
 
+@pytest.mark.judged
 def test_the_estimate_of_a_record_has_the_errors_that_a_plan_of_it_says(estimate):
     found, record = estimate
     ahead = precision(found, record)
@@ -258,6 +260,7 @@ def test_coloured_noise_of_an_estimate_is_planned_with(estimate):
     assert np.any(ahead.std > 1.2 * white.std)
 
 
+@pytest.mark.judged
 def test_what_the_structure_leaves_open_is_taken_along_and_said():
     plan = doublet(1.0, dt=0.02, for_frequency=3.0, lead=0.2, tail=4.0)
     open_ = precision(SECOND, plan, noise_std=0.05)
@@ -269,6 +272,7 @@ def test_what_the_structure_leaves_open_is_taken_along_and_said():
     assert not stated.notes
 
 
+@pytest.mark.judged
 def test_what_it_shows_is_readable():
     ahead = precision(SECOND, prbs(7, dt=0.1), Structure(2, 1, **REST), noise_std=0.1)
     assert "strongest correlation" in ahead.summary()

@@ -142,6 +142,7 @@ def test_no_multisine_of_the_same_power_is_better():
         assert np.sum(rival**2) > 0.99 * least
 
 
+@pytest.mark.judged
 def test_the_binary_signal_has_crest_factor_one_and_is_compared():
     best = optimal_spectrum(SECOND, Structure(2, 0, **REST), noise_std=0.1, limit=0.5)
     plan = best.excitation(60.0, 0.05, shape="binary")

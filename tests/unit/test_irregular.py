@@ -181,6 +181,7 @@ def test_a_colour_of_the_noise_is_not_sought_and_says_so():
         identify(noisy(), Structure(2, 1), ThreeModel(noise="ar"))
 
 
+@pytest.mark.judged
 def test_estimate_survives_a_record_without_a_step(tmp_path):
     """Text, bands, files, predictions: nothing needs a step."""
     from tridentify import Estimate, uncertainty

@@ -205,6 +205,7 @@ def test_fits_under_a_robust_loss_count_the_same_samples(loss):
     assert estimate.fit == pytest.approx(estimate.estimate.fit, abs=0.02)
 
 
+@pytest.mark.judged
 def test_cautions_of_the_estimate_are_shown():
     record = flown(mass_spring_damper(), OSCILLATOR, 0.05, noise=0.02)
     y = np.array(record.y)
@@ -215,6 +216,7 @@ def test_cautions_of_the_estimate_are_shown():
     assert "farther from the model" in estimate._repr_html_()
 
 
+@pytest.mark.judged
 @pytest.mark.parametrize("fit", ["likelihood", "distance"])
 def test_parameters_that_are_all_known_are_tested(fit):
     record = flown(rcrc_circuit(), LADDER, 3e-4, noise=0.02)
@@ -258,6 +260,7 @@ def test_missing_samples_and_coloured_noise_are_taken_into_account():
 
 
 # ----------------------------------------------------------------------------- what is known
+@pytest.mark.judged
 def test_what_is_not_determined_is_nan_and_said():
     record = flown(dc_motor(), MOTOR, 2e-4, noise=0.02)
     estimate = estimate_physical(resting(dc_motor()), record, WHITE)
@@ -416,6 +419,7 @@ def test_an_unknown_fit_is_refused():
 
 
 # ------------------------------------------------------------------------------------ files
+@pytest.mark.judged
 def test_an_estimate_survives_its_file(tmp_path):
     record = flown(rcrc_circuit(), LADDER, 2e-4, noise=0.02, n=1000)
     saved = estimate_physical(resting(rcrc_circuit()), record, WHITE, known={"R1": (1e4, 500.0)})

@@ -43,6 +43,7 @@ def test_jitter_keeps_the_noise_model(uniform):
     assert estimate.std == pytest.approx(uniform.std, rel=0.1)
 
 
+@pytest.mark.judged
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 def test_lost_rows_are_missing_samples(intersample):
     """The same answer as with the rows there and the outputs missing."""

@@ -118,6 +118,7 @@ def test_progress_is_told(case):
     assert told == ["bootstrap: 1 of 3", "bootstrap: 2 of 3", "bootstrap: 3 of 3"]
 
 
+@pytest.mark.judged
 def test_failures_are_counted_and_named(case):
     estimate, record, _ = case
     largest = [bootstrap(estimate, record, Awkward(np.inf), n_draws=30, seed=1).theta[:, 0]][0]
@@ -253,6 +254,7 @@ def test_correction_knows_channels_and_higher_orders(double):
     assert corrected(estimate, theta) == pytest.approx(estimate.theta, rel=1e-3)
 
 
+@pytest.mark.judged
 def test_summary_is_a_table(case):
     text = case[2].summary()
     assert all(len(line) <= 100 for line in text.splitlines())
