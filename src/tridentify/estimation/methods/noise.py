@@ -84,6 +84,9 @@ MISSED = 1e-3
 """Probability of taking noise for a response that is missing."""
 CLEARLY = 10.0
 """Fall of AICc from which an end under another model of the noise counts: odds of 150 to 1."""
+MOST_LEFT = 0.5
+"""Share of an output's power that such an end may leave to the noise: where an input acts late, the
+likeliest end of all may be that the output is noise, and nothing would be learnt of the response."""
 PASSED = "noise white: the residual passes the portmanteau test"
 
 
@@ -192,9 +195,11 @@ def _elsewhere(question: Question, found: Maximum, tinted: tuple[bool, ...]) -> 
     start = min(known, key=_criterion)
     begun = replace(found, end=replace(found.end, point=start), tried=())
     other = _alternate(question, begun, tinted, 0)
-    if other.end.status is not Status.CONVERGED:
+    end = other.end.point
+    left = output_rss(end) > MOST_LEFT * end.problem.power * end.counts
+    if other.end.status is not Status.CONVERGED or np.any(left):
         return found
-    fall = _criterion(point) - _criterion(other.end.point)
+    fall = _criterion(point) - _criterion(end)
     return replace(other, tried=found.tried) if fall > CLEARLY else found
 
 
