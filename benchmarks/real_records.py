@@ -42,6 +42,9 @@ SEED = 20261122
 ACTIVE = 0.2
 """Movement of the input in one half, in that of the other, from which the halves are compared."""
 
+CHANGED = ("varying", "disagreeing-experiments")
+"""Findings that say that one set of coefficients does not hold for the whole record."""
+
 
 @dataclass(frozen=True)
 class Item:
@@ -244,6 +247,7 @@ def _judged(item: Item) -> dict[str, Any]:
         "coefficients": _coefficients(item, estimate),
         "source": item.source,
         "identify": _first(estimate.findings),
+        "changed": any(f.code in CHANGED for f in estimate.findings),
         "halves": halves(item, record),
     }
     begun = time.process_time()
@@ -305,13 +309,15 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
             lines.append(f"{row['name']:20s} not among the shared records: left out")
         elif "refused" in row:
             lines.append(f"{row['name']:20s} refused: {row['refused']}")
-    judged = [row["right"] for row in known if row["right"] is not None]
     agree = [row["halves"] for row in known if row["halves"][2]]
     within, of = sum(one[1] for one in agree), sum(one[2] for one in agree)
+    told = sum(row["halves"][2 if row["changed"] else 1] for row in known)
+    judged = [row["right"] for row in known if row["right"] is not None]
     lines += [
         "",
         f"right order: {sum(judged)} of {len(judged)} where one is known",
         f"coefficients of two halves within 3 joint standard errors: {within} of {of}",
+        f"agree or told (the estimate of the whole says that they differ): {told} of {of}",
         "",
         f"{'record':20s}{'identify, first finding':>26s}{'validate, first finding':>26s}",
     ]

@@ -342,6 +342,23 @@ def test_a_stretch_at_rest_in_coloured_noise_shows_no_response(seed):
         assert estimate.findings[0].code == "no-response", [f.code for f in estimate.findings]
 
 
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_two_random_walks_have_nothing_to_do_with_each_other(seed):
+    rng = np.random.default_rng(seed)
+    u, y = (np.cumsum(rng.standard_normal(400)) for _ in range(2))
+    estimate = identify(Record(u, y, dt=DT), Structure(2, 1), throw=False)
+    assert estimate.findings[0].code == "no-response", [f.code for f in estimate.findings]
+
+
+def test_a_response_that_a_random_walk_hides_is_still_one():
+    rng = np.random.default_rng(5)
+    u = np.cumsum(rng.standard_normal(400))
+    y = response(u) + np.cumsum(rng.standard_normal(400))
+    estimate = identify(Record(u, y, dt=DT), Structure(4, 3), throw=False)
+    assert "not-determined" in [f.code for f in estimate.findings]
+    assert "no-response" not in [f.code for f in estimate.findings]
+
+
 def test_a_weak_response_in_coloured_noise_is_still_one():
     u = held(12)
     wander = lfilter([1.0], [1.0, -0.97], np.random.default_rng(12).standard_normal(N))

@@ -13,6 +13,11 @@ Where more than half of the whitened residual follows the input, the samples are
 with whitening the coefficients would move to where the missing response is smallest for its size,
 which can be far from anything wanted. What white weights explain and the whitened samples leave to
 the noise is told.
+
+Under strong slow noise white weights may end far from the truth, and a long model of what they left
+takes the response that they missed for noise as well: later turns then stay where they are. Where
+the whitened residual still follows the input, every start of both searches is therefore given a
+model of the noise of its own, and the turns are taken once more from the likeliest.
 """
 
 from __future__ import annotations
@@ -24,7 +29,9 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
+from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Pass, Start, Status
 from tridentify.estimation.answer.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
@@ -39,6 +46,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finish,
 )
 from tridentify.estimation.likelihood.noise_model import (
+    LONGEST_MODELLED,
     MOST_ROUNDS,
     STILL,
     TESTED,
@@ -49,10 +57,13 @@ from tridentify.estimation.likelihood.noise_model import (
     residual_series,
 )
 from tridentify.estimation.likelihood.question import Question
-from tridentify.estimation.likelihood.thresholds import SAME_END
+from tridentify.estimation.likelihood.thresholds import CLEARLY, SAME_END
 from tridentify.estimation.methods.maximum import Maximum
 from tridentify.estimation.search.search import Starts, search
-from tridentify.numerics.whiteness import is_white
+from tridentify.numerics.autoregression import deviance
+from tridentify.numerics.information import aicc_price
+from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.whiteness import input_share, is_white
 
 Array = NDArray[np.float64]
 
@@ -63,6 +74,18 @@ LOST = 10.0
 NOTABLE, LARGE = 1.5, 4.0
 """Residual power with whitened samples over that with white weights: worth a note, a caution. Right
 models in noise that wanders over the whole record reach three, others 1.1."""
+FEW = 2
+"""Coefficients of a model that follows the slope of the noise's spectrum and no resonance."""
+STEPS = 10
+"""On the coefficients between two models of the noise, where starts are compared."""
+ALIKE = 0.2
+"""Distance of two starts' poles over their size, below which one of the two is tried."""
+MISSED = 1e-3
+"""Probability of taking noise for a response that is missing."""
+MOST_LEFT = 0.5
+"""Share of an output's power that such an end may leave to the noise: where an input acts late, the
+likeliest end of all may be that the output is noise, and nothing would be learnt of the
+response."""
 PASSED = "noise white: the residual passes the portmanteau test"
 
 
@@ -117,6 +140,9 @@ def with_noise_model(
             )
     question.say("coloured noise")
     best = _alternate(question, found, tinted, starts.count)
+    if _misses(best.end.point, tinted):
+        question.say("coloured noise, a model for every start")
+        best = _elsewhere(question, best, tinted)
     if noise == "auto" and _is_lost(best.end, first):
         told = "noise taken as white: on whitened samples there was no usable minimum"
         return replace(_told(found, told), tried=best.tried)
@@ -128,10 +154,93 @@ def _told(found: Maximum, decision: str) -> Maximum:
     return replace(found, decisions=(*found.decisions, decision))
 
 
+def _misses(point: Point, tinted: Sequence[bool]) -> bool:
+    """Whether part of a whitened residual follows the input."""
+    series = residual_series(point, LONGEST_MODELLED)
+    for i in np.flatnonzero(tinted):
+        statistic, dimension = 0.0, 0
+        for one, e in zip(series[i], point.problem.experiments, strict=True):
+            a = point.problem.noise[i]
+            _, own, freedom = input_share(one, e.u[: one.size], a)
+            statistic, dimension = statistic + own, dimension + freedom
+        if dimension and statistic > chdtri(float(dimension), MISSED):
+            return True
+    return False
+
+
+def _criterion(point: Point) -> float:
+    """AICc with the model of the noise, so that ends under different ones compare."""
+    noise = point.problem.noise
+    series = residual_series(point)
+    k = float(sum(a.size for a in noise) + point.problem.n_outputs)
+    k += point.problem.n_coefficients + point.problem.n_nuisance
+    found = sum(deviance(own, a) for own, a in zip(series, noise, strict=True))
+    return found + aicc_price(k, float(point.counts.sum()))
+
+
+def _elsewhere(question: Question, found: Maximum, tinted: tuple[bool, ...]) -> Maximum:
+    """The end of the turns from the likeliest start, where that is clearly better."""
+    point = found.end.point
+    seeds = [_poles_of(point, one.theta) for one in found.tried]
+    near = [point.poles]
+    for poles in seeds:
+        if not any(_is_near(poles, other) for other in near):
+            near.append(poles)
+    ends = [_profiled(point, poles, tinted) for poles in near[1:]]
+    known = [one for one in ends if one is not None]
+    if not known:
+        return found
+    start = min(known, key=_criterion)
+    begun = replace(found, end=replace(found.end, point=start), tried=())
+    other = _alternate(question, begun, tinted, 0)
+    end = other.end.point
+    left = output_rss(end) > MOST_LEFT * end.problem.power * end.counts
+    if other.end.status is not Status.CONVERGED or np.any(left):
+        return found
+    fall = _criterion(point) - _criterion(end)
+    return replace(other, tried=found.tried) if fall > CLEARLY else found
+
+
+def _poles_of(point: Point, theta: Array) -> Complex:
+    """Of every denominator among the coefficients of a start."""
+    found = []
+    for place in point.problem.places()[0]:
+        found.append(sort_poles(np.roots(np.append(1.0, theta[place])).astype(np.complex128)))
+    return point.problem.admissible(np.concatenate(found))[0]
+
+
+def _is_near(poles: Complex, other: Complex) -> bool:
+    return bool(np.all(np.abs(poles - other) <= ALIKE * np.abs(other)))
+
+
+def _profiled(point: Point, poles: Complex, tinted: tuple[bool, ...]) -> Point | None:
+    """Where a start leads under a model of the noise of its own; None where it leads nowhere."""
+    few = [FEW] * len(tinted)
+    try:
+        end = evaluate(point.problem.whitened(noise_models(point, tinted, few)), poles)
+        for orders in (few, None, None):
+            at = partial(evaluate, point.problem.whitened(noise_models(end, tinted, orders)))
+            end = finish(at, at(end.poles), None, STEPS)[0]
+    except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
+        return None
+    return end
+
+
 def _alternate(
     question: Question, found: Maximum, tinted: tuple[bool, ...], n_starts: int
 ) -> Maximum:
-    """Noise model and coefficients in turn, until the coefficients stand still."""
+    """Noise model and coefficients in turn, until the coefficients stand still.
+
+    Parameters
+    ----------
+    question : Question
+    found : Maximum
+        Where to begin.
+    tinted : tuple of bool
+        Outputs whose noise gets a model.
+    n_starts : int
+        Starts of the search on whitened samples; none without one.
+    """
     best, reasons, trail = found.end, found.decisions, Recorder(list(found.end.recorder.passes))
     orders: list[int] | None = None
     tried: tuple[Start, ...] = ()
@@ -140,7 +249,7 @@ def _alternate(
         if count < OPEN_ROUNDS:
             whole = question.whitened(model)
             following = decide(whole, [best.point.poles])
-            if not count:
+            if n_starts and not count:
                 question.say("another search, on whitened samples")
                 anew = search(whole.held, n_starts)
                 tried = tuple(replace(one, name=f"whitened: {one.name}") for one in anew.tried)
