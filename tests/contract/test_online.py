@@ -783,3 +783,69 @@ def test_runs_that_make_no_sense(key):
     refused((TridentifyError,), lambda: online.run("three-model", record, case.structure))
     two = Record(np.hstack([record.u, record.u[::-1]]), record.y, dt=case.dt)
     refused((TridentifyError,), lambda: online.run(method, [record, two], case.structure))
+
+
+@every_method
+@pytest.mark.parametrize("dt", [1e-300, 1e-41, 1e41, 1e300])
+def test_a_sampling_interval_without_room_is_refused(key, dt):
+    refused((err.ScaleError,), lambda: METHODS[key](0.05).init(Structure(2, 1, **REST), dt))
+
+
+@every_method
+def test_a_delay_of_more_samples_than_can_be_kept_is_refused(key):
+    """Seen: 32 PiB were asked for."""
+    late = Structure(2, 1, delay=0.13, **REST)
+    refused((err.DelayError,), lambda: METHODS[key](0.05).init(late, 1e-9))
+
+
+@pytest.mark.parametrize("rate", [1e-300, 1e-60, 1e60, 1e300])
+@pytest.mark.parametrize(
+    "method",
+    [
+        lambda rate: online.RecursiveLeastSquares(filter=(1.0, rate)),
+        lambda rate: online.Kalman(start=TransferFunction([rate], [1.0, rate])),
+        lambda rate: online.ThreeModel(start=TransferFunction([rate], [1.0, rate])),
+        lambda rate: online.Gradient(gamma=rate),
+    ],
+)
+def test_rates_that_no_samples_show_are_refused(method, rate):
+    refused(
+        (err.ScaleError, err.OptionError), lambda: method(rate).init(Structure(1, 0, **REST), 0.05)
+    )
+
+
+@every_method
+@pytest.mark.parametrize("interval", [1e-40, 1e200])
+def test_an_interval_out_of_proportion_is_refused(key, interval):
+    method = METHODS[key](0.05)
+    state, _ = method.step(method.init(Structure(2, 1, **REST), 0.05), 1.0, 0.0)
+    refused((err.SamplingError,), lambda: method.step(state, 1.0, 0.1, interval=interval))
+
+
+GIVEN = {
+    "three-model": online.ThreeModel(start=second_order(1.0)),
+    "least squares": online.RecursiveLeastSquares(filter=(1.0, 2.0, 3.0)),
+    "kalman": online.Kalman(filter=(1.0, 2.0, 3.0)),
+    "gradient": online.Gradient(start=second_order(1.0)),
+}
+
+
+@every_method
+def test_a_state_with_a_sample_that_cannot_be_is_kept(key):
+    """Seen: what was saved after it was refused as damaged."""
+    state = GIVEN[key].init(Structure(2, 1), 0.05)
+    rng = np.random.default_rng(6)
+    for k, y in enumerate([*rng.standard_normal(60), 1.7e308]):
+        state, innovation = GIVEN[key].step(state, math.sin(k), y)
+    assert math.isnan(innovation)
+    again = online.State.from_dict(state.to_dict())
+    assert np.array_equal(again.values, state.values, equal_nan=True)
+
+
+@every_method
+def test_samples_too_small_to_be_squared_are_told(key):
+    rng = np.random.default_rng(6)
+    u, y = rng.standard_normal((2, 200, 1))
+    state, _, _ = GIVEN[key].feed(GIVEN[key].init(Structure(2, 1), 0.05), u, 1e-60 * y)
+    with pytest.raises(online.NotReadyError, match="choose another unit"):
+        GIVEN[key].estimate(state)

@@ -1,4 +1,4 @@
-"""Random records, most of them hopeless: an error of the package, or an estimate that holds."""
+"""Random records and streams, most of them hopeless: refused in one line, or it holds."""
 
 from __future__ import annotations
 
@@ -19,6 +19,7 @@ from tridentify import (
     advise,
     frequency_response,
     identify,
+    online,
     simulate,
     validate,
 )
@@ -190,3 +191,80 @@ def test_a_record_in_any_unit_gives_the_scaled_answer(seeds, key):
         assert found.theta / factor == pytest.approx(plain.theta, rel=1e-6), f"seed {seed}"
         assert found.std / factor == pytest.approx(plain.std, rel=1e-4), f"seed {seed}"
         assert found.status is plain.status, f"seed {seed}"
+
+
+# ------------------------------------------------------------------------------------- on-line
+STREAMED = (
+    Structure(1, 0),
+    Structure(1, 0, initial_state="free"),
+    Structure(1, 0, delay=0.13),
+)
+
+
+def lag(rate: float) -> TransferFunction:
+    return TransferFunction([rate], [1.0, rate])
+
+
+ESTIMATORS = {
+    "least squares": lambda rate: online.RecursiveLeastSquares(filter=(1.0, rate), forgetting=0.99),
+    "resetting": lambda rate: online.RecursiveLeastSquares(start=lag(rate), forget="resetting"),
+    "kalman": lambda rate: online.Kalman(filter=(1.0, rate)),
+    "gradient": lambda rate: online.Gradient(gamma=rate),
+    "gradient from a model": lambda rate: online.Gradient(start=lag(rate), rate=0.5),
+    "three models": lambda rate: online.ThreeModel(start=lag(rate), forgetting=0.99),
+}
+
+
+def after_each(rng: np.random.Generator, dt: float, n: int) -> np.ndarray | None:
+    if rng.random() < 0.6:
+        return None
+    reach = rng.choice([0.1, 1.0, 200.0])
+    with np.errstate(over="ignore", under="ignore"):
+        return dt * 10.0 ** rng.uniform(-reach, reach, n)
+
+
+def follow(seeds, attempt, count: int) -> tuple[int, int]:
+    """How many streams ended in a state, and how many in a refusal."""
+    followed = refused = 0
+    keys = list(ESTIMATORS)
+    for seed, rng in seeds.take(count):
+        n, key = int(rng.choice([1, 2, 5, 30, 100])), keys[rng.integers(len(keys))]
+        u = signal(rng, n)[:, None]
+        y = response(rng, u[:, 0])[:, None]
+        dt = 0.1 if rng.random() < 0.6 else float(size(rng))
+        rate = 2.0 if rng.random() < 0.7 else float(size(rng))
+        after, what = after_each(rng, dt, n), f"seed {seed}, {key}"
+        structure = STREAMED[rng.integers(len(STREAMED))]
+
+        def fed(key=key, rate=rate, structure=structure, dt=dt, u=u, y=y, after=after):
+            method = ESTIMATORS[key](rate)
+            return method.feed(method.init(structure, dt), u, y, after)[0]
+
+        state = attempt(what, fed)
+        if state is None:
+            refused += 1
+            continue
+        followed += 1
+        attempt(f"{what}, words", lambda s=state: f"{s.flags} {s.seen} {s.innovations}")
+        estimate = attempt(f"{what}, estimate", lambda s=state: s.method.estimate(s))
+        if estimate is not None:
+            assert np.isfinite(estimate.theta).all(), what
+            attempt(f"{what}, summary", estimate.summary)
+        again = attempt(f"{what}, kept", lambda s=state: online.State.from_dict(s.to_dict()))
+        assert np.array_equal(again.values, state.values, equal_nan=True), what
+    return followed, refused
+
+
+def test_any_stream_is_followed_or_refused(seeds, attempt):
+    followed, refused = follow(seeds, attempt, 60)
+    assert followed
+    assert refused
+
+
+FOUND_ON_LINE = (159, 513, 608, 763, 1428, 1798, 2310, 2682, 3035, 24506)
+"""Seeds that once failed."""
+
+
+def test_what_once_failed_on_line_is_followed_or_refused(attempt):
+    known = SimpleNamespace(take=lambda _: [(k, np.random.default_rng(k)) for k in FOUND_ON_LINE])
+    assert sum(follow(known, attempt, len(FOUND_ON_LINE))) == len(FOUND_ON_LINE)

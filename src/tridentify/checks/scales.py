@@ -175,7 +175,7 @@ def check_filter(roots: NDArray[np.complex128], what: str, shortest: float, long
     >>> check_filter(np.array([-2.0 + 0j]), "the filter", 0.1, 10.0)
     """
     sizes = np.abs(roots)
-    far = sizes.max() * shortest > MOST_RATE or sizes.min() * longest < 1.0 / MOST_RATE
+    far = sizes.max() > MOST_RATE / shortest or sizes.min() < 1.0 / MOST_RATE / longest
     if far:
         raise ScaleError(
             f"found {what} with roots of {shown(sizes.min().item())} to "

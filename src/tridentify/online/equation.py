@@ -41,17 +41,15 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
-from tridentify.errors import OptionError, UnsupportedError
+from tridentify.errors import UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.numerics.realization import (
     Complex,
-    sort_poles,
 )
 from tridentify.online.equation_plan import maps_of
 from tridentify.online.estimator import (
     CompiledKernels,
-    check_owner,
-    check_state,
+    check_asked,
     kept_samples,
     not_ready,
 )
@@ -71,6 +69,7 @@ from tridentify.online.scatter import widened, with_scatter
 from tridentify.online.search import (
     FoundPoles,
     clean_search,
+    filter_poles,
     first_try,
     poles_of_start,
 )
@@ -125,12 +124,7 @@ class EquationError(Suspecting):
             )
         weights = np.ones(setting.n_outputs)
         if self.filter is not None:
-            poles = sort_poles(np.roots(self.filter).astype(np.complex128))
-            if poles.size < setting.n_poles:
-                raise OptionError(
-                    f"found filter={self.filter} of degree {poles.size} with {setting.n_poles} "
-                    "poles; expected a degree of at least the number of poles; raise the degree"
-                )
+            poles = filter_poles(self.filter, setting)
         elif self.start is not None:
             poles = poles_of_start(self.start, setting)
         else:
@@ -254,8 +248,7 @@ class EquationError(Suspecting):
         NotReadyError
             The samples so far do not determine them.
         """
-        check_state(state)
-        check_owner(self, state.method)
+        check_asked(self, state)
         x, stage = state
         setting, blueprint = stage.setting, stage.blueprint
         count = int(x[slots.COUNT])
@@ -337,7 +330,8 @@ def unknowns_of(blueprint: Blueprint, x: Array, n_outputs: int) -> tuple[Array, 
     common = float(squares.sum() / max(weight.sum() - n, 1.0))
     share = float(weight2.sum() / max(weight.sum(), 1.0))
     inverse = solved(unit, np.eye(n))
-    width = np.where(live, np.sqrt(common * share / np.where(live, d, 1.0)), np.nan)
+    with np.errstate(over="ignore"):
+        width = np.where(live, np.sqrt(common * share / np.where(live, d, 1.0)), np.nan)
     if taken.sum() <= n:
         width = np.full(n, np.nan)
     with np.errstate(invalid="ignore"):

@@ -18,8 +18,10 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from tridentify.checks.scales import MOST_STEPS, check_span
 from tridentify.errors import (
     ChannelCountError,
+    DelayError,
     OptionError,
     SampleTypeError,
     SamplingError,
@@ -33,7 +35,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
-from tridentify.online.layout import Blueprint, Setting
+from tridentify.online.layout import Blueprint, Setting, smallest_channel
 from tridentify.online.state import MAKERS, State
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -49,6 +51,8 @@ SAME = 1e-9
 counted from far away."""
 BATCH = 256
 """Intervals for which constants are made at once where time is uneven."""
+MOST_DELAY = 1_000_000
+"""Samples for which an input may be late: 8 MB of each input, which are copied with every state."""
 
 
 class NotReadyError(UndeterminedError):
@@ -180,9 +184,9 @@ class Estimator(ABC):
 
         Raises
         ------
-        OptionError, SamplingError
+        OptionError, SamplingError, ScaleError
             An argument is out of range.
-        ChannelCountError, UnsupportedError
+        ChannelCountError, DelayError, UnsupportedError
             About the structure.
         """
         return self.begin(
@@ -209,6 +213,7 @@ class Estimator(ABC):
                 f"found dt={shown(dt)}; expected a sampling interval above zero, in seconds; "
                 "correct it"
             )
+        check_span(float(dt), float(dt))
         inputs, outputs = _names("input_names", input_names), _names("output_names", output_names)
         if intersample not in ("zoh", "foh"):
             raise UnsupportedError(
@@ -231,6 +236,12 @@ class Estimator(ABC):
             raise UnsupportedError(
                 f"found delay={shown(structure.delay)}; {self.name} on-line expects the delay of "
                 "an input to be the same for all outputs; estimate the outputs one by one"
+            )
+        if max(delays[0]) > MOST_DELAY * float(dt):
+            raise DelayError(
+                f"found a delay of {max(delays[0]):g} s and samples every {float(dt):g} s; "
+                f"expected at most {MOST_DELAY:,} samples, which are kept; correct the delay or "
+                "its unit, or take every tenth sample"
             )
         at_rest = structure.initial_state in ("rest", "equilibrium")
         if intersample == "foh" and np.any(delays) and at_rest:
@@ -367,7 +378,7 @@ class Estimator(ABC):
             constants = stage.blueprint.constants
             if not regular:
                 if made is None or made[0] is not stage.blueprint or k >= made[1] + len(made[2]):
-                    ahead = np.maximum(intervals[k : k + BATCH], SAME * stage.setting.dt)
+                    ahead = _within(intervals[k : k + BATCH], stage.setting.dt)
                     found = self.constants_for(stage.blueprint, stage.setting, ahead)
                     made = stage.blueprint, k, found
                 constants = made[2][k - made[1]]
@@ -436,6 +447,26 @@ def check_state(state: object) -> None:
         )
 
 
+def check_asked(method: Estimator, state: object) -> None:
+    """Refuse to estimate from what is no state of this estimator, or has no room in a float.
+
+    Raises
+    ------
+    OptionError
+    NotReadyError
+        The samples so far are too small to be squared.
+    """
+    check_state(state)
+    assert isinstance(state, State)
+    check_owner(method, state.method)
+    least = smallest_channel(state.stage.blueprint, state.values)
+    if least < slots.SMALLEST:
+        raise NotReadyError(
+            f"found a channel of at most {least:.0e} so far; expected samples of "
+            f"{slots.SMALLEST:.0e} to {slots.LARGEST:.0e}; choose another unit"
+        )
+
+
 def check_owner(method: Estimator, owner: object) -> None:
     """Refuse a state that another estimator made.
 
@@ -495,7 +526,7 @@ def checked_interval(state: State, interval: float) -> tuple[bool, float]:
     Raises
     ------
     SamplingError
-        It is not above zero.
+        It is not above zero, or out of proportion to the usual one.
     UnsupportedError
         It is not the usual one, and there are delays.
     """
@@ -508,12 +539,23 @@ def checked_interval(state: State, interval: float) -> tuple[bool, float]:
     setting = state.stage.setting
     if abs(seconds - setting.dt) <= SAME * setting.dt or state.values[slots.COUNT] == 0.0:
         return True, setting.dt
+    if not 1.0 / MOST_STEPS <= seconds / setting.dt <= MOST_STEPS:
+        raise SamplingError(
+            f"found interval={seconds:g} s; expected the time since the sample before, within a "
+            f"factor of {MOST_STEPS:.1e} of {setting.dt:g} s; leave the sample out, or correct it"
+        )
     if any(setting.delays):
         raise UnsupportedError(
             f"found interval={seconds:g} s with a delay; expected samples every {setting.dt:g} s, "
             "since the delayed input is kept in samples; resample the stream, or drop the delay"
         )
     return False, seconds
+
+
+def _within(intervals: Array, dt: float) -> Array:
+    """Intervals that are not looked at yet, where they have matrices at all."""
+    held = np.where(np.isfinite(intervals), intervals, dt)
+    return np.clip(held, max(SAME, 1.0 / MOST_STEPS) * dt, MOST_STEPS * dt)
 
 
 def _after(state: State, interval: float) -> tuple[Array, float]:

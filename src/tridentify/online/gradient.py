@@ -74,14 +74,13 @@ from numpy.typing import NDArray
 from tridentify.errors import OptionError, UnsupportedError, shown
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
-from tridentify.numerics.realization import denominator, sort_poles
+from tridentify.numerics.realization import denominator
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.estimator import (
     CompiledKernels,
+    check_asked,
     check_choice,
-    check_owner,
-    check_state,
     kept_samples,
     not_ready,
 )
@@ -132,8 +131,10 @@ from tridentify.online.layout import (
 from tridentify.online.result import assembled
 from tridentify.online.search import (
     FoundPoles,
+    check_rates,
     checked_start,
     far_off,
+    filter_poles,
     first_try,
     poles_of_start,
     searching,
@@ -285,14 +286,10 @@ class Gradient(Suspecting):
             assert gamma is not None
             poles = np.full(n + 1, -gamma, dtype=np.complex128)
         else:
-            poles = sort_poles(np.roots(self.filter).astype(np.complex128))
+            poles = filter_poles(self.filter, setting)
             if gamma is None:
                 gamma = float(np.exp(np.mean(np.log(np.abs(poles)))))
-        if poles.size < n:
-            raise OptionError(
-                f"found filter={self.filter} of degree {poles.size} with {n} poles; expected a "
-                "degree of at least the number of poles; raise the degree"
-            )
+        check_rates(np.array([gamma], dtype=np.complex128), "gamma", setting)
         return Basis.fixed(setting, nuisance, gamma, self.n_operators, poles)
 
     def _begun(self, basis: Basis, unknowns: Array) -> State:
@@ -592,8 +589,7 @@ class Gradient(Suspecting):
         NotReadyError
             The samples so far do not determine them.
         """
-        check_state(state)
-        check_owner(self, state.method)
+        check_asked(self, state)
         x, stage = state
         count = int(x[slots.COUNT])
         if not stage.blueprint.poles.size:
@@ -606,7 +602,8 @@ class Gradient(Suspecting):
         used = used_of(batches)
         theta = average(batches)
         try:
-            with one_blas_thread():
+            # what overflows is not finite, and is refused below
+            with one_blas_thread(), np.errstate(over="ignore", invalid="ignore"):
                 noise = noise_of(blueprint, x)
                 inverse, condition = expected_covariance(
                     basis, signals_of(basis, blueprint, x)[1], moments_of(blueprint, x), noise,
@@ -616,7 +613,8 @@ class Gradient(Suspecting):
         except np.linalg.LinAlgError as error:
             raise not_ready(count, "do not determine the coefficients") from error
         matrix = basis.physical[1]
-        white, cov = (matrix @ one @ matrix.T for one in (inverse, coloured))
+        with np.errstate(over="ignore", invalid="ignore"):
+            white, cov = (matrix @ one @ matrix.T for one in (inverse, coloured))
         if not np.all(np.isfinite(cov)) or not np.all(np.isfinite(theta)):
             raise not_ready(count, "do not determine the coefficients")
         told = noise_finding(white, cov)

@@ -333,6 +333,14 @@ def with_directions(blueprint: Blueprint, directions: Array) -> Blueprint:
     return replace(blueprint, constants=c)
 
 
+def smallest_channel(blueprint: Blueprint, x: Array) -> float:
+    """The largest sample so far of the channel where that is smallest, but for those at zero."""
+    at = int(blueprint.ints[slots.AT_LARGEST])
+    channels = int(blueprint.ints[slots.INPUTS] + blueprint.ints[slots.OUTPUTS])
+    sizes = x[at : at + 2 * channels : 2]
+    return float(np.min(sizes, where=sizes > 0.0, initial=np.inf))
+
+
 def watch_of(blueprint: Blueprint, output: int) -> int:
     """Where the watch of an output begins."""
     return int(blueprint.ints[slots.AT_WATCH] + output * blueprint.ints[slots.WATCH])

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.checks.scales import MOST_STEPS, check_filter
 from tridentify.errors import OptionError, TridentifyError, shown
 from tridentify.estimation.answer.assemble import Asked, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
@@ -193,6 +194,8 @@ def poles_of_start(start: object, setting: Setting) -> Complex:
     ------
     OptionError
         It has other orders, or poles that are not stable.
+    ScaleError
+        It has poles that the samples cannot show.
     """
     model = start.model if isinstance(start, Estimate) else start
     assert isinstance(model, TransferFunction)
@@ -203,7 +206,38 @@ def poles_of_start(start: object, setting: Setting) -> Complex:
             f"found a start with the poles {np.round(poles, 6).tolist()}; expected "
             f"{setting.n_poles} with negative real parts; give another model, or leave start out"
         )
+    check_rates(poles, "a start", setting)
     return sort_poles(poles)
+
+
+def filter_poles(filter_: tuple[float, ...], setting: Setting) -> Complex:
+    """The poles of a filter that was given.
+
+    Raises
+    ------
+    OptionError
+        There are fewer than the model has.
+    ScaleError
+        It has poles that the samples cannot show.
+    """
+    poles = sort_poles(np.roots(filter_).astype(np.complex128))
+    if poles.size < setting.n_poles:
+        raise OptionError(
+            f"found filter={filter_} of degree {poles.size} with {setting.n_poles} poles; expected "
+            "a degree of at least the number of poles; raise the degree"
+        )
+    check_rates(poles, "a filter", setting)
+    return poles
+
+
+def check_rates(poles: Complex, what: str, setting: Setting) -> None:
+    """Refuse poles that no stream of these samples, however long, can show.
+
+    Raises
+    ------
+    ScaleError
+    """
+    check_filter(poles, what, setting.dt, MOST_STEPS * setting.dt)
 
 
 def checked_start(start: object) -> TransferFunction | None:

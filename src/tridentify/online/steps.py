@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.errors import ZeroOutputError
 from tridentify.estimation.answer.assemble import Asked, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
@@ -27,7 +28,7 @@ from tridentify.numerics.slices import Slices, drain
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.findings import noise_finding
 from tridentify.online.kernels import slots
-from tridentify.online.layout import Blueprint, Setting
+from tridentify.online.layout import Blueprint, Setting, smallest_channel
 from tridentify.online.scatter import with_scatter
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
 from tridentify.record.record import Record
@@ -86,6 +87,8 @@ def solve_steps(
     ------
     IdentifiabilityError, numpy.linalg.LinAlgError
         The samples do not determine the coefficients.
+    ZeroOutputError
+        An output has not moved.
     """
     return drain(solving(setting, blueprint, x, poles, choose=choose, passes=passes))
 
@@ -101,6 +104,11 @@ def solving(
 ) -> Slices[StepsEnd]:
     """`solve_steps` in slices."""
     base = problem_of(setting, blueprint, x)
+    if not np.all(base.size > 0.0) or smallest_channel(blueprint, x) < slots.SMALLEST:
+        raise ZeroOutputError(
+            "found an output at zero, or a channel too small to be squared, so far; expected a "
+            "response to the input; wait for it, or choose another unit"
+        )
     full = blueprint.nuisance
     start = "free" if full.free else setting.structure.initial_state
     best = yield from _solved(base, Nuisances(start, full.offset, full.drift), None, poles, passes)

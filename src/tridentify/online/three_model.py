@@ -59,10 +59,9 @@ from tridentify.numerics.realization import Complex
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.estimator import (
     CompiledKernels,
+    check_asked,
     check_choice,
     check_forgetting,
-    check_owner,
-    check_state,
     is_number,
     kept_samples,
     not_ready,
@@ -343,8 +342,7 @@ class ThreeModel(Planner):
         NotReadyError
             The samples so far do not determine them.
         """
-        check_state(state)
-        check_owner(self, state.method)
+        check_asked(self, state)
         count = int(state.values[slots.COUNT])
         if state.stage.searching:
             state = self._found_already(state)

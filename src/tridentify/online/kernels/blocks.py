@@ -65,6 +65,7 @@ from tridentify.online.kernels.slots import (
     SEEN,
     SENSELESS,
     SINCE,
+    SMALLEST,
     SQUARES,
     TAKEN,
     TICK,
@@ -105,7 +106,7 @@ def quiet(ints: Ints, x: Array, u: Array, y: Array, start: int, most: int) -> in
         bound = SENSELESS * x[ints[AT_LARGEST] + 2 * j]
         for i in range(count):
             size = abs(u[start + i, j]) if j < m else abs(y[start + i, j - m])
-            if not (size <= bound and size < LARGEST):
+            if not (size <= bound and size < LARGEST) or 0.0 < size < SMALLEST:
                 count = i
                 break
     return count

@@ -118,6 +118,7 @@ from tridentify.online.kernels.slots import (
     SEEN,
     SENSELESS,
     SINCE,
+    SMALLEST,
     SPREAD,
     STANDS,
     STUCK,
@@ -159,7 +160,10 @@ def take_in(ints: Ints, c: Array, x: Array, interval: float) -> None:
             x[most + 1] += 1.0
             x[INBOX + k] = np.nan
             flags |= OUTLIER
+        if size < SMALLEST:
+            x[INBOX + k] = 0.0
         if k >= m and not (abs(x[INBOX + k]) < LARGEST):
+            x[INBOX + k] = np.nan
             flags |= MISSING_OUTPUT
     for j in range(m):
         u = x[INBOX + j]
