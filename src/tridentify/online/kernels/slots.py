@@ -62,9 +62,11 @@ RARE = 0.01
 that hangs."""
 MOST_REFUSED = 25
 """Refused samples in a row from which it is not the samples that are wrong."""
-LARGEST, SMALLEST, SENSELESS = 1e40, 1e-40, 1e6
-"""Largest number that is taken for a sample and smallest that is not zero, as squares of squares
-must be numbers; and how many times larger than the largest so far one may be."""
+LARGEST, SMALLEST = 1e40, 1e-40
+"""Largest number that is taken for a sample, and smallest that is not taken for zero: a variance of
+a gain, and the product of two, are floats, as off-line (`checks.scales.LARGEST_SIGNAL`)."""
+SENSELESS = 1e6
+"""How many times larger than the largest so far a sample may be."""
 TRACE = 1e-5
 """Share of the output's size that noise has at least: a quiet beginning must not make all that
 follows far off."""
