@@ -1,13 +1,13 @@
 """What the thresholds of the estimation do: each halved and doubled, on small records of all kinds.
 
 Every numeric constant of ``tridentify.estimation`` (but for its ``answer``, which only writes, and
-for guards of rounding below 1e-20) is
-halved and doubled wherever it is read, and the records that reach a function that reads it are
-estimated again. Integers are rounded and stay at least 1; of a share between a half and one the
-distance to one is changed. Told are, for each change, how many estimates
+for guards of rounding below 1e-20) is halved and doubled wherever it is read, and the records that
+reach a function that reads it are estimated again. Integers are rounded and stay at least 1; of a
+share between a half and one the distance to one is changed. Told are, for each change, how many
+estimates
 
-- changed at all (one bit of one coefficient, how it ended, or what was found to say of it),
-- moved: a coefficient by more than a tenth of its standard error,
+- changed at all (one bit of a coefficient or a standard error, how it ended, what was found),
+- moved: a coefficient by more than a tenth of its standard error, or a standard error by a tenth,
 - are worse: AICc higher by more than 0.5, an exception, or a status that is no longer ok,
 
 and the processor time over that of the same records with the threshold as it is. Two runs with
@@ -32,7 +32,9 @@ import argparse
 import ast
 import importlib
 import inspect
+import json
 import pkgutil
+import re
 import sys
 import time
 import warnings
@@ -43,7 +45,7 @@ from types import CodeType, FrameType, FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
-from machine import keep
+from machine import HERE, keep
 from numpy.typing import NDArray
 from random_systems import _input, _poles_and_step, _zeros
 from scipy.signal import lfilter
@@ -421,15 +423,17 @@ def ran(task: Task) -> set[CodeType]:
 # ------------------------------------------------------------------------------------ the results
 def compared(before: Outcome, after: Outcome) -> tuple[bool, bool, bool]:
     """Whether an estimate changed at all, moved, and is worse."""
-    same = before.ended == after.ended and np.array_equal(before.theta, after.theta, equal_nan=True)
-    if same:
+    pairs = ((before.theta, after.theta), (before.std, after.std))
+    same = all(np.array_equal(one, other, equal_nan=True) for one, other in pairs)
+    if same and before.ended == after.ended:
         return False, False, False
     if before.theta.size != after.theta.size:
         worse = before.ok and not after.ok
         return True, True, worse
     with np.errstate(all="ignore"):
         step = np.abs(after.theta - before.theta) / before.std
-    sizes = np.where(np.isfinite(step), step, 0.0)
+        wider = np.abs(after.std / before.std - 1.0)
+    sizes = np.where(np.isfinite(step), step, 0.0) + np.where(np.isfinite(wider), wider, 0.0)
     moved = bool(np.any(sizes > MOVED))
     worse = after.criterion > before.criterion + WORSE or (before.ok and not after.ok)
     return True, moved, bool(worse)
@@ -551,15 +555,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--records", type=int, default=RECORDS, help="short ones")
     parser.add_argument("--seed", type=int, default=SEED)
-    parser.add_argument("--only", default="", metavar="PART", help="of the names of thresholds")
-    parser.add_argument("--save", action="store_true", help="store the result and fill README.md")
+    parser.add_argument("--only", default="", metavar="PATTERN", help="of names of thresholds")
+    parser.add_argument(
+        "--save", action="store_true",
+        help="store the result and fill README.md; with --only beside what is stored",
+    )  # fmt: skip
     options = parser.parse_args()
     before = time.process_time()
-    rows, noise = run(options.records, options.seed, lambda one: options.only in one.label)
-    text = report(rows, time.process_time() - before, noise)
+    rows, noise = run(
+        options.records, options.seed, lambda one: re.search(options.only, one.label) is not None
+    )
+    seconds = time.process_time() - before
+    stored = HERE / "results" / "sensitivity.json"
+    if options.save and options.only and stored.exists():
+        kept = json.loads(stored.read_text())["data"]
+        seconds, noise = seconds + kept["seconds"], kept["noise"]
+        rows = {name: rows.get(name, row) for name, row in (kept["rows"] | rows).items()}
+    text = report(rows, seconds, noise)
     print("\n" + text)
     if options.save:
-        keep("sensitivity", text, {"records": options.records, "seed": options.seed, "rows": rows})
+        facts = {"records": options.records, "seed": options.seed}
+        keep("sensitivity", text, {**facts, "seconds": seconds, "noise": noise, "rows": rows})
 
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ from tridentify.record.record import Record
 
 Array = NDArray[np.float64]
 HALF = 0.5
+"""Standard error over natural size of a section's coefficients below which poles are identified."""
 
 
 @dataclass(frozen=True, eq=False)
