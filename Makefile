@@ -9,6 +9,9 @@ COMPILE ?= --compile
 PYTEST_ARGS ?=
 BITS_ARGS ?=
 
+# An environment that keeps Python from writing compiled modules would compile them for every process.
+unexport PYTHONDONTWRITEBYTECODE
+
 VENV := .venv
 PY := $(VENV)/bin/python
 PIP := $(PY) -m pip --quiet --disable-pip-version-check
