@@ -261,7 +261,7 @@ def test_any_stream_is_followed_or_refused(seeds, attempt):
     assert refused
 
 
-FOUND_ON_LINE = (159, 513, 608, 763, 1428, 1798, 2310, 2682, 3035, 24506)
+FOUND_ON_LINE = (159, 513, 608, 763, 1428, 1798, 2310, 2682, 3035, 24506, 960329611899)
 """Seeds that once failed."""
 
 

@@ -125,7 +125,9 @@ class Kalman(EquationError):
         if old.ints[slots.FILTERING]:
             return state
         unknowns, root, _ = unknowns_of(old, x, setting.n_outputs)
-        if not np.all(np.isfinite(root)):
+        diagonal = np.diagonal(root)
+        # nothing left over is a covariance of nothing, which has no triangle
+        if not (np.all(np.isfinite(root)) and np.all(diagonal > 0.0)):
             x[slots.TICK] = x[slots.COUNT] + self.wait(setting, old)
             return state
         at = int(old.ints[slots.C_MONIC]) + old.poles.size + 1
@@ -145,7 +147,6 @@ class Kalman(EquationError):
         found[:end] = x[:end]
         n = new.n_columns
         found[int(new.ints[slots.AT_THETA]) :][:n] = unknowns
-        diagonal = np.diagonal(root)
         at = int(new.ints[slots.AT_COVARIANCE])
         found[at : at + n] = diagonal**2
         upper = root / diagonal
