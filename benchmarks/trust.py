@@ -264,6 +264,17 @@ def validation_report(rows: Sequence[Row]) -> list[str]:
     return lines
 
 
+def confusion(rows: Sequence[Row]) -> list[str]:
+    """How often which order is recommended, for every true order."""
+    pairs = Counter((row["order"], row["selection"]["chosen"]["rule"]) for row in rows)
+    lines = []
+    for order in sorted({true for true, _ in pairs}):
+        own = {chosen: n for (true, chosen), n in sorted(pairs.items()) if true == order}
+        text = ", ".join(f"{chosen} in {n}" for chosen, n in own.items())
+        lines.append(f"  true order {order}: recommended {text}")
+    return lines
+
+
 def selection_report(rows: Sequence[Row]) -> list[str]:
     told = [row for row in rows if "refused" not in row["selection"]]
     lines = [
@@ -284,6 +295,7 @@ def selection_report(rows: Sequence[Row]) -> list[str]:
         if row["selection"]["hankel"] is not None
     ]
     seconds = np.array([row["selection"]["seconds"] for row in told])
+    lines += confusion(told)
     lines += [
         f"{len(told)} records, {len(known)} of them known; {len(rows) - len(told)} refused",
         f"Hankel singular values above the noise: as many as poles "

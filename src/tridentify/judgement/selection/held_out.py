@@ -160,7 +160,10 @@ def folds(weight: Array) -> NDArray[np.intp]:
 
 
 def information(estimate: Estimate, records: Sequence[Record]) -> list[Array]:
-    """(n_samples,) leverage of every sample of each record on the unknowns of an estimate."""
+    """(n_samples,) leverage of every sample of each record on the unknowns of an estimate.
+
+    Zeros where a response grows out of bounds, or there is none.
+    """
     problem = problem_of(estimate, records, stated(estimate))
     point = evaluate(problem, poles_of_estimate(estimate, problem))
     unknowns = np.eye(point.jacobian()[1].shape[1])
@@ -171,6 +174,8 @@ def information(estimate: Estimate, records: Sequence[Record]) -> list[Array]:
     rows = [one / noise[i] for i, parts in enumerate(by_output) for one in parts]
     stacked = np.nan_to_num(np.vstack(rows))
     norms = np.linalg.norm(stacked, axis=0)
+    if not (np.any(norms > 0) and np.all(np.isfinite(norms))):
+        return [np.zeros(record.n_samples) for record in records]
     basis, sizes, _ = np.linalg.svd(stacked[:, norms > 0] / norms[norms > 0], full_matrices=False)
     leverage = np.sum(basis[:, sizes > RANK * sizes[0]] ** 2, axis=1)
     ends = np.cumsum([len(one) for one in rows])[:-1]
