@@ -23,7 +23,14 @@ from tridentify import (
 )
 from tridentify.errors import CandidateError, DataError, OptionError
 from tridentify.judgement.selection import SelectionRow, default_candidates
-from tridentify.judgement.selection.held_out import HeldEstimate, cross_fit, folds, information
+from tridentify.judgement.selection.held_out import (
+    HeldEstimate,
+    cross_fit,
+    directions,
+    fold_numbers,
+    folds,
+    most_held,
+)
 
 PLANT = TransferFunction([2.0, 3.0], [1.0, 2.0, 9.0])
 
@@ -124,7 +131,8 @@ def test_criteria_are_those_of_the_residual(record, selection):
 
 def test_the_fit_on_blocks_left_out_is_a_fit_without_them(record, selection):
     row = selection.rows[2]
-    number = folds(information(row.estimate, [record])[0])
+    number = fold_numbers(row.estimate, [record])[0]
+    assert np.array_equal(number, folds(np.ones(record.n_samples)))
     error = np.zeros(record.n_samples)
     for fold in range(5):
         fit = OutputError(row.estimate.model)
@@ -147,15 +155,36 @@ def test_a_single_short_transient_is_never_left_out_as_a_whole(seed):
     assert held.fit[0] == pytest.approx(estimate.fit[0], abs=0.5)
 
 
-def test_information_is_leverage(record):
+def test_information_is_that_of_the_coefficients(record):
     estimate = identify(record, at_rest(2, 1))
-    found = information(estimate, [record])
-    assert [one.shape for one in found] == [(300,)]
-    # one for each unknown
-    assert found[0].sum() == pytest.approx(4.0)
-    parts = information(estimate, [record, record])
-    assert np.allclose(parts[0], found[0] / 2)
-    assert np.allclose(parts[1], found[0] / 2)
+    (found,) = directions(estimate, [record])
+    assert found.shape == (300, 1, 4)
+    g = found[:, 0]
+    assert np.allclose(g.T @ g, np.eye(4))
+    parts = directions(estimate, [record, record])
+    assert np.allclose(parts[0], parts[1])
+    assert np.allclose(np.sum(parts[0] ** 2, axis=(1, 2)), np.sum(g**2, axis=1) / 2)
+    # all of it in one fold, none of it there, and a half
+    assert most_held([found], [np.zeros(300, dtype=int)]) == pytest.approx(1.0)
+    assert most_held(parts, [np.zeros(300, dtype=int), np.ones(300, dtype=int)]) == pytest.approx(
+        0.5
+    )
+
+
+def test_a_free_initial_state_is_no_coefficient():
+    made_free = made(n=200)
+    estimate = identify(made_free, Structure(2, 1, offset=True, initial_state="free"))
+    (found,) = directions(estimate, [made_free])
+    assert found.shape == (200, 1, 4)
+    # what offset and initial state explain is taken away
+    assert np.allclose(found[:, 0].sum(axis=0), 0.0, atol=1e-8)
+
+
+def test_without_information_blocks_are_of_equal_length(record):
+    estimate = identify(record, at_rest(1, 0))
+    nothing = Record(np.zeros(60), np.zeros(60), dt=record.dt)
+    assert directions(estimate, [nothing])[0].shape == (60, 1, 0)
+    assert np.array_equal(fold_numbers(estimate, [nothing])[0], folds(np.ones(60)))
 
 
 def test_without_information_blocks_are_of_equal_length(record):
