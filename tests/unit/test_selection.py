@@ -187,14 +187,6 @@ def test_without_information_blocks_are_of_equal_length(record):
     assert np.array_equal(fold_numbers(estimate, [nothing])[0], folds(np.ones(60)))
 
 
-def test_without_information_blocks_are_of_equal_length(record):
-    estimate = identify(record, at_rest(1, 0))
-    nothing = Record(np.zeros(60), np.zeros(60), dt=record.dt)
-    found = information(estimate, [nothing])
-    assert np.array_equal(found[0], np.zeros(60))
-    assert np.array_equal(folds(found[0]), folds(np.ones(60)))
-
-
 def test_an_input_that_was_left_open_costs_no_second_search(record, monkeypatch):
     asked = []
     whole = ThreeModel.estimate
