@@ -90,7 +90,7 @@ autodoc_typehints_format = "short"
 autodoc_preserve_defaults = True
 autodoc_type_aliases = {
     "ArrayLike": "array_like",
-    **dict.fromkeys(("Array", "FloatArray", "ComplexArray", "Real"), "ndarray"),
+    **dict.fromkeys(("Array", "Complex", "Flags"), "ndarray"),
     **{name: name for name in ("Intersample", "Polynomials", "Choice", "InitialState", "Axes")},
 }
 python_use_unqualified_type_names = True

@@ -9,16 +9,14 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.errors import ChannelCountError, ScaleError, TridentifyError
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import cascade, monomials, sort_poles
 from tridentify.numerics.sampled import Sampled, States
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 BLOCK = 4096
 

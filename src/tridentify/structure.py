@@ -15,7 +15,7 @@ from types import MappingProxyType
 from typing import Any, Literal, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.checks.orders import (
     Bounds,
@@ -42,10 +42,10 @@ from tridentify.errors import (
     StructureError,
     shown,
 )
+from tridentify.numerics.arrays import Array
 
 __all__ = ["AutoStructure", "InitialState", "Structure"]
 
-FloatArray = NDArray[np.float64]
 Choice = bool | Literal["auto"]
 InitialState = Literal["free", "rest", "equilibrium", "auto"]
 
@@ -500,7 +500,7 @@ class Structure:
 
     def split(
         self, theta: ArrayLike, n_outputs: int = 1, n_inputs: int = 1
-    ) -> tuple[list[list[FloatArray]], list[list[FloatArray]]]:
+    ) -> tuple[list[list[Array]], list[list[Array]]]:
         """Cut a parameter vector into numerators and monic denominators.
 
         Parameters
@@ -537,8 +537,8 @@ class Structure:
         zeros = self.zeros_matrix(n_outputs, n_inputs)
         position = poles[0][0] if self.shared else 0
         common = values[:position]
-        num: list[list[FloatArray]] = [[] for _ in range(n_outputs)]
-        den: list[list[FloatArray]] = [[] for _ in range(n_outputs)]
+        num: list[list[Array]] = [[] for _ in range(n_outputs)]
+        den: list[list[Array]] = [[] for _ in range(n_outputs)]
         for i in range(n_outputs):
             for j in range(n_inputs):
                 own = 0 if self.shared else poles[i][j]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.checks.coefficients import (
     channel_delays,
@@ -28,15 +28,14 @@ from tridentify.errors import (
     UnsupportedError,
     shown,
 )
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.rational import rational_response, scaled_roots
 from tridentify.writing import interop
 from tridentify.writing.layout import format_polynomial
 
 __all__ = ["TransferFunction"]
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
-Polynomials = tuple[tuple[FloatArray, ...], ...]
+Polynomials = tuple[tuple[Array, ...], ...]
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
@@ -88,7 +87,7 @@ class TransferFunction:
 
     num: Polynomials
     den: Polynomials
-    delay: FloatArray
+    delay: Array
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
 
@@ -172,7 +171,7 @@ class TransferFunction:
         )
 
     @property
-    def common_denominator(self) -> FloatArray | None:
+    def common_denominator(self) -> Array | None:
         """The denominator that all channels share, or None where they differ."""
         first = self.den[0][0]
         same = all(np.array_equal(first, den) for row in self.den for den in row)
@@ -189,12 +188,12 @@ class TransferFunction:
         return _roots(self.num)
 
     @property
-    def dc_gain(self) -> FloatArray:
+    def dc_gain(self) -> Array:
         """Steady-state gain, shape (n_outputs, n_inputs); infinite for an integrator."""
-        gain: FloatArray = self.frequency_response([0.0])[0].real.copy()
+        gain: Array = self.frequency_response([0.0])[0].real.copy()
         return gain
 
-    def _common_poles(self) -> ComplexArray:
+    def _common_poles(self) -> Complex:
         den = self.common_denominator
         if den is None:
             raise UnsupportedError(
@@ -204,17 +203,17 @@ class TransferFunction:
         return _sorted_roots(den)
 
     @property
-    def natural_frequency(self) -> FloatArray:
+    def natural_frequency(self) -> Array:
         """Natural frequency [rad/s] of every pole of the common denominator, shape (n_poles,)."""
-        magnitude: FloatArray = np.abs(self._common_poles())
+        magnitude: Array = np.abs(self._common_poles())
         return magnitude
 
     @property
-    def damping(self) -> FloatArray:
+    def damping(self) -> Array:
         """Damping ratio of every pole of the common denominator; nan for a pole at zero."""
         poles = self._common_poles()
         with np.errstate(invalid="ignore"):
-            ratio: FloatArray = -poles.real / np.abs(poles)
+            ratio: Array = -poles.real / np.abs(poles)
         return ratio
 
     @property
@@ -222,7 +221,7 @@ class TransferFunction:
         """Whether every pole has a negative real part."""
         return all(bool(np.all(_sorted_roots(den).real < 0.0)) for row in self.den for den in row)
 
-    def frequency_response(self, omega: ArrayLike) -> ComplexArray:
+    def frequency_response(self, omega: ArrayLike) -> Complex:
         """Evaluate the model on the imaginary axis.
 
         Parameters
@@ -465,7 +464,7 @@ class TransferFunction:
         return TransferFunction.from_dict, (self.to_dict(),)
 
 
-def _fraction_text(num: FloatArray, den: FloatArray, delay: float) -> str:
+def _fraction_text(num: Array, den: Array, delay: float) -> str:
     top, bottom = (format_polynomial(p.tolist(), [0.0] * p.size) for p in (num, den))
     width = max(len(top), len(bottom)) + 2
     front = f"exp(-{delay:.6g} s) " if delay > 0.0 else ""
@@ -474,7 +473,7 @@ def _fraction_text(num: FloatArray, den: FloatArray, delay: float) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _sorted_roots(coefficients: FloatArray) -> ComplexArray:
+def _sorted_roots(coefficients: Array) -> Complex:
     return np.sort_complex(scaled_roots(coefficients))
 
 

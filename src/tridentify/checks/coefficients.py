@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.errors import (
     ChannelCountError,
@@ -14,8 +14,7 @@ from tridentify.errors import (
     OptionError,
     shown,
 )
-
-FloatArray = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 
 def is_flat(value: Any) -> bool:
@@ -27,7 +26,7 @@ def is_flat(value: Any) -> bool:
     return not any(isinstance(item, (list, tuple)) or np.ndim(item) > 0 for item in value)
 
 
-def nested_coefficients(label: str, value: Any) -> list[list[FloatArray]]:
+def nested_coefficients(label: str, value: Any) -> list[list[Array]]:
     """Give float arrays ``[output][input]``; a one-dimensional value is one channel."""
     if is_flat(value):
         return [[one_polynomial(label, value)]]
@@ -40,7 +39,7 @@ def nested_coefficients(label: str, value: Any) -> list[list[FloatArray]]:
     return [[one_polynomial(label, item) for item in row] for row in rows]
 
 
-def one_polynomial(label: str, value: Any) -> FloatArray:
+def one_polynomial(label: str, value: Any) -> Array:
     """Copy one polynomial into a finite float array."""
     try:
         raw = np.atleast_1d(np.asarray(value))
@@ -59,13 +58,13 @@ def one_polynomial(label: str, value: Any) -> FloatArray:
     return array
 
 
-def stripped(coefficients: FloatArray) -> FloatArray:
+def stripped(coefficients: Array) -> Array:
     """Drop leading coefficients that are zero; of nothing but zeros the last one stays."""
     leading = np.flatnonzero(coefficients)
     return coefficients[leading[0] :] if leading.size else coefficients[-1:]
 
 
-def monic(num: FloatArray, den: FloatArray) -> tuple[FloatArray, FloatArray]:
+def monic(num: Array, den: Array) -> tuple[Array, Array]:
     """Divide by the leading coefficient of the denominator; read-only."""
     den = stripped(den)
     if den[0] == 0.0:
@@ -92,7 +91,7 @@ def monic(num: FloatArray, den: FloatArray) -> tuple[FloatArray, FloatArray]:
     return scaled_num, scaled_den
 
 
-def channel_delays(delay: float | ArrayLike, shape: tuple[int, int]) -> FloatArray:
+def channel_delays(delay: float | ArrayLike, shape: tuple[int, int]) -> Array:
     """Give delays [s] of shape (n_outputs, n_inputs), read-only."""
     try:
         given = np.asarray(delay, dtype=np.float64)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import LengthMismatchError, NonUniformTimeError
-
-FloatArray = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 SAME = 1e-6
 APART = 3.0
 
 
 def merge_rates(
-    own: FloatArray, u: FloatArray, other: FloatArray, y: FloatArray, intersample: str
-) -> tuple[FloatArray, FloatArray, FloatArray]:
+    own: Array, u: Array, other: Array, y: Array, intersample: str
+) -> tuple[Array, Array, Array]:
     """Inputs and outputs on the instants of both.
 
     Parameters
@@ -68,9 +66,7 @@ def merge_rates(
     return t, inputs, outputs
 
 
-def interpolate(
-    t: FloatArray, u: FloatArray, y: FloatArray, grid: FloatArray, intersample: str
-) -> tuple[FloatArray, FloatArray]:
+def interpolate(t: Array, u: Array, y: Array, grid: Array, intersample: str) -> tuple[Array, Array]:
     """Inputs as they are between their samples, outputs on straight lines; nan across gaps."""
     after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
     before = after - 1
@@ -86,7 +82,7 @@ def interpolate(
     return u[np.searchsorted(t, grid, side="right") - 1], outputs
 
 
-def filtered(x: FloatArray, weights: FloatArray, *, extend: bool) -> FloatArray:
+def filtered(x: Array, weights: Array, *, extend: bool) -> Array:
     """Weighted sums around every sample; beyond the ends reflected, or nan.
 
     Examples

@@ -33,9 +33,9 @@ from tridentify.errors import (
     UnitError,
     shown,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST
 
-FloatArray = NDArray[np.float64]
 Intersample = Literal["zoh", "foh", "band-limited", "auto"]
 Behaviour = Literal["zoh", "foh", "band-limited"]
 
@@ -87,7 +87,7 @@ def channel_names(names: Sequence[str] | None, n_channels: int, default: str) ->
     return chosen
 
 
-def sample_range(t: FloatArray, start: float | None, stop: float | None) -> tuple[int, int]:
+def sample_range(t: Array, start: float | None, stop: float | None) -> tuple[int, int]:
     """Find the samples between two instants, both ends included within rounding.
 
     Parameters
@@ -149,7 +149,7 @@ def instant(label: str, value: object) -> float:
         ) from error
 
 
-def uniform_step(t: FloatArray) -> float | None:
+def uniform_step(t: Array) -> float | None:
     """Give the sampling interval of a uniform time axis.
 
     Parameters
@@ -177,7 +177,7 @@ def uniform_step(t: FloatArray) -> float | None:
     return step if -tolerance <= departure.min() and departure.max() <= tolerance else None
 
 
-def typical_step(t: FloatArray) -> float:
+def typical_step(t: Array) -> float:
     """One of the shorter sampling intervals: what limits the dynamics that can be seen.
 
     Parameters
@@ -199,12 +199,12 @@ def typical_step(t: FloatArray) -> float:
     return float(np.quantile(np.diff(t), 0.1))
 
 
-def time_slack(t: FloatArray) -> float:
+def time_slack(t: Array) -> float:
     """Rounding allowed at the end of a stretch of time [s]."""
     return TIME_TOLERANCE * float(t[-1] - t[0]) / (len(t) - 1)
 
 
-def _numbers(label: str, value: ArrayLike) -> FloatArray:
+def _numbers(label: str, value: ArrayLike) -> Array:
     """Copy `value` into a float64 array, once, or share an array that cannot change."""
     if isinstance(value, np.ma.MaskedArray):
         masked: Any = value.astype(np.float64)
@@ -222,7 +222,7 @@ def _numbers(label: str, value: ArrayLike) -> FloatArray:
             + (", in seconds since the start" if array.dtype.kind in "mM" else "")
         )
     if _is_immutable(array):
-        return cast(FloatArray, array)
+        return cast(Array, array)
     copied = np.array(array, dtype=np.float64, order="C", copy=True)
     copied.flags.writeable = False
     return copied
@@ -240,7 +240,7 @@ def _is_immutable(array: NDArray[Any]) -> bool:
     )
 
 
-def sample_array(label: str, value: ArrayLike) -> FloatArray:
+def sample_array(label: str, value: ArrayLike) -> Array:
     """Give read-only samples of shape (n_samples, n_channels)."""
     array = _numbers(label, value)
     if array.ndim not in (1, 2) or (array.ndim == 2 and array.shape[1] == 0):
@@ -251,9 +251,7 @@ def sample_array(label: str, value: ArrayLike) -> FloatArray:
     return array[:, np.newaxis] if array.ndim == 1 else array
 
 
-def time_axis(
-    dt: float | None, t: ArrayLike | None, n_samples: int
-) -> tuple[float | None, FloatArray]:
+def time_axis(dt: float | None, t: ArrayLike | None, n_samples: int) -> tuple[float | None, Array]:
     """Give the uniform step [s], if there is one, and the sampling instants, read-only."""
     if (dt is None) == (t is None):
         found = "neither dt nor t" if dt is None else "both dt and t"
@@ -285,7 +283,7 @@ def time_axis(
     return uniform_step(time), time
 
 
-def _step_and_time(dt: object, n_samples: int) -> tuple[float, FloatArray]:
+def _step_and_time(dt: object, n_samples: int) -> tuple[float, Array]:
     try:
         step = float(dt)  # type: ignore[arg-type]
     except (TypeError, ValueError, OverflowError):
@@ -302,7 +300,7 @@ def _step_and_time(dt: object, n_samples: int) -> tuple[float, FloatArray]:
     return step, time
 
 
-def check_lengths(u: FloatArray, y: FloatArray, t: FloatArray) -> None:
+def check_lengths(u: Array, y: Array, t: Array) -> None:
     """Refuse arrays of different length, of fewer than two samples, or with time along a row."""
     if not len(u) == len(y) == len(t):
         raise LengthMismatchError(
@@ -333,7 +331,7 @@ def check_intersample(intersample: object) -> None:
         )
 
 
-def looks_measured(u: FloatArray) -> bool:
+def looks_measured(u: Array) -> bool:
     """Whether an input was measured rather than set, to judge by its samples alone.
 
     A signal that is set moves at few samples, or independently of where it was going. One that is
@@ -372,7 +370,7 @@ def check_distinct(names: tuple[str, ...]) -> None:
         seen.add(name)
 
 
-def check_inputs(u: FloatArray, names: tuple[str, ...]) -> None:
+def check_inputs(u: Array, names: tuple[str, ...]) -> None:
     """Refuse inputs that are not finite, or too large to be added."""
     if np.isfinite(u).all():
         check_samples("an input", u)
@@ -384,7 +382,7 @@ def check_inputs(u: FloatArray, names: tuple[str, ...]) -> None:
     )
 
 
-def check_outputs(y: FloatArray, names: tuple[str, ...]) -> None:
+def check_outputs(y: Array, names: tuple[str, ...]) -> None:
     """Refuse infinite outputs, those too large to be added, and channels of nothing but nan."""
     if np.isinf(y).any():
         row, column = (int(k) for k in np.argwhere(np.isinf(y))[0])
@@ -437,7 +435,7 @@ def chosen_channels(
     return [present.index(name) for name in names], names
 
 
-def warn_if_input_moves(u: FloatArray, factor: int, intersample: Behaviour) -> None:
+def warn_if_input_moves(u: Array, factor: int, intersample: Behaviour) -> None:
     """Warn when dropped samples leave the input wrongly described."""
     if factor == 1:
         return

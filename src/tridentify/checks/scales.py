@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import ScaleError, shown
-
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 LARGEST_SAMPLE = 1e300
 """Largest sample of a record: differences, and sums over 1e8 samples, are floats."""

@@ -15,7 +15,8 @@ from tridentify.cli.load import time_channels
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import Activity, show, show_json
 from tridentify.errors import DataError, shown
-from tridentify.record.formats.channels import SECONDS, FloatArray, OpenFile
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import SECONDS, OpenFile
 from tridentify.record.formats.read import opened
 from tridentify.writing.layout import short
 
@@ -75,7 +76,7 @@ def described(source: OpenFile) -> list[dict[str, Any]]:
     list of dict
         ``name``, ``unit``, ``clock``, ``samples`` and mean ``rate`` [1/s].
     """
-    times: dict[str, FloatArray | None] = {}
+    times: dict[str, Array | None] = {}
     for channel in source.channels:
         if channel.clock not in times:
             times[channel.clock] = _instants(source, channel.clock)
@@ -97,7 +98,7 @@ def described(source: OpenFile) -> list[dict[str, Any]]:
     return entries
 
 
-def _instants(source: OpenFile, clock: str) -> FloatArray | None:
+def _instants(source: OpenFile, clock: str) -> Array | None:
     """Give the time of a clock, or the one column of its channels that is called t or time [s]."""
     try:
         if clock:
@@ -115,7 +116,7 @@ def _plain(text: str) -> str:
     return short(text, LONGEST_NAME) if text.isprintable() else shown(text)
 
 
-def _rate(time: FloatArray | None) -> float | None:
+def _rate(time: Array | None) -> float | None:
     span = 0.0 if time is None or len(time) < 2 else float(time[-1] - time[0])
     return (len(time) - 1) / span if time is not None and np.isfinite(span) and span > 0 else None
 

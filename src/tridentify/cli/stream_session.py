@@ -18,6 +18,7 @@ from tridentify.checks.values import check_keys, finite_number, whole_number
 from tridentify.cli.load import COMPARE, MissingRule
 from tridentify.cli.stream_show import Remarks, line_of
 from tridentify.errors import EmptyFileError, OptionError, TooFewSamplesError
+from tridentify.numerics.arrays import Array
 from tridentify.record.formats.streams.header import Asked
 from tridentify.record.formats.streams.lines import WholeLines
 from tridentify.record.formats.streams.rows import RowReader, Rows
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     from tridentify.estimation.answer.estimate import Estimate
     from tridentify.online import Estimator, NotReadyError, State
 
-FloatArray = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 BLOCK = 8192
@@ -101,11 +101,11 @@ class StreamPlace:
 class _Block:
     """Samples that go forward in time."""
 
-    u: FloatArray
-    y: FloatArray
-    interval: FloatArray
-    elapsed: FloatArray
-    time: FloatArray
+    u: Array
+    y: Array
+    interval: Array
+    elapsed: Array
+    time: Array
     lines: Ints
     stops: Ints
     real: NDArray[np.bool_]
@@ -141,7 +141,7 @@ class Session:
         self._waiting: list[Rows] = []
         self._flags = 0
         self._problems: list[tuple[int, str, bool]] = []
-        self._opening: tuple[Timeline, FloatArray, Ints] | None = None
+        self._opening: tuple[Timeline, Array, Ints] | None = None
 
     # -------------------------------------------------------------------------- saved and resumed
     def counts(self) -> dict[str, Any]:
@@ -323,8 +323,8 @@ class Session:
             if self.stopped() and block.real[min(end, len(ticks)) - 1]:
                 return
 
-    def _ticks(self, elapsed: FloatArray) -> FloatArray:
-        ticks: FloatArray = np.floor(elapsed / self.question.every + ROUNDING)
+    def _ticks(self, elapsed: Array) -> Array:
+        ticks: Array = np.floor(elapsed / self.question.every + ROUNDING)
         return ticks
 
     def _block(self, rows: Rows) -> _Block:
@@ -392,7 +392,7 @@ class Session:
             real,
         )
 
-    def _without(self, y: FloatArray) -> FloatArray:
+    def _without(self, y: Array) -> Array:
         for rule in self.question.rules:
             column = self.question.asked.outputs.index(rule.channel)
             y[COMPARE[rule.sign](y[:, column], rule.limit), column] = np.nan

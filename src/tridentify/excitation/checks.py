@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.errors import OptionError, shown
-
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 WHOLE = 1e-6
 MOST_SAMPLES = 20_000_000

@@ -21,7 +21,8 @@ import numpy as np
 import scipy.optimize
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
+
 Lines = NDArray[np.intp]
 
 NORMS = (4, 16, 64, 256)

@@ -35,8 +35,8 @@ from numpy.typing import NDArray
 
 from tridentify.errors import UndeterminedError
 from tridentify.estimation.likelihood.curvature import SINGULAR
+from tridentify.numerics.arrays import Array
 
-Array = NDArray[np.float64]
 Criterion = Literal["A", "D"]
 
 NEGLIGIBLE = 1e-12

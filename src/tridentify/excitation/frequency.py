@@ -10,16 +10,14 @@ Re(g* g')`` to the information of every sample of output ``i``, with ``g`` the d
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.errors import OptionError, shown
 from tridentify.excitation.checks import band_of, positive, vector
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.rational import rational_response
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 POINTS = 160
 

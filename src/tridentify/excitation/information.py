@@ -20,7 +20,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import (
     OrderError,
@@ -33,13 +32,12 @@ from tridentify.estimation.knowledge.solve import problem_for
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.curvature import SINGULAR, physical_transform
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import triangle
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

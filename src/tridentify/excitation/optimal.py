@@ -28,7 +28,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.errors import OptionError, ParameterNameError, TridentifyError, shown
 from tridentify.estimation.answer.estimate import Estimate
@@ -42,12 +42,12 @@ from tridentify.excitation.multisine import multisine
 from tridentify.excitation.precise import Precision, asked, noise_of, precision
 from tridentify.excitation.signal import Excitation
 from tridentify.excitation.usual import usual_inputs
+from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 from tridentify.uncertainty.sampled import sample
 from tridentify.writing.layout import format_table, html_table
 
-Array = NDArray[np.float64]
 Shape = Literal["multisine", "binary"]
 
 SHOWN = 1e-2

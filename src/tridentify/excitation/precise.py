@@ -23,7 +23,7 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.errors import (
     ChannelCountError,
@@ -45,6 +45,7 @@ from tridentify.excitation.information import (
     structure_of,
 )
 from tridentify.excitation.signal import Excitation
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.levinson import autocovariance
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -52,7 +53,6 @@ from tridentify.transfer_function import TransferFunction
 from tridentify.uncertainty.sampled import sample
 from tridentify.writing.layout import format_std, format_table, format_value, html_table
 
-Array = NDArray[np.float64]
 Plan = Excitation | Record
 
 SAME_STEP = 1e-3

@@ -16,18 +16,17 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.checks.names import check_units
 from tridentify.checks.samples import Intersample, channel_names
 from tridentify.errors import OptionError, ShapeError, shown
 from tridentify.excitation.checks import count, positive
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_table, html_table
 from tridentify.writing.notebook import sparkline
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

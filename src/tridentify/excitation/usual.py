@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import OptionError
 from tridentify.excitation.checks import samples_of
@@ -14,9 +13,8 @@ from tridentify.excitation.multisine import multisine
 from tridentify.excitation.prbs import prbs
 from tridentify.excitation.signal import Excitation
 from tridentify.excitation.three_two_one_one import three_two_one_one
+from tridentify.numerics.arrays import Array
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 HALF_POWER = 2.8
 

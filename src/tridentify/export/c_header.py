@@ -20,17 +20,16 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.export.discrete import Block, Method, blocks_of
 from tridentify.export.words import in_c_comment
+from tridentify.numerics.arrays import Array
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_std
 
-Array = NDArray[np.float64]
 Number = Literal["double", "float"]
 
 KEYWORDS = frozenset(

@@ -29,7 +29,6 @@ from typing import Literal
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.errors import (
     OptionError,
@@ -38,10 +37,10 @@ from tridentify.errors import (
     UnsupportedError,
     shown,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.simulate import realize
 from tridentify.transfer_function import TransferFunction
 
-Array = NDArray[np.float64]
 Method = Literal["zoh", "tustin"]
 
 WHOLE = 1e-9

@@ -28,11 +28,10 @@ from numpy.typing import NDArray
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.export.words import in_matlab_comment, matlab_string
+from tridentify.numerics.arrays import Array
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_std
-
-Array = NDArray[np.float64]
 
 HEADER = b"MATLAB 5.0 MAT-file, made by tridentify"
 LONGEST_NAME = 63

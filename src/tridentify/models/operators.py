@@ -16,16 +16,14 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.checks.scales import LARGEST_TIME
 from tridentify.errors import OptionError, shown
-from tridentify.numerics.realization import Complex, cascade, sort_poles
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import cascade, sort_poles
 from tridentify.numerics.sampled import Sampled, States
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 
 class OperatorBank(Protocol):

@@ -29,9 +29,8 @@ from numpy.typing import NDArray
 
 from tridentify.models.regression import Regression
 from tridentify.models.response import ColumnBlocks, Response, nuisance_blocks, outputs_of
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -36,12 +36,11 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import Accumulator
 from tridentify.numerics.realization import Cascade
 from tridentify.numerics.sampled import Sampled, States
-
-Array = NDArray[np.float64]
 
 BLOCK = 1024
 LONG_BLOCK = 4096

@@ -17,9 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.models.regression import Regression
-from tridentify.numerics.realization import Cascade, Complex, DegreeBasis, cascade, degree_basis
-
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import Cascade, DegreeBasis, cascade, degree_basis
 
 
 @dataclass(frozen=True, eq=False)

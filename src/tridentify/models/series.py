@@ -33,10 +33,9 @@ from tridentify.models.response import (
     nuisance_blocks,
     outputs_of,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Cascade, filter_map
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,10 +53,10 @@ from tridentify.models.response import (
     outputs_of,
     spread,
 )
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import (
     Cascade,
-    Complex,
     DegreeBasis,
     degree_basis,
     denominator,
@@ -65,8 +65,6 @@ from tridentify.numerics.realization import (
     roots_of,
     sort_poles,
 )
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,11 +52,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.incomplete import Incomplete
 from tridentify.numerics.levinson import autocovariance, polynomial
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Places = NDArray[np.int64]
 
 PER_COEFFICIENT = 10

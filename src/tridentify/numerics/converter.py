@@ -20,7 +20,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
+
 Ints = NDArray[np.intp]
 
 OFF_GRID = 0.05

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-Real = npt.NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 
-def autocorrelation(series: npt.ArrayLike, n_lags: int) -> tuple[Real, int]:
+def autocorrelation(series: npt.ArrayLike, n_lags: int) -> tuple[Array, int]:
     """Normalised autocorrelation ``r(0..n_lags)`` of a series about its mean.
 
     Parameters
@@ -41,5 +41,5 @@ def autocorrelation(series: npt.ArrayLike, n_lags: int) -> tuple[Real, int]:
     lags = range(min(n_lags, values.size - 1) + 1)
     products = np.array([centred[: values.size - k] @ centred[k:] for k in lags])
     products = np.pad(products, (0, n_lags + 1 - products.size))
-    correlation: Real = products / energy if energy > 0 else np.zeros(n_lags + 1)
+    correlation: Array = products / energy if energy > 0 else np.zeros(n_lags + 1)
     return correlation, n_present

@@ -29,15 +29,13 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.exponential import step_states
-
-Real = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 
 LEAST_VARIANCE = 1e-15
 
 
-def standard_deviation(jacobian: Real, cov: Real) -> Real:
+def standard_deviation(jacobian: Array, cov: Array) -> Array:
     """Standard deviations of linear combinations of correlated coefficients.
 
     Parameters
@@ -61,7 +59,7 @@ def standard_deviation(jacobian: Real, cov: Real) -> Real:
     with np.errstate(invalid="ignore", over="ignore"):
         variance = np.einsum("...i,ij,...j->...", jacobian, cov, jacobian, optimize=True)
         size = np.abs(jacobian) @ np.sqrt(np.maximum(np.diag(cov), 0.0))
-        std: Real = np.sqrt(np.where(variance <= LEAST_VARIANCE * size**2, 0.0, variance))
+        std: Array = np.sqrt(np.where(variance <= LEAST_VARIANCE * size**2, 0.0, variance))
     return std
 
 
@@ -103,7 +101,7 @@ def root_sensitivity(polynomial: npt.ArrayLike, *, monic: bool = True) -> tuple[
     return roots, sensitivity.astype(np.complex128)
 
 
-def pole_quantities(den: npt.ArrayLike, cov: Real) -> tuple[tuple[str, float, float, str], ...]:
+def pole_quantities(den: npt.ArrayLike, cov: Array) -> tuple[tuple[str, float, float, str], ...]:
     """Natural frequency and damping of each pole pair; place and time constant of a real pole.
 
     Parameters
@@ -153,7 +151,7 @@ def pole_quantities(den: npt.ArrayLike, cov: Real) -> tuple[tuple[str, float, fl
     return tuple(rows)
 
 
-def dc_gain(num: npt.ArrayLike, den: npt.ArrayLike, cov: Real) -> tuple[float, float]:
+def dc_gain(num: npt.ArrayLike, den: npt.ArrayLike, cov: Array) -> tuple[float, float]:
     """Static gain ``b_0 / a_0`` and its standard deviation.
 
     Parameters
@@ -187,8 +185,8 @@ def dc_gain(num: npt.ArrayLike, den: npt.ArrayLike, cov: Real) -> tuple[float, f
 
 
 def frequency_response_std(
-    num: npt.ArrayLike, den: npt.ArrayLike, cov: Real, omega: npt.ArrayLike
-) -> tuple[Real, Real]:
+    num: npt.ArrayLike, den: npt.ArrayLike, cov: Array, omega: npt.ArrayLike
+) -> tuple[Array, Array]:
     """Standard deviations of magnitude (relative) and phase of ``b(j omega) / a(j omega)``.
 
     Parameters
@@ -248,7 +246,7 @@ def frequency_response_slopes(
     return slopes
 
 
-def confidence_ellipse(cov: Real, level: float = 0.95, n_points: int = 73) -> Real:
+def confidence_ellipse(cov: Array, level: float = 0.95, n_points: int = 73) -> Array:
     """Contour of a two-dimensional Gaussian that holds the probability ``level``.
 
     Parameters
@@ -273,16 +271,16 @@ def confidence_ellipse(cov: Real, level: float = 0.95, n_points: int = 73) -> Re
     values, vectors = np.linalg.eigh(cov)
     axes = vectors * np.sqrt(np.clip(values, 0.0, None) * (-2 * math.log1p(-level)))
     angle = np.linspace(0, 2 * math.pi, n_points)
-    curve: Real = np.column_stack((np.cos(angle), np.sin(angle))) @ axes.T
+    curve: Array = np.column_stack((np.cos(angle), np.sin(angle))) @ axes.T
     return curve
 
 
 def step_response(
     num: npt.ArrayLike,
     den: npt.ArrayLike,
-    realization: tuple[Real, Real, Real],
+    realization: tuple[Array, Array, Array],
     times: npt.ArrayLike,
-) -> tuple[Real, Real]:
+) -> tuple[Array, Array]:
     """Step response of ``b / a`` and its derivatives by the coefficients, both exact.
 
     Parameters
@@ -336,9 +334,9 @@ def step_response(
 def impulse_response(
     num: npt.ArrayLike,
     den: npt.ArrayLike,
-    realization: tuple[Real, Real, Real],
+    realization: tuple[Array, Array, Array],
     times: npt.ArrayLike,
-) -> tuple[Real, Real]:
+) -> tuple[Array, Array]:
     """Impulse response of ``b / a`` and its derivatives by the coefficients, both exact.
 
     Parameters

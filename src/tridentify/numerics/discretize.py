@@ -24,12 +24,9 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recent import recent
-
-Array = NDArray[np.float64]
-
 
 KEPT = 256
 """Results that are kept: those of one search at a time."""

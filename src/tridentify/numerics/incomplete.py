@@ -36,9 +36,9 @@ from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular, toeplitz
 from scipy.optimize import minimize
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.levinson import autocovariance
 
-Array = NDArray[np.float64]
 Places = NDArray[np.int64]
 
 GRADIENT_STILL = 1e-4

@@ -31,11 +31,9 @@ import numpy as np
 import scipy.linalg
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.polynomial import chebyshev
-from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.discretize import weight_of
-
-Array = NDArray[np.float64]
 
 HALF = 32
 BETA = 12.0

@@ -34,9 +34,9 @@ import numpy as np
 import scipy.linalg
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.discretize import weight_of
 
-Array = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 BASE = 64

@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 SPAN_CUTOFF = 1e-6
 

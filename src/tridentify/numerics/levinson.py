@@ -8,9 +8,8 @@ polynomial or by ``p`` reflection coefficients below one in size, which any data
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 
 def polynomial(reflection: Array) -> Array:

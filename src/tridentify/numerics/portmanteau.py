@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.special import chdtrc
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 DRAWS = 1000
 SHORT, LONG_SERIES = 500, 5_000

@@ -20,9 +20,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 LONG_INPUT = 5_000
 MOST_BY_FOURS = 32

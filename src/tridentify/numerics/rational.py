@@ -9,8 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from tridentify.numerics.arrays import Array, Complex
 
 FAR = 500.0
 """Coefficients are scaled where one is 2^500 times the first: the ratio squared is a float."""
@@ -18,7 +17,7 @@ MOST_POWER = 900.0
 """Largest power of two among scaled coefficients: a sum of several is a float."""
 
 
-def rational_response(num: FloatArray, den: FloatArray, s: ComplexArray) -> ComplexArray:
+def rational_response(num: Array, den: Array, s: Complex) -> Complex:
     """Evaluate ``num(s)/den(s)``.
 
     Parameters
@@ -49,14 +48,14 @@ def rational_response(num: FloatArray, den: FloatArray, s: ComplexArray) -> Comp
     return ratio
 
 
-def _horner(coefficients: FloatArray, x: ComplexArray, reverse: NDArray[np.bool_]) -> ComplexArray:
+def _horner(coefficients: Array, x: Complex, reverse: NDArray[np.bool_]) -> Complex:
     value = np.zeros_like(x)
     for ascending, descending in zip(coefficients[::-1], coefficients, strict=True):
         value = value * x + np.where(reverse, ascending, descending)
     return value
 
 
-def scaled_roots(coefficients: FloatArray) -> ComplexArray:
+def scaled_roots(coefficients: Array) -> Complex:
     """Roots of a polynomial, in units of their mean size where the coefficients lie far apart.
 
     Parameters

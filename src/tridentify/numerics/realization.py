@@ -39,12 +39,9 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.recent import recent
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 KEPT = 256
 """Results that are kept of each function: those of one search at a time."""

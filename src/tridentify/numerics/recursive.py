@@ -55,9 +55,9 @@ from typing import Any, TypeVar, cast
 
 import numba
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
+
 Function = TypeVar("Function", bound=Callable[..., object])
 
 NEGLIGIBLE = 1e-11

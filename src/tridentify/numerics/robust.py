@@ -43,11 +43,11 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 from scipy.special import gammaln, ndtr
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
+
 Loss = Literal["squared", "huber", "student"]
 
 LOSSES = ("squared", "huber", "student")

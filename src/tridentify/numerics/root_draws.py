@@ -13,19 +13,16 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-import numpy.typing as npt
 from scipy.optimize import linear_sum_assignment
 
 from tridentify.numerics import delta_method
-
-Real = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
+from tridentify.numerics.arrays import Array, Complex
 
 FEW = 4
 """Up to so many roots every assignment is tried for all draws at once (24 of them)."""
 
 
-def stacked_roots(polynomials: Real) -> Complex:
+def stacked_roots(polynomials: Array) -> Complex:
     """Roots of a stack of polynomials of one degree.
 
     Parameters
@@ -89,7 +86,7 @@ def matched(roots: Complex, reference: Complex) -> Complex:
     return np.take_along_axis(roots, chosen, axis=1)
 
 
-def pole_values(den: Real, reference: Real) -> Real:
+def pole_values(den: Array, reference: Array) -> Array:
     """Natural frequencies, dampings, real poles and time constants of every draw.
 
     Parameters
@@ -111,7 +108,7 @@ def pole_values(den: Real, reference: Real) -> Real:
     """
     centre = delta_method.root_sensitivity(reference)[0]
     roots = matched(stacked_roots(den), centre)
-    columns: list[Real] = []
+    columns: list[Array] = []
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for k, pole in enumerate(centre):
             if pole.imag > 0:

@@ -32,14 +32,12 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.numerics import interpolation
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.discretize import Discrete, discretize
 from tridentify.numerics.intervals import Crossing, Plan, free_plan, plan, snapped
 from tridentify.numerics.propagate import propagate
-
-Array = NDArray[np.float64]
 
 MOST_LATE = 2.0**52
 """Samples of a delay, beyond which it is later than the end of any record."""

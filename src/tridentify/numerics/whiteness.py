@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener, most_coefficients, whiten
 from tridentify.numerics.least_squares import solve
-
-Array = NDArray[np.float64]
 
 FALSE_ALARMS = 0.01
 DENSE, SPARSE = 8, 14

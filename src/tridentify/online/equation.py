@@ -39,13 +39,10 @@ from typing import ClassVar
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.errors import UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
-from tridentify.numerics.realization import (
-    Complex,
-)
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.equation_plan import maps_of
 from tridentify.online.estimator import (
     CompiledKernels,
@@ -88,8 +85,6 @@ from tridentify.online.state import Stage, State
 from tridentify.online.suspecting import MOST_KEPT, Suspecting
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 
 class EquationError(Suspecting):

@@ -7,14 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.numerics.realization import (
-    Cascade,
-    Complex,
-    cascade,
-    degree_basis,
-    denominator,
-    numerators,
-)
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import Cascade, cascade, degree_basis, denominator, numerators
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import EXPONENTIAL, scatter_size, triangle_size
 from tridentify.online.layout import (
@@ -27,8 +21,6 @@ from tridentify.online.layout import (
     discretize_each,
     fill_inputs,
 )
-
-Array = NDArray[np.float64]
 
 LEARNING = 20  # blocks, as the equation error is never white
 

@@ -33,6 +33,7 @@ from tridentify.errors import (
 )
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
+from tridentify.numerics.arrays import Array
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
 from tridentify.online.layout import Blueprint, Setting, smallest_channel
@@ -41,7 +42,6 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 LEAST_FORGETTING = 0.5

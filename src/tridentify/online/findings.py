@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, ranked
+from tridentify.numerics.arrays import Array
 from tridentify.online.flags import Flag
 from tridentify.online.kernels import slots
 from tridentify.online.state import State
-
-Array = NDArray[np.float64]
 
 WORTH_TELLING = 1.05  # standard errors that differ by less tell nobody anything
 BIASED = 1.5  # times wider: an equation error that follows its own past

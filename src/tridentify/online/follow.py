@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.slices import Slices
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.kernels import slots
@@ -25,8 +24,6 @@ from tridentify.online.steps import (
     solving,
 )
 from tridentify.online.summary import moved
-
-Array = NDArray[np.float64]
 
 NEAR = 0.01
 """Relative distance of poles up to which they stay where they are: the bank holds them three times,

@@ -74,6 +74,7 @@ from numpy.typing import NDArray
 from tridentify.errors import OptionError, UnsupportedError, shown
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import denominator
 from tridentify.numerics.slices import Slices
 from tridentify.numerics.threads import one_blas_thread
@@ -155,8 +156,6 @@ from tridentify.online.summary import carried
 from tridentify.online.suspecting import MOST_KEPT, Suspecting
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 WARM_UP = 10
 """Samples for each unknown before the first period begins, and one over the quickest rate in

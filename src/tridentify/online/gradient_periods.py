@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from tridentify.errors import OptionError
 from tridentify.estimation.likelihood.problem import BELOW_NYQUIST, FASTEST, LEAST_DAMPED
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import sort_poles
 from tridentify.online.gradient_plan import Basis, inverse_of, without_constant
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
@@ -17,8 +17,6 @@ from tridentify.online.layout import Blueprint, Setting
 from tridentify.online.scatter import widened
 from tridentify.online.summary import transfer
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 STEPS_PER_UNKNOWN, SLOWER = 10, 4.0
 """Samples for each unknown in one over the rate, and how many times slower than the slowest pole it

@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import (
     Cascade,
-    Complex,
     DegreeBasis,
     cascade,
     degree_basis,
@@ -27,8 +27,6 @@ from tridentify.numerics.realization import (
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, parallel
-
-Array = NDArray[np.float64]
 
 REPEATS = 3
 """How often each pole stands in the bank: twice for the model and its slopes, and once for a move

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.online.gradient_plan import Basis
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, watch_of
-
-Array = NDArray[np.float64]
 
 
 def moments_of(blueprint: Blueprint, x: Array) -> Array:

@@ -16,13 +16,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.numerics.realization import Complex, cascade
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import cascade
 from tridentify.online.kernels import gradient_slots as places
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import scatter_size, triangle_size
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 MOST_COEFFICIENTS = 10_000

@@ -7,13 +7,10 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
-from tridentify.numerics.realization import (
-    Complex,
-)
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.equation import EquationError, unknowns_of
 from tridentify.online.equation_plan import equation_blueprint, maps_of
 from tridentify.online.estimator import (
@@ -29,8 +26,6 @@ from tridentify.online.search import (
 )
 from tridentify.online.state import State
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 SAMPLES_PER_UNKNOWN = 10
 """Samples for each unknown that least squares is given before the filter begins from it."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.slices import Slices
 from tridentify.online.estimator import Estimator, kept_samples
 from tridentify.online.kernels import slots
@@ -27,8 +27,6 @@ from tridentify.online.search import far_off, judged_poles, record_of, searching
 from tridentify.online.starting import admissible, calm, run_kept, take_clocks, without
 from tridentify.online.state import State
 from tridentify.online.steps import StepsEnd, directions_of, estimate_of, solving
-
-Array = NDArray[np.float64]
 
 MOVE_ROUNDS = 3
 """Times that the search is repeated without the samples that its model finds doubtful."""

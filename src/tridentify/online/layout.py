@@ -9,14 +9,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.discretize import Discrete, discretize
-from tridentify.numerics.realization import Cascade, Complex, cascade
+from tridentify.numerics.realization import Cascade, cascade
 from tridentify.numerics.sampled import split_delay
 from tridentify.online.kernels import slots
 from tridentify.online.kernels.slots import scatter_size, triangle_size
 from tridentify.structure import Structure
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 CHUNK = 64

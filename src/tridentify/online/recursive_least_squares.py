@@ -5,13 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tridentify.estimation.methods.filtered.state_variable_filters import checked_filter
-from tridentify.numerics.realization import (
-    Complex,
-)
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.equation import EquationError
 from tridentify.online.equation_plan import equation_blueprint
 from tridentify.online.estimator import (
@@ -27,8 +22,6 @@ from tridentify.online.search import (
     checked_start,
 )
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL, "resetting": RESETTING}
 

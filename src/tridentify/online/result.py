@@ -5,15 +5,13 @@ from __future__ import annotations
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Trace
+from tridentify.numerics.arrays import Array
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, Setting, watch_of
 from tridentify.structure import InitialState, Structure
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 
 def assembled(

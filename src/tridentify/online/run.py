@@ -9,18 +9,16 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import DataError, OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
+from tridentify.numerics.arrays import Array
 from tridentify.online.estimator import Estimator, NotReadyError
 from tridentify.online.flags import Flag
 from tridentify.online.state import State
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 POINTS = 200
 """Estimates along a record where none is asked for: a curve on a page."""

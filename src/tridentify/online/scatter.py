@@ -31,10 +31,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, watch_of
-
-Array = NDArray[np.float64]
 
 FEWEST, FEWEST_USUAL = 20.0, 2.0
 """Blocks of a level from which its scatter is known, to 30 % for one number; and those from which

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.scales import MOST_STEPS, check_filter
 from tridentify.errors import OptionError, TridentifyError, shown
@@ -18,15 +17,14 @@ from tridentify.estimation.methods.base import check
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.estimation.search.gross_outliers import outlier_slices
 from tridentify.estimation.search.search import Search
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.slices import Slices
 from tridentify.online.kernels.slots import LARGEST
 from tridentify.online.layout import Setting
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 VAGUE = 0.5
 """Standard error over value of the denominator's coefficients from which a search is not

@@ -8,15 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.estimator import Estimator
 from tridentify.online.kernels import gradient_slots, slots
 from tridentify.online.layout import CHUNK, Blueprint, Setting, watch_of
 from tridentify.online.search import next_try, record_of
 from tridentify.online.state import Stage, State
 from tridentify.online.task import Task
-
-Array = NDArray[np.float64]
 
 SLICES = 1  # of a task, for every sample
 PLACES = (

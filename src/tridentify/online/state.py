@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.values import check_keys, checked, texts
 from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.encoding import load_document, save_document
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.online.flags import Flag
 from tridentify.online.integrity import MOST_ORDER, check_orders, check_room, check_sound
 from tridentify.online.kernels import slots
@@ -25,7 +24,6 @@ from tridentify.online.task import Task
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-Array = NDArray[np.float64]
 T = TypeVar("T")
 
 SCHEMA = 1

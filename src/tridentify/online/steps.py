@@ -23,7 +23,7 @@ from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import EQUAL, SETTLED_LONG, TRUSTED
 from tridentify.estimation.search.passes import adapting, series_model
 from tridentify.models.regression import Regression
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.slices import Slices, drain
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.findings import noise_finding
@@ -32,8 +32,6 @@ from tridentify.online.layout import Blueprint, Setting, smallest_channel
 from tridentify.online.scatter import with_scatter
 from tridentify.online.summary import change_columns, on_order, seen, summarise, transfer
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 PASSES = 4
 """Adapted passes at most: from the poles of the tick before one or two do."""

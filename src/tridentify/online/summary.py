@@ -21,16 +21,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.models.regression import Experiment, Layout, Regression
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.realization import Cascade
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Blueprint, Setting, factor_of, fresh, watch_of
 from tridentify.online.scatter import take_scatter
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

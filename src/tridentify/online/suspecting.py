@@ -14,8 +14,8 @@ from abc import abstractmethod
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.estimator import Estimator, NotReadyError, kept_samples
 from tridentify.online.kernels import slots
@@ -26,8 +26,6 @@ from tridentify.online.state import Stage, State
 from tridentify.online.suspicion import DOUBTED, TRIED, Old
 from tridentify.online.task import Task
 from tridentify.online.witness import WitnessVerdict, looking
-
-Array = NDArray[np.float64]
 
 MOST_KEPT = 2000  # samples: what a search of bounded slices can take
 ALARM_LASTS = 200  # samples

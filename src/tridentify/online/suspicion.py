@@ -25,11 +25,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from tridentify.errors import TridentifyError
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.slices import Slices
 from tridentify.online.launch import Launch, Planner, launching
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
@@ -37,8 +36,6 @@ from tridentify.online.residual import Refined, gain_of, left_by, refined
 from tridentify.online.search import VAGUE, FoundPoles, far_off, record_of, searching
 from tridentify.online.steps import estimate_of, solving
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 CLEAR_GAIN = 30.0  # of -2 log L: one in a million for four coefficients, were the noise model true
 AGREEING = 0.6  # of the pieces; of noise alone, half

@@ -51,11 +51,10 @@ from functools import cache
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError, shown
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.online.estimator import (
     CompiledKernels,
@@ -95,8 +94,6 @@ from tridentify.online.steps import estimate_of, solve_steps
 from tridentify.online.suspicion import DOUBTED, TRIED, trying
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 REPEATS = 3
 """How often each pole stands in the bank: twice for the model and its slopes, and once for a move

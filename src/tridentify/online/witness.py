@@ -18,17 +18,15 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.slices import Slices
 from tridentify.online.layout import Setting
 from tridentify.online.residual import Refined, is_driven, refined
 from tridentify.online.search import FoundPoles, clean_search, first_try, record_of
 from tridentify.online.suspicion import LARGER, Old, differ, explains_better, is_determined
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 
 class WitnessVerdict(NamedTuple):

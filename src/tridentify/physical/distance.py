@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from tridentify.errors import ConvergenceError
+from tridentify.numerics.arrays import Array
 from tridentify.physical.model import PhysicalModel
 
-Array = NDArray[np.float64]
 Known = Mapping[str, tuple[float, float]]
 
 RELATIVE_FLOOR = 1e-12

@@ -15,7 +15,6 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc
 
 from tridentify.errors import (
@@ -30,6 +29,7 @@ from tridentify.estimation.answer.parameter import Parameter
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.identify import identify
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.physical.distance import Known, Nearest, Restriction, nearest, weight_of
 from tridentify.physical.identifiability import (
@@ -44,7 +44,6 @@ from tridentify.physical.profile import Profile
 from tridentify.physical.result import PhysicalEstimate
 from tridentify.record.record import Record
 
-Array = NDArray[np.float64]
 Fit = Literal["likelihood", "distance"]
 
 WEAK = 1.0

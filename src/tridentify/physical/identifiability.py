@@ -29,9 +29,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import CoefficientMapError
+from tridentify.numerics.arrays import Array
 from tridentify.physical.model import DIFFERENCE_STEP, PhysicalModel, differences
 
-Array = NDArray[np.float64]
 Powers = tuple[tuple[str, Fraction], ...]
 
 POINTS = 8

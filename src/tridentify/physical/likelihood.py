@@ -21,13 +21,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from tridentify.numerics.arrays import Array
 from tridentify.physical.distance import Restriction
 from tridentify.physical.profile import HeldResidual, Profile
-
-Array = NDArray[np.float64]
 
 PROFILE_STEP = 1e-2
 LEAST_MOVE = 1e-6

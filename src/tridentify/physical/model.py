@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from tridentify.checks.names import LONGEST_NAME, check_units, is_plain
 from tridentify.errors import CoefficientMapError, PhysicalParameterError, shown
+from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-Array = NDArray[np.float64]
 Values = Mapping[str, float]
 CoefficientMap = Callable[[Values], Values]
 Derivatives = Callable[[Values], Mapping[str, Values]]

@@ -16,18 +16,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import solve
 from tridentify.physical.model import model_of
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

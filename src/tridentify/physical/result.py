@@ -11,7 +11,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import PhysicalParameterError, ShapeError, UndeterminedError
 from tridentify.estimation.answer.encoding import (
@@ -23,11 +22,10 @@ from tridentify.estimation.answer.encoding import (
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.parameter import Parameter
 from tridentify.estimation.answer.trace import freeze_arrays
+from tridentify.numerics.arrays import Array
 from tridentify.physical.model import PhysicalParameter, model_of
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.layout import format_std, format_table, format_value, html_table
-
-Array = NDArray[np.float64]
 
 SCHEMA = 1
 _WIDTH = 78

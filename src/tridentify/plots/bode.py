@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse
+from tridentify.numerics.arrays import Array
 from tridentify.plots.measured import draw_measured
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import BLUE, channel, dress, legend, literal, make_axes
@@ -18,8 +19,6 @@ from tridentify.writing.layout import IN_PICTURES, short, unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Real = npt.NDArray[np.float64]
 
 
 def plot_bode(
@@ -100,8 +99,8 @@ def _draw_behind(
     phase: Axes,
     measured: FrequencyResponse,
     channel_: tuple[int, int],
-    grid: Real,
-    degrees: Real,
+    grid: Array,
+    degrees: Array,
 ) -> None:
     """Measured points behind the model's lines; they widen the scale, but not by far."""
     limits = [ax.get_xlim() for ax in (magnitude, phase)]
@@ -129,7 +128,7 @@ def _draw_behind(
         ax.set_ylim(bottom - margin * (bottom < low), top + margin * (top > high))
 
 
-def default_frequencies(estimate: Estimate, n_points: int = 240) -> Real:
+def default_frequencies(estimate: Estimate, n_points: int = 240) -> Array:
     """Logarithmic grid around poles and zeros, finer at resonances.
 
     Parameters
@@ -156,15 +155,15 @@ def default_frequencies(estimate: Estimate, n_points: int = 240) -> Real:
     for root in roots[(roots.imag > 0) & (np.abs(roots.real) < 0.3 * np.abs(roots))]:
         width = max(abs(root.real), 1e-4 * abs(root))
         grid.append(root.imag + width * np.linspace(-6, 6, 61))
-    union: Real = np.unique(np.concatenate(grid))
-    inside: Real = union[(union >= low) & (union <= high)]
+    union: Array = np.unique(np.concatenate(grid))
+    inside: Array = union[(union >= low) & (union <= high)]
     return inside
 
 
 def _draw(
     ax: Axes,
-    omega: Real,
-    parts: list[Real],
+    omega: Array,
+    parts: list[Array],
     level: float,
     *,
     least_reach: float,

@@ -7,17 +7,16 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import BLACK, CYCLE, dress, literal, make_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
 
 MARKERS = "osD^vP*X"
 FAR_END = 3.0
@@ -136,7 +135,7 @@ def _origin(
 
 def _relative(
     estimates: Sequence[Estimate], rows: Sequence[str], origins: Sequence[tuple[float, float, bool]]
-) -> tuple[Real, Real]:
+) -> tuple[Array, Array]:
     """Differences and half widths [%], shape (n_estimates, n_rows, ...); nan where there is none.
 
     The half widths are (below, above), since those of a posterior mean are not symmetric.
@@ -157,7 +156,7 @@ def _relative(
     return centre, half
 
 
-def _reach(centre: Real, half: Real) -> float:
+def _reach(centre: Array, half: Array) -> float:
     """Half the width of the frame [%]."""
     widths = np.nanmax(half, axis=2, initial=-np.inf)
     ends = np.abs(centre) + np.where(np.isfinite(widths), widths, 0.0)
@@ -171,7 +170,7 @@ def _reach(centre: Real, half: Real) -> float:
     return 1.1 * max(float(kept.max()), needed)
 
 
-def _draw(ax: Axes, y: Real, centre: Real, half: Real, k: int, label: str, reach: float) -> None:
+def _draw(ax: Axes, y: Array, centre: Array, half: Array, k: int, label: str, reach: float) -> None:
     colour, marker = CYCLE[k % len(CYCLE)], MARKERS[(k + k // len(CYCLE)) % len(MARKERS)]
     low, high = centre - half[:, 0], centre + half[:, 1]
     known = np.isfinite(low) & np.isfinite(high)

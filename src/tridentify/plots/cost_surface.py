@@ -6,10 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array
 from tridentify.plots.style import BLACK, ORANGE, dress, labelled, make_axes
 from tridentify.record.record import Record
 from tridentify.uncertainty.checks import checked_count
@@ -18,7 +18,6 @@ from tridentify.uncertainty.cost_surface import Bowl, CostSurface, cost_surface,
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
 Range = tuple[float, float]
 
 LEVELS = 16
@@ -145,7 +144,7 @@ def _number(estimate: Estimate, pass_number: int | None) -> int:
     return estimate.trace.passes[0].number if estimate.trace.passes else 0
 
 
-def _filter_of(estimate: Estimate, pass_number: int | None) -> Real:
+def _filter_of(estimate: Estimate, pass_number: int | None) -> Array:
     """Coefficients of the pass whose denominator filters Step 2."""
     passes = {one.number: one for one in estimate.trace.passes}
     if pass_number is not None and pass_number not in passes:
@@ -159,7 +158,7 @@ def _filter_of(estimate: Estimate, pass_number: int | None) -> Real:
     return theta
 
 
-def _truth(names: tuple[str, str], truth: Mapping[str, float] | None) -> Real | None:
+def _truth(names: tuple[str, str], truth: Mapping[str, float] | None) -> Array | None:
     if not truth or any(name not in truth for name in names):
         return None
     return np.array([truth[name] for name in names], dtype=np.float64)
@@ -176,7 +175,7 @@ def _checked(ranges: tuple[Range, Range]) -> list[Range]:
 
 
 def _spans(
-    estimate: Estimate, where: list[int], path: Real, truth: Real | None, bowl: Bowl
+    estimate: Estimate, where: list[int], path: Array, truth: Array | None, bowl: Bowl
 ) -> list[Range]:
     """Frame around the estimate, the passes that are not far off, and the bowl's minimum."""
     found = []
@@ -211,7 +210,7 @@ def _axes(axes: Sequence[Axes] | None) -> list[Axes]:
     return list(figure.subplots(1, 2))
 
 
-def _filled(ax: Axes, x: Real, y: Real, cost: Real) -> None:
+def _filled(ax: Axes, x: Array, y: Array, cost: Array) -> None:
     """Filled contours of the logarithm, with a scale beside them."""
     from matplotlib.ticker import MaxNLocator
 
@@ -254,7 +253,7 @@ def _draw_surface(ax: Axes, surface: CostSurface, estimate: Estimate) -> None:
         ax.plot([], [], color=BLACK, linewidth=1.2, linestyle="--", label="95 % region")
 
 
-def _mark(ax: Axes, at: Real, marker: str, colour: str, label: str) -> None:
+def _mark(ax: Axes, at: Array, marker: str, colour: str, label: str) -> None:
     if marker in "x+":
         ax.plot(
             [at[0]],

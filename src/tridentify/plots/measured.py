@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.judgement.advice import FrequencyResponse
+from tridentify.numerics.arrays import Array
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import GREY, ORANGE, SKY, dress, legend, literal, make_axes
 from tridentify.writing.layout import IN_PICTURES, short
@@ -16,7 +16,6 @@ from tridentify.writing.layout import IN_PICTURES, short
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
 
 TWO_SIDED = 1.96
 """Of 95 % of a Gaussian error [standard errors]."""
@@ -81,7 +80,7 @@ def draw_measured(
     measured: FrequencyResponse,
     output: int,
     input_: int,
-    nearby: Real,
+    nearby: Array,
 ) -> None:
     """Draw the points of one channel and the excited band.
 

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.delta_method import confidence_ellipse
 from tridentify.plots.bode import default_frequencies
 from tridentify.plots.over_time import wrapped
@@ -32,8 +33,6 @@ from tridentify.writing.layout import unit_ratio
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 
 ASPECT = 1.5
 """Width over height of the frame."""
@@ -113,7 +112,7 @@ def plot_nyquist(
     return drawn
 
 
-def _frequencies(estimate: Estimate) -> Real:
+def _frequencies(estimate: Estimate) -> Array:
     """Those of a Bode plot and slower ones, so that the curve begins at the static gain."""
     grid = default_frequencies(estimate, 480)
     return np.concatenate([np.geomspace(grid[0] / 100, grid[0], 40, endpoint=False), grid])
@@ -143,7 +142,7 @@ def _frame(ax: Axes, curve: Complex) -> float:
 
 
 def _draw_ellipses(
-    ax: Axes, omega: Real, curve: Complex, cov: Real, level: float, half: float
+    ax: Axes, omega: Array, curve: Complex, cov: Array, level: float, half: float
 ) -> None:
     """A band of many ellipses, and a few of them outlined."""
     from matplotlib.collections import PolyCollection
@@ -184,7 +183,7 @@ def _draw_cloud(ax: Axes, curves: Complex) -> None:
         ax.plot(one.real, one.imag, color=BLUE, alpha=0.25, linewidth=0.6, zorder=1, label=label)
 
 
-def _draw_curve(ax: Axes, omega: Real, curve: Complex, half: float) -> None:
+def _draw_curve(ax: Axes, omega: Array, curve: Complex, half: float) -> None:
     line = np.where(np.isfinite(curve), curve, np.nan)
     ax.plot(line.real, -line.imag, color=BLUE, linewidth=0.9, linestyle="--", zorder=2)
     ax.plot(line.real, line.imag, color=BLUE, linewidth=1.6, label="model", zorder=3)
@@ -212,7 +211,7 @@ def _draw_curve(ax: Axes, omega: Real, curve: Complex, half: float) -> None:
     _name_frequencies(ax, omega, curve, marked)
 
 
-def _name_frequencies(ax: Axes, omega: Real, curve: Complex, marked: Sequence[int]) -> None:
+def _name_frequencies(ax: Axes, omega: Array, curve: Complex, marked: Sequence[int]) -> None:
     """Numbers beside the marked points, across the curve and away from its middle."""
     inside = curve[_inside(ax, curve)]
     middle = inside.mean() if inside.size else 0j

@@ -9,13 +9,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array
 from tridentify.plots.style import BLUE, channel, dress, in_brackets, literal
 from tridentify.writing.layout import unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
 
 SETTLE = 6.0
 """Time constants after which nothing moves any more."""
@@ -30,7 +30,7 @@ AIR = 0.6
 """How far a band may reach beyond the line, as a share of the line's range."""
 
 
-def default_times(estimate: Estimate) -> Real:
+def default_times(estimate: Estimate) -> Array:
     """Times over which the model settles, finer at the beginning where it has fast modes.
 
     Parameters
@@ -78,7 +78,7 @@ def _step(poles: npt.NDArray[np.complex128], start: float, horizon: float) -> fl
     return max(float(fine), horizon / (20 * POINTS))
 
 
-def trimmed(t: Real, response: Real, share: float = 0.004) -> int:
+def trimmed(t: Array, response: Array, share: float = 0.004) -> int:
     """Number of times until every response stays at its last value.
 
     Parameters
@@ -100,7 +100,7 @@ def trimmed(t: Real, response: Real, share: float = 0.004) -> int:
     return min(int(np.searchsorted(t, 1.35 * t[last])) + 2, t.size) if last else t.size
 
 
-def draw_band(ax: Axes, t: Real, line: Real, low: Real, high: Real, level: float) -> None:
+def draw_band(ax: Axes, t: Array, line: Array, low: Array, high: Array, level: float) -> None:
     """Line and band; the scale follows the line, so that a wide band does not flatten it."""
     sound = np.isfinite(low) & np.isfinite(high)
     label = f"{100 * level:.3g} % band"

@@ -8,9 +8,9 @@ from statistics import NormalDist
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.correlation import autocorrelation
 from tridentify.plots.style import (
     BLUE,
@@ -29,7 +29,6 @@ from tridentify.writing.layout import short
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
 
 LEVEL = 0.99
 
@@ -102,7 +101,7 @@ def plot_residual(
     return drawn
 
 
-def _mark(ax: Axes, t: Real, values: Real, largest: float) -> None:
+def _mark(ax: Axes, t: Array, values: Array, largest: float) -> None:
     """Show outliers as triangles, at the edge where they lie beyond it."""
     edge = 1.5 * largest
     label = f"{t.size} outlier{'' if t.size == 1 else 's'}"

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 from scipy.special import ndtri
 
 from tridentify.judgement.validation.result import CrossCorrelation, Validation, Whiteness
+from tridentify.numerics.arrays import Array
 from tridentify.plots.style import (
     BLUE,
     GREY,
@@ -25,7 +25,6 @@ from tridentify.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
 
 HEIGHT, SQUARE = 1.5, 2.2
 WINDOWS = 20
@@ -88,13 +87,13 @@ def _short(name: str) -> str:
     return literal(name)
 
 
-def _times(validation: Validation, lags: Real) -> tuple[Real, str]:
+def _times(validation: Validation, lags: Array) -> tuple[Array, str]:
     if not validation.uneven:
         return lags, "lag [s]"
     return lags, "lag [samples, as seconds of the typical step]"
 
 
-def _stems(ax: Axes, lags: Real, values: Real, bound: Real, level: float) -> None:
+def _stems(ax: Axes, lags: Array, values: Array, bound: Array, level: float) -> None:
     """Values at lags over their bounds; those outside stand out."""
     label = f"{100 * level:g} % at each lag"
     ax.fill_between(
@@ -175,7 +174,7 @@ def _course(ax: Axes, validation: Validation, i: int, name: str) -> None:
     _title(ax, f"{_short(name)}: moving level and size")
 
 
-def _moving(t: Real, values: Real) -> tuple[Real, Real, Real]:
+def _moving(t: Array, values: Array) -> tuple[Array, Array, Array]:
     """Mean and standard deviation over a moving stretch."""
     there = np.isfinite(values)
     t, values = t[there], values[there]

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.judgement.selection import Selection, SelectionRow
+from tridentify.numerics.arrays import Array
 from tridentify.plots.style import (
     AMBER,
     BLUE,
@@ -26,7 +26,6 @@ from tridentify.plots.style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
 
 CRITERIA = (("aic", "AIC", AMBER, "^"), ("aicc", "AICc", BLUE, "o"), ("bic", "BIC", PURPLE, "s"))
 LINEAR = 10.0
@@ -81,7 +80,7 @@ def _mark_recommended(ax: Axes, selection: Selection) -> None:
             ax.axvspan(k - 0.5, k + 0.5, color=GREEN, alpha=0.16, linewidth=0)
 
 
-def _draw_criteria(ax: Axes, rows: Sequence[SelectionRow], places: Real) -> None:
+def _draw_criteria(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> None:
     highest = 1.0
     for number, (field, name, colour, marker) in enumerate(CRITERIA):
         values = np.array([getattr(row, field) for row in rows], dtype=np.float64)
@@ -114,7 +113,7 @@ def _draw_criteria(ax: Axes, rows: Sequence[SelectionRow], places: Real) -> None
     legend(ax, columns=4)
 
 
-def _draw_fits(ax: Axes, rows: Sequence[SelectionRow], places: Real) -> None:
+def _draw_fits(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> None:
     fitted = np.array([_least(row.fit) for row in rows])
     unseen = np.array([_least(row.cross_fit) for row in rows])
     _marks(ax, rows, places - 0.12, fitted, BLUE, "o", "fitted")
@@ -131,7 +130,7 @@ def _draw_fits(ax: Axes, rows: Sequence[SelectionRow], places: Real) -> None:
     legend(ax)
 
 
-def _draw_errors(ax: Axes, rows: Sequence[SelectionRow], places: Real) -> None:
+def _draw_errors(ax: Axes, rows: Sequence[SelectionRow], places: Array) -> None:
     values = np.array([100.0 * row.relative_std for row in rows])
     seen = np.isfinite(values) & (values > 0)
     shown = np.where(seen, np.minimum(values, 1e5), np.nan)
@@ -149,8 +148,8 @@ def _draw_errors(ax: Axes, rows: Sequence[SelectionRow], places: Real) -> None:
 def _marks(
     ax: Axes,
     rows: Sequence[SelectionRow],
-    places: Real,
-    values: Real,
+    places: Array,
+    values: Array,
     colour: str,
     marker: str,
     label: str,
@@ -175,6 +174,6 @@ def _marks(
         label = ""
 
 
-def _least(values: Real) -> float:
+def _least(values: Array) -> float:
     seen = values[np.isfinite(values)]
     return float(seen.min()) if seen.size else math.nan

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.excitation import Excitation, Spectrum
+from tridentify.numerics.arrays import Array
 from tridentify.plots.style import (
     BLUE,
     GREEN,
@@ -27,7 +27,6 @@ from tridentify.transfer_function import TransferFunction
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
 
 VISIBLE = 1e-3
 """Lines below this share of the largest are not drawn."""
@@ -155,7 +154,7 @@ def _draw_course(ax: Axes, excitation: Excitation, j: int) -> None:
     ax.set_xlim(0.0, excitation.duration)
 
 
-def _draw_lines(ax: Axes, omega: Real, lines: Real, periodic: bool) -> None:
+def _draw_lines(ax: Axes, omega: Array, lines: Array, periodic: bool) -> None:
     """Lines of a periodic signal where they are few, else a curve; both axes logarithmic."""
     top = float(lines.max())
     ax.set_xscale("log")

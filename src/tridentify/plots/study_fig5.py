@@ -7,17 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tridentify.plots.style import (
-    BLACK,
-    BLUE,
-    GREEN,
-    GREY,
-    ORANGE,
-    Real,
-    dress,
-    legend,
-    make_axes,
-)
+from tridentify.numerics.arrays import Array
+from tridentify.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, dress, legend, make_axes
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.studies.aircraft import PLANT
@@ -84,7 +75,7 @@ def plot_step_responses(
     return drawn
 
 
-def response_band(condition: Condition, estimator: int, grid: Record) -> Real:
+def response_band(condition: Condition, estimator: int, grid: Record) -> Array:
     """Quantiles of the fitted models' responses, instant by instant.
 
     Parameters
@@ -111,7 +102,7 @@ def response_band(condition: Condition, estimator: int, grid: Record) -> Real:
     return np.asarray(np.quantile(responses, [0.16, 0.5, 0.84], axis=0))
 
 
-def _draw_band(ax: Axes, t: Real, truth: Real, band: Real, colour: str, name: str) -> None:
+def _draw_band(ax: Axes, t: Array, truth: Array, band: Array, colour: str, name: str) -> None:
     ax.fill_between(t, band[0], band[2], color=colour, alpha=0.25, linewidth=0, label="16-84 %")
     ax.plot(t, band[1], color=colour, linewidth=1.5, label="median")
     ax.plot(t, truth, color=BLACK, linewidth=1.0, linestyle="--", label="truth")
@@ -119,7 +110,7 @@ def _draw_band(ax: Axes, t: Real, truth: Real, band: Real, colour: str, name: st
     legend(ax)
 
 
-def _limits(truth: Real, bands: Sequence[Real]) -> tuple[float, float]:
+def _limits(truth: Array, bands: Sequence[Array]) -> tuple[float, float]:
     """Of all bands, but at most twice as far as the truth: an unstable median may run away."""
     values = np.concatenate([np.ravel(band) for band in bands])
     span = float(np.ptp(truth))

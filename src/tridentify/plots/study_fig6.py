@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tridentify.numerics.arrays import Array
 from tridentify.plots.study_fig5 import COLOURS
-from tridentify.plots.style import BLACK, Real, dress
+from tridentify.plots.style import BLACK, dress
 from tridentify.studies.aircraft_numbers import (
     ESTIMATORS,
     PRINTED,
@@ -120,11 +121,11 @@ def _draw_estimator(ax: Axes, group: Sequence[Condition], j: int, k: int) -> Non
     _note_outside(ax, places, median, j)
 
 
-def _relative(summaries: Sequence[EstimatorSummary], which: str, k: int) -> Real:
+def _relative(summaries: Sequence[EstimatorSummary], which: str, k: int) -> Array:
     return np.array([getattr(summary, which)[k] for summary in summaries]) / TRUTH[k]
 
 
-def _note_outside(ax: Axes, places: Real, median: Real, j: int) -> None:
+def _note_outside(ax: Axes, places: Array, median: Array, j: int) -> None:
     """A median beyond the picture is written at its edge instead of vanishing."""
     low, high = ax.get_ylim()
     for place, value in zip(places, median, strict=True):

@@ -11,13 +11,13 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-Real = npt.NDArray[np.float64]
 
 # Okabe and Ito's palette: told apart with every common kind of colour vision.
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
@@ -193,7 +193,7 @@ GAP = 5.0
 """A step of more than so many typical ones is a gap, across which no line is drawn."""
 
 
-def course(t: Real, values: Real, max_points: int = MAX_POINTS) -> tuple[Real, Real]:
+def course(t: Array, values: Array, max_points: int = MAX_POINTS) -> tuple[Array, Array]:
     """Points of a line through what was recorded, at most as many as can be told apart.
 
     Parameters
@@ -224,7 +224,7 @@ def course(t: Real, values: Real, max_points: int = MAX_POINTS) -> tuple[Real, R
     return np.insert(t, place, ends), np.insert(values, place, np.nan)
 
 
-def shorten(t: Real, values: Real, max_points: int = MAX_POINTS) -> tuple[Real, Real]:
+def shorten(t: Array, values: Array, max_points: int = MAX_POINTS) -> tuple[Array, Array]:
     """Least and greatest value of each of many stretches, in their order, in place of all.
 
     Parameters

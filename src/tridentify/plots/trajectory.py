@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.numerics.arrays import Array
 from tridentify.online import Flag
 from tridentify.plots.style import (
     BLACK,
@@ -15,7 +16,6 @@ from tridentify.plots.style import (
     GREY,
     ORANGE,
     SKY,
-    Real,
     dress,
     labelled,
     legend,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from tridentify.online import Run
 
-Truth = float | npt.ArrayLike | Callable[[Real], npt.ArrayLike]
+Truth = float | npt.ArrayLike | Callable[[Array], npt.ArrayLike]
 
 SPAN = 1.959964
 """Standard errors in a 95 % band."""
@@ -87,7 +87,7 @@ def plot_trajectory(
     return drawn
 
 
-def _known(run: Run, truth: Mapping[str, Truth]) -> dict[str, Real]:
+def _known(run: Run, truth: Mapping[str, Truth]) -> dict[str, Array]:
     """Values of the truth at the points of the run."""
     stranger = [name for name in truth if name not in run.names]
     if stranger:
@@ -106,7 +106,7 @@ def _known(run: Run, truth: Mapping[str, Truth]) -> dict[str, Real]:
     return found
 
 
-def _draw_coefficient(ax: Axes, run: Run, k: int, truth: Real | None) -> None:
+def _draw_coefficient(ax: Axes, run: Run, k: int, truth: Array | None) -> None:
     theta, half = run.theta[:, k], SPAN * run.std[:, k]
     ax.fill_between(
         run.time, theta - half, theta + half, color=SKY, alpha=0.45, linewidth=0, label="95 % band"
@@ -119,7 +119,7 @@ def _draw_coefficient(ax: Axes, run: Run, k: int, truth: Real | None) -> None:
         ax.set_ylim(*limits)
 
 
-def _limits(theta: Real, half: Real, truth: Real | None) -> tuple[float, float] | None:
+def _limits(theta: Array, half: Array, truth: Array | None) -> tuple[float, float] | None:
     """Vertical scale by most of the points, so that the first ones do not hide the others."""
     there = np.isfinite(theta)
     if not np.any(there):

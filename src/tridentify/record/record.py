@@ -24,7 +24,6 @@ from numpy.typing import ArrayLike
 from tridentify.checks.rates import filtered, interpolate, merge_rates
 from tridentify.checks.samples import (
     Behaviour,
-    FloatArray,
     Intersample,
     channel_names,
     check_band_limited,
@@ -54,10 +53,11 @@ from tridentify.errors import (
     ShapeError,
     shown,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST, lowpass
 from tridentify.writing.notebook import sparkline
 
-__all__ = ["FloatArray", "Intersample", "Record"]
+__all__ = ["Intersample", "Record"]
 
 MOST_SAMPLES = 20_000_000
 _DRAWN = 6
@@ -126,10 +126,10 @@ class Record:
     array([0.5, 1. ])
     """
 
-    u: FloatArray
-    y: FloatArray
+    u: Array
+    y: Array
     dt: float | None
-    t: FloatArray
+    t: Array
     intersample: Intersample
     input_names: tuple[str, ...]
     output_names: tuple[str, ...]
@@ -185,7 +185,7 @@ class Record:
         check_outputs(record.y, record.output_names)
         return record
 
-    def _on_its_times(self, u: FloatArray) -> Record:
+    def _on_its_times(self, u: Array) -> Record:
         """The same record with another input, and the step that its instants have on the mean."""
         return self._derive(u=u, dt=uniform_step(self.t))
 
@@ -422,9 +422,7 @@ class Record:
         warn_if_input_moves(self.u, factor, self.behaviour)
         return self._thinned(self.u, self.y, factor, self.intersample)
 
-    def _thinned(
-        self, u: FloatArray, y: FloatArray, factor: int, intersample: Intersample
-    ) -> Record:
+    def _thinned(self, u: Array, y: Array, factor: int, intersample: Intersample) -> Record:
         assert self.dt is not None
         return Record(
             u[::factor],

@@ -38,13 +38,13 @@ import warnings
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError
 from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.identify import identify
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.structure import Structure
@@ -62,8 +62,6 @@ from tridentify.studies.cramer_rao import information_factor, output_sensitiviti
 from tridentify.studies.processes import run_batches
 from tridentify.studies.step_2_alone import step_2_alone
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 PLANT = TransferFunction([0.5], [1.0, 1.0, 3.0], input_names=["x"], output_names=["y"])
 STRUCTURE = Structure(2, 0, offset=False, initial_state="rest")

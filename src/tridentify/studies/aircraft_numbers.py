@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 import scipy.linalg
 import scipy.special
-from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 COEFFICIENTS = ("a1", "a0", "b0")
 """In the order of ``theta``; ``b0`` is the paper's b."""

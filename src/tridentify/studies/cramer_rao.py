@@ -19,15 +19,13 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.propagate import propagate
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 
 def output_sensitivities(

@@ -20,15 +20,14 @@ from __future__ import annotations
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.errors import IdentifiabilityError
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import triangle
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 
 def step_2_alone(record: Record, n_poles: int, n_zeros: int, filter: ArrayLike) -> Array:

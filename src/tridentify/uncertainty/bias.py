@@ -38,18 +38,15 @@ Davison & D. V. Hinkley, *Bootstrap Methods and their Application* (1997), sec. 
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics import delta_method
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.root_draws import matched, stacked_roots
 from tridentify.uncertainty.draws import channel_draws, denominators
 
-Real = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 
-
-def corrected(estimate: Estimate, theta: Real) -> Real:
+def corrected(estimate: Estimate, theta: Array) -> Array:
     """Coefficients less the median bias of the draws.
 
     Parameters
@@ -68,7 +65,7 @@ def corrected(estimate: Estimate, theta: Real) -> Real:
     if not estimate.model.is_stable:
         return np.asarray(result)
     position = {name: k for k, name in enumerate(estimate.names)}
-    dens: dict[tuple[int, int], Real] = {}
+    dens: dict[tuple[int, int], Array] = {}
     for i, j in denominators(estimate):
         drawn = channel_draws(estimate, theta, i, j)[1]
         dens[i, j] = _denominator(estimate.model.den[i][j], drawn)
@@ -90,7 +87,7 @@ def _label(estimate: Estimate, output: int, input_: int) -> str:
 
 
 def _store(
-    result: Real, position: dict[str, int], letter: str, label: str, polynomial: Real
+    result: Array, position: dict[str, int], letter: str, label: str, polynomial: Array
 ) -> None:
     """Put coefficients where their names stand; one that is not estimated has no place."""
     for power, value in enumerate(polynomial[::-1].tolist()):
@@ -100,7 +97,7 @@ def _store(
                 break
 
 
-def _denominator(reference: Real, den: Real) -> Real:
+def _denominator(reference: Array, den: Array) -> Array:
     """Corrected denominator, descending powers, from the sections of the draws."""
     centre = delta_method.root_sensitivity(reference)[0]
     roots = matched(stacked_roots(den), centre)
@@ -117,7 +114,7 @@ def _denominator(reference: Real, den: Real) -> Real:
     return product
 
 
-def _positive(values: Real, at: float) -> float:
+def _positive(values: Array, at: float) -> float:
     """A positive quantity less its median bias: positive still, and at most doubled.
 
     Examples

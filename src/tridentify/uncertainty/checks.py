@@ -9,8 +9,7 @@ import numpy.typing as npt
 
 from tridentify.errors import OptionError, UnsupportedError, shown
 from tridentify.estimation.answer.estimate import Estimate
-
-Real = npt.NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 
 def checked_level(level: float) -> float:
@@ -43,7 +42,7 @@ def factor_of(level: float) -> float:
     return NormalDist().inv_cdf((1 + checked_level(level)) / 2)
 
 
-def checked_times(t: npt.ArrayLike) -> Real:
+def checked_times(t: npt.ArrayLike) -> Array:
     """Times [s] in one dimension, finite and rising.
 
     Raises

@@ -30,12 +30,10 @@ from tridentify.estimation.likelihood.nuisance import build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.search.passes import parallel_model
 from tridentify.models.series_parallel import Filtering, equation_error, polynomial
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import Cascade, DegreeBasis, denominator, numerators
 from tridentify.record.record import Record
-
-Real = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 
 ALMOST = 1e-6
 
@@ -56,9 +54,9 @@ class CostSurface:
     """
 
     names: tuple[str, str]
-    first: Real
-    second: Real
-    cost: Real
+    first: Array
+    second: Array
+    cost: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,11 +72,11 @@ class Bowl:
         ``cost = least + d' curvature d`` at ``d`` from the centre.
     """
 
-    centre: Real
+    centre: Array
     least: float
-    curvature: Real
+    curvature: Array
 
-    def cost(self, first: npt.ArrayLike, second: npt.ArrayLike) -> Real:
+    def cost(self, first: npt.ArrayLike, second: npt.ArrayLike) -> Array:
         """The mean square at points; arguments are broadcast."""
         x = np.asarray(first, dtype=np.float64) - self.centre[0]
         y = np.asarray(second, dtype=np.float64) - self.centre[1]
@@ -244,7 +242,7 @@ def problem_of(estimate: Estimate, records: Record | Sequence[Record]) -> Proble
     return problem
 
 
-def point_at(problem: Problem, theta: Real, repeats: int = 1) -> Point | None:
+def point_at(problem: Problem, theta: Array, repeats: int = 1) -> Point | None:
     """The best fit at the denominators of a parameter vector; None where one is not stable."""
     poles = np.concatenate(
         [np.roots(np.append(1.0, theta[place])) for place in problem.places()[0]]
@@ -265,7 +263,7 @@ def _positions(estimate: Estimate, coefficients: tuple[str, str]) -> tuple[int, 
     return names.index(given[0]), names.index(given[1])
 
 
-def _followed(estimate: Estimate, problem: Problem, pair: tuple[int, int], values: Real) -> Real:
+def _followed(estimate: Estimate, problem: Problem, pair: tuple[int, int], values: Array) -> Array:
     """The estimate's coefficients with two of them moved, the other ``a`` along with them."""
     theta = np.array(estimate.theta)
     two = list(pair)
@@ -286,7 +284,7 @@ def _mean_square(
 ) -> float:
     """Cost at a point, with the numerator coefficients of the pair at their values."""
     rss = point.rss.copy()
-    held: dict[int, list[tuple[Real, float]]] = {}
+    held: dict[int, list[tuple[Array, float]]] = {}
     for (i, j), place in problem.places()[1].items():
         for k, value in zip(pair, values, strict=True):
             if place.start <= k < place.stop:
@@ -308,12 +306,12 @@ def _mean_square(
     return float(np.exp(point.counts @ np.log(variance) / point.counts.sum()))
 
 
-def _numerator_map(bank: Cascade, basis: DegreeBasis, count: int, degree: int) -> Real:
+def _numerator_map(bank: Cascade, basis: DegreeBasis, count: int, degree: int) -> Array:
     """(count, degree + 1): coefficients of a numerator by its weights."""
     return np.array([polynomial(bank, basis, unit, degree) for unit in np.eye(count)])
 
 
-def _spread(matrix: Real, maps: Real) -> Real:
+def _spread(matrix: Array, maps: Array) -> Array:
     """``T (M' M)^{-1} T'``."""
     norms = np.sqrt(np.einsum("ij,ij->j", matrix, matrix))
     norms = np.where(norms > 0, norms, 1.0)

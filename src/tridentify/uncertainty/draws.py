@@ -21,17 +21,15 @@ import numpy.typing as npt
 
 from tridentify.errors import UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.exponential import step_states
 from tridentify.numerics.root_draws import matched, stacked_roots
 from tridentify.uncertainty.step import powers_of
 
-Real = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
-
 
 def channel_draws(
-    estimate: Estimate, theta: Real, output: int, input_: int
-) -> tuple[Real, Real, Real]:
+    estimate: Estimate, theta: Array, output: int, input_: int
+) -> tuple[Array, Array, Array]:
     """Polynomials of one channel for every draw; see `Estimate.channel_draws`."""
     return estimate.channel_draws(theta, output, input_)
 
@@ -44,7 +42,7 @@ def denominators(estimate: Estimate) -> Iterator[tuple[int, int]]:
                 yield i, j
 
 
-def unstable(estimate: Estimate, theta: Real) -> npt.NDArray[np.bool_]:
+def unstable(estimate: Estimate, theta: Array) -> npt.NDArray[np.bool_]:
     """Whether a draw has a pole that is not in the open left half plane, shape (n_draws,)."""
     found = np.zeros(len(theta), dtype=np.bool_)
     for i, j in denominators(estimate):
@@ -75,12 +73,12 @@ def root_parts(roots: Complex, reference: Complex) -> Complex:
     return found
 
 
-def derived_values(estimate: Estimate, theta: Real) -> Real:
+def derived_values(estimate: Estimate, theta: Array) -> Array:
     """``estimate.derived_rows()`` of every draw; see `Estimate.derived_values`."""
     return estimate.derived_values(theta)
 
 
-def frequency_values(estimate: Estimate, theta: Real, omega: Real) -> Complex:
+def frequency_values(estimate: Estimate, theta: Array, omega: Array) -> Complex:
     """``G(j omega)`` of every draw, shape (n_draws, n_omega, n_outputs, n_inputs)."""
     s = (1j * omega).astype(np.complex128)
     shape = (len(theta), omega.size, len(estimate.output_names), len(estimate.input_names))
@@ -95,14 +93,14 @@ def frequency_values(estimate: Estimate, theta: Real, omega: Real) -> Complex:
     return found
 
 
-def _horner(polynomials: Real, s: Complex) -> Complex:
+def _horner(polynomials: Array, s: Complex) -> Complex:
     value = np.zeros((len(polynomials), s.size), dtype=np.complex128)
     for column in polynomials.T:
         value = value * s + column[:, None]
     return value
 
 
-def step_values(estimate: Estimate, theta: Real, times: Real) -> Real:
+def step_values(estimate: Estimate, theta: Array, times: Array) -> Array:
     """Unit step responses of every draw, shape (n_draws, n_times, n_outputs, n_inputs).
 
     Raises
@@ -113,17 +111,17 @@ def step_values(estimate: Estimate, theta: Real, times: Real) -> Real:
     return _time_values(estimate, theta, times, _step)
 
 
-def impulse_values(estimate: Estimate, theta: Real, times: Real) -> Real:
+def impulse_values(estimate: Estimate, theta: Array, times: Array) -> Array:
     """Impulse responses of every draw, without the impulse of a direct term; as `step_values`."""
     return _time_values(estimate, theta, times, _impulse)
 
 
 def _time_values(
     estimate: Estimate,
-    theta: Real,
-    times: Real,
-    respond: Callable[[Real, Real, Real, Real], Real],
-) -> Real:
+    theta: Array,
+    times: Array,
+    respond: Callable[[Array, Array, Array, Array], Array],
+) -> Array:
     if any(name.startswith("delay") for name in estimate.names):
         raise UnsupportedError(
             "found an estimated delay; expected a known one to draw responses over time; use "
@@ -142,14 +140,14 @@ def _time_values(
 class _Driven(NamedTuple):
     """Systems in the coordinates of a reference denominator, and their states under a step."""
 
-    closed: Real
-    drive: Real
-    output: Real
-    direct: Real
-    states: Real
+    closed: Array
+    drive: Array
+    output: Array
+    direct: Array
+    states: Array
 
 
-def _driven(num: Real, den: Real, reference: Real, times: Real) -> _Driven:
+def _driven(num: Array, den: Array, reference: Array, times: Array) -> _Driven:
     n, m = reference.size - 1, num.shape[1] - 1
     a, b, powers = powers_of(reference)
     alpha = (den[:, 1:] - reference[1:]) @ powers
@@ -164,7 +162,7 @@ def _driven(num: Real, den: Real, reference: Real, times: Real) -> _Driven:
     return _Driven(closed, drive, output, direct, states)
 
 
-def _step(num: Real, den: Real, reference: Real, times: Real) -> Real:
+def _step(num: Array, den: Array, reference: Array, times: Array) -> Array:
     """Step responses (n_draws, n_times) by the coordinates of the reference denominator."""
     found = _driven(num, den, reference, times)
     with np.errstate(over="ignore", invalid="ignore"):
@@ -172,7 +170,7 @@ def _step(num: Real, den: Real, reference: Real, times: Real) -> Real:
     return np.asarray(response + np.outer(found.direct, times >= 0))
 
 
-def _impulse(num: Real, den: Real, reference: Real, times: Real) -> Real:
+def _impulse(num: Array, den: Array, reference: Array, times: Array) -> Array:
     """Impulse responses (n_draws, n_times): the states move as those under a step change."""
     found = _driven(num, den, reference, times)
     with np.errstate(over="ignore", invalid="ignore"):

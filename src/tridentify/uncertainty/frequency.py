@@ -14,9 +14,8 @@ import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics import delta_method
+from tridentify.numerics.arrays import Array
 from tridentify.uncertainty.checks import factor_of
-
-Real = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,17 +33,17 @@ class ResponseBand:
     level : float
     """
 
-    omega: Real
-    magnitude: Real
-    magnitude_low: Real
-    magnitude_high: Real
-    phase: Real
-    phase_low: Real
-    phase_high: Real
+    omega: Array
+    magnitude: Array
+    magnitude_low: Array
+    magnitude_high: Array
+    phase: Array
+    phase_low: Array
+    phase_high: Array
     level: float
 
 
-def frequency_response_std(estimate: Estimate, omega: npt.ArrayLike) -> tuple[Real, Real]:
+def frequency_response_std(estimate: Estimate, omega: npt.ArrayLike) -> tuple[Array, Array]:
     """Standard errors of magnitude and phase.
 
     Parameters
@@ -71,7 +70,7 @@ def frequency_response_std(estimate: Estimate, omega: npt.ArrayLike) -> tuple[Re
     return magnitude, phase
 
 
-def response_covariance(estimate: Estimate, omega: npt.ArrayLike) -> Real:
+def response_covariance(estimate: Estimate, omega: npt.ArrayLike) -> Array:
     """Covariance of real and imaginary part of the frequency response, to first order.
 
     Parameters

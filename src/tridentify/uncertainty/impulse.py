@@ -13,10 +13,9 @@ import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics import delta_method
+from tridentify.numerics.arrays import Array
 from tridentify.uncertainty.checks import checked_times, factor_of
 from tridentify.uncertainty.step import over_time
-
-Real = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,11 +34,11 @@ class ImpulseBand:
     level : float
     """
 
-    t: Real
-    response: Real
-    low: Real
-    high: Real
-    direct: Real
+    t: Array
+    response: Array
+    low: Array
+    high: Array
+    direct: Array
     level: float
 
 
@@ -82,7 +81,7 @@ def impulse_band(estimate: Estimate, t: npt.ArrayLike, level: float = 0.95) -> I
     )
 
 
-def direct_terms(estimate: Estimate) -> Real:
+def direct_terms(estimate: Estimate) -> Array:
     """What each output does at once of a jump of each input, shape (n_outputs, n_inputs)."""
     rows = zip(estimate.model.num, estimate.model.den, strict=True)
     return np.array(

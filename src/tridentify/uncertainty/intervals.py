@@ -31,15 +31,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.errors import OptionError, shown
+from tridentify.numerics.arrays import Array
 from tridentify.uncertainty.checks import checked_level
 
-Real = npt.NDArray[np.float64]
 Kind = Literal["percentile", "basic", "bca"]
 
 
 def intervals(
-    values: Real, at: npt.ArrayLike, level: float = 0.95, kind: Kind = "percentile"
-) -> tuple[Real, Real]:
+    values: Array, at: npt.ArrayLike, level: float = 0.95, kind: Kind = "percentile"
+) -> tuple[Array, Array]:
     """Ends of the intervals of many quantities at once.
 
     Parameters
@@ -88,7 +88,7 @@ def intervals(
     return low.reshape(draws.shape[1:]), high.reshape(draws.shape[1:])
 
 
-def _corrected(flat: Real, middle: Real, tail: float) -> Real:
+def _corrected(flat: Array, middle: Array, tail: float) -> Array:
     """Probabilities (2, n_quantities) of the BCa interval with acceleration zero."""
     normal = NormalDist()
     count = np.sum(~np.isnan(flat), axis=0)
@@ -100,7 +100,7 @@ def _corrected(flat: Real, middle: Real, tail: float) -> Real:
     return np.array([[normal.cdf(two + end) for two in shift] for end in ends])
 
 
-def quantiles(flat: Real, probabilities: Real) -> Real:
+def quantiles(flat: Array, probabilities: Array) -> Array:
     """Quantile ``p`` is order statistic ``p (n + 1)`` of the draws that count, interpolated.
 
     Parameters

@@ -11,13 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 import scipy.linalg
 
 from tridentify.errors import UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate
-
-Real = npt.NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,8 +37,8 @@ class NoiseModel:
     ((20000, 1), 1.0)
     """
 
-    deviation: Real
-    autoregression: tuple[Real, ...]
+    deviation: Array
+    autoregression: tuple[Array, ...]
 
     @classmethod
     def of(cls, estimate: Estimate) -> NoiseModel:
@@ -59,7 +57,7 @@ class NoiseModel:
                 )
         return cls(np.sqrt(estimate.noise_variance), estimate.noise_model)
 
-    def draw(self, rng: np.random.Generator, n_samples: int) -> Real:
+    def draw(self, rng: np.random.Generator, n_samples: int) -> Array:
         """Noise of one experiment, shape (n_samples, n_outputs) [output units]."""
         from scipy.signal import lfilter, lfiltic  # slow to import, seldom needed
 
@@ -72,7 +70,7 @@ class NoiseModel:
         return np.asarray(noise * self.deviation, dtype=np.float64)
 
 
-def _stationary(row: Real) -> tuple[Real, float]:
+def _stationary(row: Array) -> tuple[Array, float]:
     """Square root of the covariance of ``(e_k, ..., e_{k-p+1})`` for white noise of variance 1.
 
     And the standard deviation of ``e_k``.

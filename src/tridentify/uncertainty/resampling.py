@@ -33,7 +33,6 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.errors import (
     ConvergenceError,
@@ -48,6 +47,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.identify import METHODS
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.executor import Executor
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.record import Record
@@ -59,9 +59,6 @@ from tridentify.uncertainty.intervals import Kind, intervals, quantiles
 from tridentify.uncertainty.noise import NoiseModel
 from tridentify.uncertainty.sampled import ONE_SIGMA, Sample
 from tridentify.writing.layout import format_std, format_table, format_value
-
-Real = npt.NDArray[np.float64]
-Array = Real
 
 
 @dataclass(frozen=True)
@@ -110,7 +107,7 @@ class Bootstrap:
         return len(self.failures)
 
     @property
-    def _sound(self) -> Real:
+    def _sound(self) -> Array:
         return self.theta[np.all(np.isfinite(self.theta), axis=1)]
 
     @property
@@ -120,29 +117,29 @@ class Bootstrap:
         return Sample(self.estimate, theta, int(unstable(self.estimate, theta).sum()), "bootstrap")
 
     @property
-    def bias(self) -> Real:
+    def bias(self) -> Array:
         """Mean of the copies less the estimate, shape (n_parameters,); at the mercy of outliers."""
         return np.asarray(self._sound.mean(axis=0) - self.estimate.theta)
 
     @property
-    def median_bias(self) -> Real:
+    def median_bias(self) -> Array:
         """Median of the copies less the estimate, shape (n_parameters,)."""
         return np.asarray(np.median(self._sound, axis=0) - self.estimate.theta)
 
     @property
-    def std(self) -> Real:
+    def std(self) -> Array:
         """Standard deviation of the copies, shape (n_parameters,); at the mercy of outliers."""
         theta = self._sound
         return np.asarray(theta.std(axis=0, ddof=min(1, len(theta) - 1)))
 
     @property
-    def spread(self) -> Real:
+    def spread(self) -> Array:
         """Half the width of the central 68.27 % of the copies, shape (n_parameters,)."""
         low, high = intervals(self._sound, 0.0, ONE_SIGMA)
         return np.asarray(0.5 * (high - low))
 
     @property
-    def bias_corrected(self) -> Real:
+    def bias_corrected(self) -> Array:
         """Coefficients less the bias of the median, shape (n_parameters,).
 
         The rule, and why it is not a difference of means, stands in `tridentify.uncertainty.bias`.
@@ -153,7 +150,7 @@ class Bootstrap:
         self,
         level: float = 0.95,
         kind: Literal["percentile", "basic", "bca", "studentized"] = "bca",
-    ) -> Real:
+    ) -> Array:
         """Intervals of the coefficients.
 
         Parameters
@@ -223,8 +220,8 @@ class _Task:
 
 @dataclass(frozen=True, eq=False)
 class _Outcome:
-    theta: Real
-    std: Real
+    theta: Array
+    std: Array
     ok: bool
     reason: str
 
@@ -389,7 +386,7 @@ def _clean(estimate: Estimate, record: Record, experiment: int) -> Record:
     return _with(record, np.where(np.isnan(record.y), np.nan, fitted))
 
 
-def _with(record: Record, y: Real) -> Record:
+def _with(record: Record, y: Array) -> Record:
     """The record with other outputs."""
     return Record(
         record.u,

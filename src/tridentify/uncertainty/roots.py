@@ -10,14 +10,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate, Parameter
 from tridentify.numerics import delta_method
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.uncertainty.checks import factor_of
 
-Real = npt.NDArray[np.float64]
-Complex = npt.NDArray[np.complex128]
 Ends = tuple[float, float]
 
 
@@ -49,9 +47,9 @@ class RootUncertainty:
     """
 
     roots: Complex
-    cov: Real
+    cov: Array
 
-    def ellipse(self, index: int, level: float = 0.95) -> Real:
+    def ellipse(self, index: int, level: float = 0.95) -> Array:
         """Confidence ellipse around one root, shape (73, 2): real and imaginary part [1/s].
 
         A real root has an interval instead, since its imaginary part is zero: the ellipse is a
@@ -62,7 +60,7 @@ class RootUncertainty:
         centre = np.array([root.real, root.imag])
         if root.imag == 0:
             half = factor * math.sqrt(cov[0, 0])
-            stroke: Real = centre + half * np.column_stack((np.linspace(-1, 1, 73), np.zeros(73)))
+            stroke: Array = centre + half * np.column_stack((np.linspace(-1, 1, 73), np.zeros(73)))
             return stroke
         return centre + delta_method.confidence_ellipse(cov, level)
 
@@ -127,7 +125,7 @@ def zeros(estimate: Estimate, output: int = 0, input_: int = 0) -> RootUncertain
     return _roots(num[lead:], cov[n + lead : -1, n + lead : -1], monic=False)
 
 
-def _roots(polynomial: Real, cov: Real, *, monic: bool) -> RootUncertainty:
+def _roots(polynomial: Array, cov: Array, *, monic: bool) -> RootUncertainty:
     roots, sensitivity = delta_method.root_sensitivity(polynomial, monic=monic)
     parts = np.stack((sensitivity.real, sensitivity.imag), axis=1)
     with np.errstate(invalid="ignore", over="ignore"):

@@ -30,6 +30,7 @@ from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics import delta_method
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.root_draws import stacked_roots
 from tridentify.uncertainty.checks import checked_count, checked_times, need_covariance
 from tridentify.uncertainty.draws import (
@@ -46,10 +47,6 @@ from tridentify.uncertainty.impulse import ImpulseBand, direct_terms
 from tridentify.uncertainty.intervals import Kind, intervals, quantiles
 from tridentify.uncertainty.stable_scale import stable_draws
 from tridentify.uncertainty.step import StepBand
-
-Real = npt.NDArray[np.float64]
-Array = Real
-Complex = npt.NDArray[np.complex128]
 
 ONE_SIGMA = 0.6826894921370859
 
@@ -137,10 +134,10 @@ class SampledRoots:
     """
 
     roots: Complex
-    real_low: Real
-    real_high: Real
-    imag_low: Real
-    imag_high: Real
+    real_low: Array
+    real_high: Array
+    imag_low: Array
+    imag_high: Array
     draws: Complex
     level: float
 
@@ -345,7 +342,7 @@ def sampled_impulse_band(
 
 
 def _quantities(
-    rows: list[tuple[str, float, str]], values: Real, level: float, kind: Kind
+    rows: list[tuple[str, float, str]], values: Array, level: float, kind: Kind
 ) -> tuple[SampledQuantity, ...]:
     low, high = intervals(values, np.array([row[1] for row in rows]), level, kind)
     (middle,) = quantiles(values, np.full((1, len(rows)), 0.5))
@@ -365,7 +362,7 @@ def _quantities(
     )
 
 
-def _roots(polynomials: Real, reference: Real, level: float, kind: Kind) -> SampledRoots:
+def _roots(polynomials: Array, reference: Array, level: float, kind: Kind) -> SampledRoots:
     lead = int(np.flatnonzero(reference)[0]) if np.any(reference) else len(reference) - 1
     centre = delta_method.root_sensitivity(reference[lead:], monic=False)[0]
     drawn = root_parts(stacked_roots(polynomials[:, lead:]), centre)

@@ -25,12 +25,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.errors import UnsupportedError
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array
 
-Real = npt.NDArray[np.float64]
 Table = list[tuple[list[int], list[list[int]]]]
 
 STEP = 1e-30
@@ -38,7 +37,7 @@ FARTHEST = 60.0
 """Draws stay within ``e^60`` of the estimate, so that no product of them overflows."""
 
 
-def routh(den: Real) -> Real:
+def routh(den: Array) -> Array:
     """Numbers ``g_1 .. g_n`` of a monic polynomial; all positive if and only if it is Hurwitz.
 
     Parameters
@@ -88,7 +87,7 @@ def unrouth(g: Any) -> Any:
     return now
 
 
-def stable_draws(estimate: Estimate, normal: Real) -> Real:
+def stable_draws(estimate: Estimate, normal: Array) -> Array:
     """Coefficients, shape (n_draws, n_parameters), from standard normal numbers of that shape.
 
     Raises
@@ -147,7 +146,7 @@ def _table(estimate: Estimate) -> tuple[Table, int]:
     return [(list(a), rows) for a, rows in found.items()], len(estimate.names)
 
 
-def _coordinates(estimate: Estimate, table: Table) -> Real:
+def _coordinates(estimate: Estimate, table: Table) -> Array:
     theta = np.asarray(estimate.theta)
     phi = theta.copy()
     for rows, numerators in table:

@@ -15,10 +15,9 @@ import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics import delta_method
+from tridentify.numerics.arrays import Array
 from tridentify.simulate import realize
 from tridentify.uncertainty.checks import checked_times, factor_of
-
-Real = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,10 +33,10 @@ class StepBand:
     level : float
     """
 
-    t: Real
-    response: Real
-    low: Real
-    high: Real
+    t: Array
+    response: Array
+    low: Array
+    high: Array
     level: float
 
 
@@ -79,8 +78,8 @@ def step_band(estimate: Estimate, t: npt.ArrayLike, level: float = 0.95) -> Step
 
 
 def over_time(
-    estimate: Estimate, times: Real, formula: Callable[..., tuple[Real, Real]]
-) -> tuple[Real, Real]:
+    estimate: Estimate, times: Array, formula: Callable[..., tuple[Array, Array]]
+) -> tuple[Array, Array]:
     """Response of every channel to something at time zero, with standard errors to first order.
 
     Parameters
@@ -107,7 +106,7 @@ def over_time(
     return response, std
 
 
-def powers_of(den: Real) -> tuple[Real, Real, Real]:
+def powers_of(den: Array) -> tuple[Array, Array, Array]:
     """State equation with the poles of ``den`` whose outputs are ``p^{n-1} / den .. 1 / den``.
 
     Examples

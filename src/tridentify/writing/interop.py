@@ -17,11 +17,10 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import CoefficientError, MissingDependencyError, UnsupportedError, shown
+from tridentify.numerics.arrays import Array
 
-Array = NDArray[np.float64]
 Nested = list[list[Array]]
 
 ROUNDING = 1e-12

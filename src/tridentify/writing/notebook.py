@@ -8,11 +8,9 @@ import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.writing.layout import format_std, format_value
-
-Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 260, 36
 COLUMNS = 260

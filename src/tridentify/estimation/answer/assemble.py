@@ -7,17 +7,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.parameter import Nuisance
 from tridentify.estimation.answer.trace import Status, Trace
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,7 +18,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.checks.names import check_names, check_units
 from tridentify.checks.samples import check_distinct, checked_units
@@ -39,6 +38,7 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.parameter import Nuisance, Parameter
 from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace, freeze_arrays
 from tridentify.numerics import delta_method
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.root_draws import pole_values
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -56,7 +56,6 @@ from tridentify.writing.notebook import fraction
 
 __all__ = ["Estimate", "Nuisance", "Parameter", "Pass", "Start", "Status", "Step", "Trace"]
 
-Array = npt.NDArray[np.float64]
 Row = tuple[str, float, float, str]
 SCHEMA = 2
 """Version of the file format: raised when a field is added, dropped or changes its meaning."""

@@ -7,11 +7,9 @@ import math
 from statistics import NormalDist
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.estimation.answer.trace import freeze_arrays
-
-Array = npt.NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 OTHER_DELAYS = "other delays explain the record almost as well"
 REPEATED_INPUT = "the input repeats itself"

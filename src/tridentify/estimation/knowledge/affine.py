@@ -30,10 +30,10 @@ from tridentify.errors import (
     UnsupportedError,
     shown,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.writing.layout import format_sum
 
-Array = NDArray[np.float64]
 Rows = list[tuple[dict[int, float], float]]
 
 CONSISTENT = 1e-9

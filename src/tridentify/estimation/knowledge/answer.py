@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.answer.assemble import Asked, Solved, assemble
@@ -32,11 +31,10 @@ from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.scores import ScoreScatter
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 LARGEST_EXPONENT = 700.0
 """A step that promises a rise beyond e^700, where floats end, is as good as none."""

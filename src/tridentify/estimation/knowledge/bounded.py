@@ -17,9 +17,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 import scipy.optimize
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 SLACK = 1e-12
 """Share of the sizes involved by which a bound may be missed: some thousand roundings."""

@@ -30,7 +30,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from tridentify.estimation.answer.finding import Finding
@@ -41,12 +40,11 @@ from tridentify.estimation.likelihood.curvature import SINGULAR
 from tridentify.estimation.likelihood.levenberg_marquardt import Patience
 from tridentify.estimation.likelihood.noise_model import PER_UNKNOWN
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 LEVEL = 1e-3
 """Probability with which true knowledge is called contradicted: one record in a thousand."""

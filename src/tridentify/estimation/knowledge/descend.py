@@ -37,8 +37,7 @@ from tridentify.estimation.likelihood.thresholds import (
     NEARLY_SETTLED,
     SENSELESS,
 )
-
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 SHRINK = 0.1
 """Share of a coefficient of the denominator that one step leaves at least, so that no step crosses

@@ -24,23 +24,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.cost import FLOOR
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.regression import Regression, regress, response_of
 from tridentify.models.response import Response
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.least_squares import solve
-from tridentify.numerics.realization import (
-    Cascade,
-    Complex,
-    cascade,
-    filter_map,
-    monomials,
-    sort_poles,
-)
-
-Array = NDArray[np.float64]
+from tridentify.numerics.realization import Cascade, cascade, filter_map, monomials, sort_poles
 
 
 def poles_from(a: Array) -> Complex:

@@ -9,15 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tridentify.checks.scales import REACH
 from tridentify.errors import ScaleError
+from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.writing.layout import format_sum
 
-Array = NDArray[np.float64]
 Rows = Sequence[tuple[dict[int, float], float]]
 
 

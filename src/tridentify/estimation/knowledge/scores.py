@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.knowledge.fixed_denominator import HeldFit
 from tridentify.estimation.likelihood.scores import (
@@ -15,8 +14,7 @@ from tridentify.estimation.likelihood.scores import (
     whitened_scores,
 )
 from tridentify.models.regression import Regression, response_of
-
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 
 def constrained_scatter(

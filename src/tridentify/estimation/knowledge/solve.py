@@ -14,7 +14,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import ContradictoryConstraintsError
 from tridentify.estimation.answer.assemble import Asked
@@ -54,12 +53,11 @@ from tridentify.estimation.likelihood.noise_model import (
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
 from tridentify.numerics.whiteness import is_white
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 MOST_PLAIN = 6
 """Plain denominators that are followed where no other start leads to a minimum: it bounds the time,

@@ -24,7 +24,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.knowledge.affine import Knowledge
 from tridentify.estimation.knowledge.bounded import bounded_least_squares
@@ -41,10 +40,9 @@ from tridentify.estimation.knowledge.fixed_denominator import Denominator, HeldF
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import PASS_WITHIN
 from tridentify.models.response import Response
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import denominator
-
-Array = NDArray[np.float64]
 
 MOST_PASSES = 6
 """Steps 1 and 2 in turn at most: they end when they no longer gain, mostly after three."""

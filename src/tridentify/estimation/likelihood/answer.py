@@ -17,7 +17,6 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.assemble import Asked, Solved, assemble
 from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Trace
@@ -27,13 +26,12 @@ from tridentify.estimation.likelihood.curvature import Curvature, degrees_of_fre
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, mean_square
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 MOST_LEFT_OUT = 0.1
 """Share of the samples that delays may leave out before a caution says so."""

@@ -30,7 +30,7 @@ from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import EQUAL, TRUSTED
 from tridentify.models.regression import Regression, regress
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Complex
 from tridentify.numerics.slices import Slices, drain
 
 

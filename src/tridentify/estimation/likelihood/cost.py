@@ -46,16 +46,9 @@ from tridentify.models.response import (
     Response,
     nuisance_blocks,
 )
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.least_squares import Solution, solve
-from tridentify.numerics.realization import (
-    Cascade,
-    Complex,
-    filter_map,
-    roots_of,
-    side_by_side,
-)
-
-Array = NDArray[np.float64]
+from tridentify.numerics.realization import Cascade, filter_map, roots_of, side_by_side
 
 FLOOR = 1e-30
 """Share of the output's power added to a residual's: (1e-15)^2, its rounding. The logarithm of a

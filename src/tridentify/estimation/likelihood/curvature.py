@@ -16,15 +16,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED, coefficients
 from tridentify.estimation.likelihood.scores import ScoreScatter, scatter_of_scores
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import denominator, numerators
-
-Array = NDArray[np.float64]
 
 SINGULAR = 1e12
 """Condition of the scaled derivatives from which rounding decides the coefficients."""

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
 from tridentify.estimation.likelihood.literal import Literal, Rests, fit_rests
@@ -18,10 +17,9 @@ from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.regression import regress
 from tridentify.models.response import Response
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.information import aicc_price
-from tridentify.numerics.realization import Complex, cascade, denominator, monomials
-
-Array = NDArray[np.float64]
+from tridentify.numerics.realization import cascade, denominator, monomials
 
 TINY = 1e-300
 """Keeps the logarithm of a residual of nothing a number: near the smallest double."""

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Pass, Status, Step
 from tridentify.estimation.likelihood.cost import Point
@@ -22,11 +21,10 @@ from tridentify.estimation.likelihood.thresholds import (
     SETTLED,
     SETTLED_LONG,
 )
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.information import aicc_price
-from tridentify.numerics.realization import Complex, denominator, numerators
+from tridentify.numerics.realization import denominator, numerators
 from tridentify.numerics.slices import Slices, drain
-
-Array = NDArray[np.float64]
 
 LONG = 50_000
 """Samples from which a step is settled by `thresholds.SETTLED_LONG`: a pass over them takes longer

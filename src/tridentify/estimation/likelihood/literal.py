@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.assemble import Asked, Solved, assemble
 from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Trace
@@ -21,11 +20,10 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.regression import Regression
 from tridentify.models.response import Response, nuisance_blocks
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.least_squares import solve
-from tridentify.numerics.realization import Complex, numerators
+from tridentify.numerics.realization import numerators
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,7 +44,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import Curvature
@@ -56,9 +55,7 @@ from tridentify.estimation.likelihood.thresholds import (
     UNFINISHED,
     WHOLE_GAUSSIAN,
 )
-from tridentify.numerics.realization import Complex
-
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array, Complex
 
 LEAST_SHARE = 0.01
 """Share of the mass below which a component is left out: an interval of 95 % does not know of it,

@@ -24,7 +24,6 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TooFewSamplesError, UnsupportedError
 from tridentify.estimation.likelihood.cost import Point
@@ -33,13 +32,13 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     at_rounding,
 )
 from tridentify.estimation.likelihood.raster import JITTER, places_on_raster
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import (
     fit_autoregression,
     most_coefficients,
 )
 from tridentify.numerics.whiteness import input_share
 
-Array = NDArray[np.float64]
 NoiseChoice = Literal["white", "ar", "auto"]
 
 CHOICES = ("white", "ar", "auto")

@@ -22,16 +22,14 @@ from dataclasses import dataclass, replace
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.errors import ConstantInputError, DelayError, OptionError, TooFewSamplesError
 from tridentify.estimation.likelihood.problem import Problem, Variant, states_of
 from tridentify.models.regression import Experiment
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import InitialState, Structure
-
-Array = NDArray[np.float64]
 
 SLACK = 1e-6
 """Share of a sampling interval within which a time counts as that of a sample: rounding of times

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.models.regression import Experiment, Regression, restricted
-from tridentify.numerics.realization import Cascade, Complex, denominator, sort_poles
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import Cascade, denominator, sort_poles
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 SLOWEST = 1e-3
 """Slowest decay over one over the record's length: a pole that loses a thousandth over all of the

@@ -10,17 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.levenberg_marquardt import Patience
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, build_base, candidates
 from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
-Array = NDArray[np.float64]
 Say = Callable[[str], None]
 
 

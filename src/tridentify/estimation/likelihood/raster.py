@@ -14,9 +14,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 
-Array = NDArray[np.float64]
 Places = NDArray[np.intp]
 
 JITTER = 0.1

@@ -39,13 +39,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from tridentify.estimation.likelihood.cost import Point
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
-
-Array = NDArray[np.float64]
 
 BLOCKS = (64, 32, 16, 8)
 """Numbers of blocks that are looked at."""

@@ -10,7 +10,6 @@ from numbers import Real
 from typing import Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.checks.scales import (
@@ -36,11 +35,11 @@ from tridentify.errors import (
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.problem import states_of
 from tridentify.estimation.methods.capability import Capability, refuse_unsupported
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.layout import unit_factors, unit_product
 
-Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 MOST_POLES = 20

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.estimation.methods.base import Progress
@@ -29,10 +28,9 @@ from tridentify.estimation.search.delays import (
     repeated_inputs,
     with_delays,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 
 def over_delays(

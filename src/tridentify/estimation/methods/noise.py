@@ -28,7 +28,6 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from tridentify.errors import TridentifyError
@@ -60,12 +59,11 @@ from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, SAME_END
 from tridentify.estimation.methods.maximum import Maximum
 from tridentify.estimation.search.search import Starts, search
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import deviance
 from tridentify.numerics.information import aicc_price
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.whiteness import input_share, is_white
-
-Array = NDArray[np.float64]
 
 OPEN_ROUNDS = 3
 """Turns in which orders and nuisance terms are decided anew; later they would only alternate."""

@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.errors import (
@@ -54,7 +53,8 @@ from tridentify.estimation.methods.maximum import Reached
 from tridentify.estimation.methods.robust import check_loss, robust_estimate
 from tridentify.estimation.search.delays import Located
 from tridentify.estimation.search.starts import discrete_poles, laguerre_starts
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.arrays import Complex
+from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.robust import Loss
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -67,8 +67,6 @@ FEWEST = 20
 """Samples of a stretch that a start can be made from."""
 MOST = 20_000
 """Samples on the even grid of a stretch: what a start needs of it."""
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

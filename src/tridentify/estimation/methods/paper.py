@@ -24,7 +24,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import ConvergenceError, OptionError, shown
 from tridentify.estimation.answer.assemble import Asked
@@ -44,18 +43,10 @@ from tridentify.models.regression import Regression, regress
 from tridentify.models.response import Response
 from tridentify.models.series import fit_series
 from tridentify.models.series_parallel import SeriesParallelFit, fit_series_parallel
-from tridentify.numerics.realization import (
-    Cascade,
-    Complex,
-    cascade,
-    denominator,
-    monomials,
-    sort_poles,
-)
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import Cascade, cascade, denominator, monomials, sort_poles
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 EXACT = 1e-16
 """Residual power over the output's below which the end counts as without residual: 1e-8 of its

@@ -24,20 +24,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, TridentifyError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate, Trace
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.search.gross_outliers import gross_outliers
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.robust import LOSSES, Judged, Loss, judge
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Near = Callable[[TransferFunction], Method]
 
 MOST_ROUNDS = 40

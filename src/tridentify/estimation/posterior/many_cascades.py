@@ -24,11 +24,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.numerics.realization import Complex
-
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array, Complex
 
 CLOSEST = 1e-300
 """Keeps the logarithm of the distance of two equal poles a number: near the smallest double."""

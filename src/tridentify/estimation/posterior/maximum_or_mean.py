@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import OptionError, UnsupportedError, UnsupportedOrderError
 from tridentify.estimation.answer.trace import Status, Step, Trace
@@ -33,9 +32,9 @@ from tridentify.estimation.posterior.mean import (
 )
 from tridentify.estimation.search.one_mode_moved import moved_poles
 from tridentify.estimation.search.search import Scan
-from tridentify.numerics.realization import Complex, denominator
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import denominator
 
-Array = NDArray[np.float64]
 FinishChoice = Literal["auto", "likelihood", "posterior"]
 CHOICES = ("auto", "likelihood", "posterior")
 APART = float(np.log(2.0))

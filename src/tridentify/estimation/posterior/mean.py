@@ -53,10 +53,9 @@ from tridentify.estimation.posterior.sampling import (
     sample,
 )
 from tridentify.estimation.posterior.surface import Surface, surface, unit_of
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.root_draws import stacked_roots
-
-Array = NDArray[np.float64]
 
 LONGEST = 5_000
 """Samples up to which the posterior is weighed: thousands of denominators are fitted to all of

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import gammaln
 
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 FREEDOM = 4.0
 """Degrees of freedom of the kernels: tails heavier than those of what they are to cover, and a

@@ -36,7 +36,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.posterior.many_cascades import (
@@ -46,12 +45,11 @@ from tridentify.estimation.posterior.many_cascades import (
     numerator_tables,
 )
 from tridentify.models.regression import Experiment
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.propagate import propagate
 from tridentify.numerics.sampled import Sampled, States
-
-Array = NDArray[np.float64]
 
 FASTEST = 0.7
 """Rate times sampling interval beyond which the prior falls off: nine samples a period, the fast

@@ -49,11 +49,9 @@ from tridentify.estimation.search.search import Search
 from tridentify.estimation.search.stand_ins import SMALL, free_variant, is_large, is_usable, window
 from tridentify.estimation.search.starts import parallel_criterion, rate_limits
 from tridentify.models.regression import Experiment
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.record.record import Record
 from tridentify.structure import InitialState, Structure
-
-Array = NDArray[np.float64]
 
 # shares of the shortest record: ends of the stretches of the range, the last one for a start that
 # is known, which leaves no sample out

@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import UnsupportedError
 from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
@@ -22,11 +21,9 @@ from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.mixture import mixture
 from tridentify.estimation.likelihood.nuisance import first_explained
 from tridentify.estimation.search.delay_search import ROOM, STRETCHES, DelayPlace
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 # share of the probability from which another delay is named
 NAMED = 0.05

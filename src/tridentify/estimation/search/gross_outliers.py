@@ -26,20 +26,17 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.search.starts import SPREAD_DAMPING, rate_limits, spread_poles
 from tridentify.models.regression import Layout, response_of
-from tridentify.numerics.realization import Cascade, Complex, cascade
+from tridentify.numerics.arrays import Array, Complex, Flags
+from tridentify.numerics.realization import Cascade, cascade
 from tridentify.numerics.robust import median_scale
 from tridentify.numerics.slices import Slices, drain
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 WINDOW_SAMPLES = 4_000
 """Samples of a window: far more than its columns, and few enough that a bank over the band of the

@@ -34,10 +34,9 @@ from tridentify.estimation.likelihood.cost import FLOOR
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.search.starts import rate_limits
 from tridentify.models.regression import Regression, regress
-from tridentify.numerics.realization import Cascade, Complex, cascade, side_by_side, sort_poles
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import Cascade, cascade, side_by_side, sort_poles
 from tridentify.numerics.slices import Slices, drain
-
-Array = NDArray[np.float64]
 
 DAMPINGS = (0.1, 0.5)
 """Light and medium damping, for which the grid's step is 1.4 and 3."""

@@ -25,7 +25,7 @@ from tridentify.estimation.likelihood.thresholds import PASS_HELPED
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
 from tridentify.models.series_parallel import Filtering, fit_denominators
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Complex
 from tridentify.numerics.slices import Slices, drain
 
 MOST_ADAPTED = 12

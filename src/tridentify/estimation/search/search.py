@@ -26,7 +26,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Pass, Start
 from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate, evaluate_variant
@@ -73,12 +72,10 @@ from tridentify.estimation.search.starts import (
     spread_slices,
 )
 from tridentify.models.regression import Regression, regress
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.least_squares import solve
-from tridentify.numerics.realization import Complex
 from tridentify.numerics.slices import Slices, drain
 from tridentify.numerics.whiteness import is_white
-
-Array = NDArray[np.float64]
 
 MOST_ENRICHED = 8
 """Times that a richer parallel model is asked what is left: it bounds the time."""

@@ -21,13 +21,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.models.regression import Experiment
-
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 LARGE_RECORD = 5_000
 """Samples from which stand-ins are searched: two and a half windows, as a window saves little of

@@ -39,12 +39,11 @@ from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.regression import Regression, regress, restricted
 from tridentify.models.response import Response
 from tridentify.models.series_parallel import Filtering, fit_denominators
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.least_squares import solve, triangle
-from tridentify.numerics.realization import Cascade, Complex, cascade, sort_poles
+from tridentify.numerics.realization import Cascade, cascade, sort_poles
 from tridentify.numerics.slices import Slices, drain
-
-Array = NDArray[np.float64]
 
 PER_DECADE = 3.0
 """Rates of Laguerre functions in a decade: neighbours are a factor of two apart."""

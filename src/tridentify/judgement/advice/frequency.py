@@ -33,11 +33,8 @@ from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.estimation.methods.base import check_signals, check_times
 from tridentify.judgement.advice.local import DEGREE, Window, local_response
 from tridentify.judgement.advice.spectra import Stretch, Told, stretches
+from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
-Flags = NDArray[np.bool_]
 
 SPARE = 8
 """Lines beyond the unknowns, at least: the variance of the noise is known to 35 %."""

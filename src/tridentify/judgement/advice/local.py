@@ -19,10 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.information import aicc_price
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 DEGREE = 2
 """Of the polynomials: their error over half a window is then of third order."""

@@ -19,16 +19,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from tridentify.checks.samples import typical_step
 from tridentify.models.operators import Kautz, Laguerre, apply_operators
+from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.autoregression import Whitener, fit_autoregression, most_coefficients
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 RATES = 9
 """Rates that are tried, from three over the record to one over three samples."""

@@ -16,11 +16,10 @@ from scipy.special import ndtri
 
 from tridentify.checks.samples import looks_measured, typical_step
 from tridentify.estimation.answer.finding import Finding
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import quantum, runs
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 CHANCE = 1e-4
 """Of a Gaussian record in which a sample is taken for bad."""

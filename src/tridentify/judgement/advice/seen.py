@@ -15,14 +15,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import Behaviour, looks_measured, typical_step
 from tridentify.errors import TridentifyError
 from tridentify.judgement.advice.parallel import Parallel, WhitenedFit, p_value
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 PART = 0.25
 """Longest delay that is looked for, in durations."""

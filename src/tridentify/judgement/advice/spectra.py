@@ -15,13 +15,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import typical_step
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 BRIDGED = 4
 """Missing samples in a row that a straight line replaces; it hides little of what is sampled well

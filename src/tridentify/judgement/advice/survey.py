@@ -37,10 +37,9 @@ from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.intersample import CLEARLY, IN_WORDS, TIE, is_staircase
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.selection import hankel_values
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 LONGEST = 4_000
 """Samples of each record that the parallel model is fitted to: more would not change a clear

@@ -20,11 +20,9 @@ from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import finish
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.present import Present
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import deviance, fit_autoregression, whiten
 from tridentify.numerics.information import aicc_price
-from tridentify.numerics.realization import Complex
-
-Array = NDArray[np.float64]
 
 MOST_STEPS = 25
 """Levenberg-Marquardt steps between two noise models: enough to see which explanation is best."""

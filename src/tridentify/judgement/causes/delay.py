@@ -11,7 +11,7 @@ from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.attempt import Attempt, attempt
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Complex
 
 GROWTH = 1.6
 """Ratio of neighbouring delays of the first search: a model half an octave late still moves toward

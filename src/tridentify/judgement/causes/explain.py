@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.finding import CODES
@@ -35,10 +34,9 @@ from tridentify.judgement.causes.rivals import (
 )
 from tridentify.judgement.causes.saturation import saturation_rivals, with_limits
 from tridentify.judgement.causes.slow import slow_rivals
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.interpolation import FEWEST
-
-Array = NDArray[np.float64]
 
 CLEARLY = 10.0
 """Fall of AICc from which another explanation is worth a word: odds of 150 to 1."""

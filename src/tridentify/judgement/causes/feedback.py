@@ -15,16 +15,14 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.intersample import is_staircase
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.lagrange import added, span
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 PAST = 12
 """Past samples of each input that the coming ones are judged beside: an input that is smooth is

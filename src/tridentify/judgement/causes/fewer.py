@@ -13,7 +13,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
@@ -27,15 +26,14 @@ from tridentify.judgement.causes.revisit import (
     stated,
     without_outliers,
 )
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import (
     deviance,
     fit_autoregression,
     most_coefficients,
 )
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 LONGEST = 5_000
 """Samples of each record that are compared."""

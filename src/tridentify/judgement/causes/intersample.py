@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import Behaviour
 from tridentify.errors import TridentifyError
@@ -27,11 +26,9 @@ from tridentify.judgement.causes.revisit import (
     stated,
     without_outliers,
 )
+from tridentify.numerics.arrays import Complex
 from tridentify.numerics.interpolation import FEWEST
-from tridentify.numerics.realization import Complex
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 BEHAVIOURS: tuple[Behaviour, ...] = ("zoh", "foh", "band-limited")
 

@@ -18,7 +18,6 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import expm
 from scipy.special import chdtri
@@ -26,12 +25,11 @@ from scipy.special import chdtri
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.realization import Cascade
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 FALSE_ALARM = 1e-4
 """Chance that noise alone shows a jump somewhere in a record."""

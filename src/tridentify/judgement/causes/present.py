@@ -6,15 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
-from tridentify.numerics.realization import Complex
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
-Array = NDArray[np.float64]
 Zeros = tuple[tuple[int, ...], ...]
 
 

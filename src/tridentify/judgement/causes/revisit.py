@@ -9,7 +9,8 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.arrays import Complex
+from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 

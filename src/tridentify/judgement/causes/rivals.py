@@ -16,13 +16,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.judgement.causes.present import Present
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 MOST_POLES = 20
 """As many as `identify` takes."""

@@ -16,16 +16,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.attempt import Attempt, Limited, attempt, promise
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Limits, Rival, one
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import deviance, fit_autoregression
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 ROUNDS = 4
 """Fits and levels in turn: a model that was fitted to a limited output reaches beyond the level by

@@ -13,17 +13,15 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 FALSE_ALARMS = 1e-3
 """Probability that a record of Gaussian noise is told to have a spike."""

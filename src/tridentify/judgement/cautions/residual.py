@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from tridentify.estimation.answer.estimate import Estimate
@@ -13,12 +12,11 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
 from tridentify.estimation.likelihood.raster import on_raster, places_on_raster, spread_out
 from tridentify.judgement.causes.first_samples import Predictions, beginning
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.correlation import autocorrelation
 from tridentify.numerics.whiteness import input_share
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 ROUNDING = 1e-9
 """Residual over output below which there is nothing but rounding."""

@@ -35,10 +35,10 @@ from numpy.typing import NDArray
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, Severity
 from tridentify.judgement.causes.first_samples import Predictions, beginning
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import Runs, quantum, runs
 from tridentify.record.record import Record
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.intp]
 
 LONGEST = 100_000

@@ -34,14 +34,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.information import aicc_price
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.likelihood.raster import are_even
@@ -32,10 +31,9 @@ from tridentify.judgement.selection.rule import (
 )
 from tridentify.judgement.selection.soundness import CANCELS, apart_from_vagueness, doubts
 from tridentify.judgement.selection.table import SelectionTable
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,6 @@ from functools import partial
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Asked
@@ -51,18 +50,16 @@ from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.estimation.search.search import Search, SearchEnd, search_again
 from tridentify.estimation.search.starts import discrete_poles
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import (
     deviance,
     fit_autoregression,
     most_coefficients,
 )
-from tridentify.numerics.realization import Complex
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.numerics.whiteness import input_share, is_white
 from tridentify.record.record import Record
 from tridentify.structure import InitialState, Structure
-
-Array = NDArray[np.float64]
 
 FOLLOWED = 3
 """Seeds of a candidate that are followed, the lowest."""

@@ -35,19 +35,18 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.estimation.likelihood.nuisance import build_base, candidates
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.models.regression import Regression, regress
 from tridentify.models.response import ColumnBlocks, nuisance_blocks
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.information import aicc_price
-from tridentify.numerics.realization import Cascade, Complex, cascade
+from tridentify.numerics.realization import Cascade, cascade
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
-Array = NDArray[np.float64]
 DRAWS = 200
 """Draws of the noise alone: the quantile below rests on ten of them."""
 LEVEL = 0.95

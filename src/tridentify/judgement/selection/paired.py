@@ -24,12 +24,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 
-Array = NDArray[np.float64]
 GROUPS = 5
 """Groups of equal evidence. Fewer have no power, more are no longer independent: the slowest time
 constant that a record shows is about a fifth of it."""

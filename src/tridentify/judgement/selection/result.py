@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.encoding import encode, save_document
 from tridentify.estimation.answer.estimate import Estimate
@@ -18,10 +17,10 @@ from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.judgement.selection.hankel import Hankel
 from tridentify.judgement.selection.numbers import percent, relative
 from tridentify.judgement.selection.orders import order_label
+from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.writing.layout import format_table, html_table
 
-Array = NDArray[np.float64]
 SCHEMA = 1
 """Version of the file format."""
 _WIDTH = 78

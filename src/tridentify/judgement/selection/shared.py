@@ -14,16 +14,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.errors import TooFewSamplesError
 from tridentify.estimation.likelihood.nuisance import build_base, candidates
 from tridentify.estimation.search.starts import ParallelStart, laguerre_starts, spread_starts
-from tridentify.numerics.realization import Complex, sort_poles
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
-Array = NDArray[np.float64]
 APART = 2.0
 """Ratio of rates from which two Laguerre starts are two."""
 

@@ -16,10 +16,9 @@ from numpy.typing import NDArray
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.posterior.mean import vagueness
 from tridentify.judgement.selection.numbers import share
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import sort_poles
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 CANCELS = "a pole and a zero cancel within their errors"
 """Said by a covariance; the likelihood may refute it (`rule.refuted`)."""

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Status
 from tridentify.estimation.posterior.mean import vagueness
@@ -15,9 +14,8 @@ from tridentify.judgement.selection.criteria import Criteria, criteria_of, unkno
 from tridentify.judgement.selection.finish_candidates import Entry, noise_of_orders
 from tridentify.judgement.selection.rule import Contender
 from tridentify.judgement.selection.soundness import HALF
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

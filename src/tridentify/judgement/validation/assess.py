@@ -13,7 +13,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from tridentify.errors import OptionError, SampleTypeError, TridentifyError
@@ -40,11 +39,10 @@ from tridentify.judgement.validation.result import (
 from tridentify.judgement.validation.transfer import carried_over
 from tridentify.judgement.validation.tried import may_react, torn_at, try_causes
 from tridentify.judgement.validation.verdict import KnownCauses, family, findings, in_words
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import holm
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 FEWEST_LAGS, MOST_SHOWN_LAGS = 20, 60
 """Lags of the correlations that are shown: three of the slowest time constants, between these

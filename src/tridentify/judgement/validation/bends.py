@@ -20,15 +20,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation.residuals import View
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.transfer_function import TransferFunction
 
-Array = NDArray[np.float64]
 Columns = tuple[Array, ...]
 
 TAILS = (0.05, 0.12, 0.2)

@@ -10,12 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from tridentify.judgement.validation.residuals import Output, View
-
-Array = NDArray[np.float64]
+from tridentify.numerics.arrays import Array
 
 MOST_LAGS = 40
 """Knots of a response that is looked for in the residual."""

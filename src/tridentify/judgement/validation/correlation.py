@@ -12,15 +12,13 @@ Analysis*, 4th ed., section 12.1) after whitening, without the assumption of a l
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from tridentify.judgement.validation.columns import moved_input, waves
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import CrossCorrelation
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import span
-
-Array = NDArray[np.float64]
 
 AT_ONCE = 16
 """Lags that are whitened together: enough to share the work, few enough for long records."""

@@ -16,13 +16,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtrc, ndtri
 
 from tridentify.judgement.validation.result import Normality
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.robust import median_scale
-
-Array = NDArray[np.float64]
 
 SMALL_SAMPLE = 6.0
 """Samples' worth by which the scale of a short record is uncertain: the limit is wider by this over

@@ -26,7 +26,6 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc
 
 from tridentify.estimation.answer.estimate import Estimate
@@ -34,6 +33,7 @@ from tridentify.judgement.validation import bends, columns
 from tridentify.judgement.validation.distribution import distribution
 from tridentify.judgement.validation.residuals import Output, View
 from tridentify.judgement.validation.result import Normality
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
 from tridentify.numerics.lagrange import added, span
 from tridentify.numerics.least_squares import triangle
@@ -45,8 +45,6 @@ from tridentify.numerics.portmanteau import (
     spread_of_statistics,
 )
 from tridentify.numerics.robust import median_scale
-
-Array = NDArray[np.float64]
 
 PRETEST = 0.05
 """p-value of whiteness up to which a noise model is fitted before other tests."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
@@ -16,9 +15,8 @@ from tridentify.judgement.causes.explain import Explanation, Explanations, expla
 from tridentify.judgement.causes.lost import Place
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.validation.residuals import View
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
 
 TRIED = "Of all causes tried"
 WITHOUT_THEM = "Without them"

@@ -31,14 +31,13 @@ from tridentify.estimation.likelihood.raster import on_raster
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.models.response import Response
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import monomials
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
-
-Array = NDArray[np.float64]
 
 LONGEST = 100_000
 """Samples of a record that are looked at."""

@@ -8,12 +8,10 @@ from dataclasses import dataclass, fields, is_dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.finding import Finding
+from tridentify.numerics.arrays import Array
 from tridentify.writing.layout import format_table, html_table
-
-Array = NDArray[np.float64]
 
 _WIDTH = 78
 """Characters a line: fits a terminal of 80."""

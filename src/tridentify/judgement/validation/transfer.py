@@ -16,16 +16,14 @@ record is not taken for another plant. It is the Wald test of equal coefficients
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import fdtrc, ndtr
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Transfer
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import span
 from tridentify.numerics.levinson import autocovariance
-
-Array = NDArray[np.float64]
 
 
 def carried_over(view: View, estimate: Estimate, noises: list[Array]) -> Transfer:

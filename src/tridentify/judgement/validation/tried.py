@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.explain import Explanation, Explanations
@@ -31,9 +30,8 @@ from tridentify.judgement.validation.explained import (
     told_alone,
 )
 from tridentify.judgement.validation.residuals import View, refitted
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
-
-Array = NDArray[np.float64]
 
 AFTER_A_JUMP = 3
 """Samples after a jump of a held input where a far sample is a misfit of the model."""

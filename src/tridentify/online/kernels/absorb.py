@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import compiled, forget, innovate, rotate
 from tridentify.online.kernels.intake import doubt, learn, noise_scale, watch
 from tridentify.online.kernels.slots import (
@@ -38,7 +39,6 @@ from tridentify.online.kernels.slots import (
     WEIGHT2,
 )
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import compiled
 from tridentify.online.kernels.intake import doubt, judge, learn, noise_scale, scatter
 from tridentify.online.kernels.signatures import INTS, SAMPLES, TABLE, VECTOR, WHICH
@@ -76,7 +77,6 @@ from tridentify.online.kernels.slots import (
 from tridentify.online.kernels.turning import turn_in
 from tridentify.online.kernels.workspace import ERRORS, FIT, LEVERAGE, LONGEST, SCALED_ERRORS
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 SHORTEST = 4

@@ -18,6 +18,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import compiled, correct, drift, predict, solve_triangle
 from tridentify.online.kernels.absorb import absorb, refuse
 from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
@@ -81,7 +82,6 @@ from tridentify.online.kernels.slots import (
     WATCH,
 )
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 

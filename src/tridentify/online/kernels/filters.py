@@ -6,6 +6,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import compiled
 from tridentify.online.kernels.signatures import INTS, SAMPLES, TABLE, VECTOR
 from tridentify.online.kernels.slots import (
@@ -21,7 +22,6 @@ from tridentify.online.kernels.slots import (
     UPPER,
 )
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 

@@ -21,6 +21,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import along, compiled, descend
 from tridentify.online.kernels.absorb import refuse
 from tridentify.online.kernels.gradient_slots import (
@@ -83,7 +84,6 @@ from tridentify.online.kernels.slots import (
     WATCH,
 )
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 

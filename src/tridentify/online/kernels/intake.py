@@ -42,6 +42,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import compiled
 from tridentify.online.kernels.slots import (
     ALARM,
@@ -136,7 +137,6 @@ from tridentify.online.kernels.slots import (
     WEIGHT2,
 )
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 

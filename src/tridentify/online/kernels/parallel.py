@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import compiled
 from tridentify.online.kernels.absorb import absorb
 from tridentify.online.kernels.intake import count, take_in
@@ -58,7 +59,6 @@ from tridentify.online.kernels.slots import (
     WATCH,
 )
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import compiled
 from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
 from tridentify.online.kernels.filters import direct_terms, line_up, run_inputs
@@ -30,7 +31,6 @@ from tridentify.online.kernels.slots import (
 )
 from tridentify.online.kernels.workspace import ERRORS
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import compiled
 from tridentify.online.kernels.signatures import INTS, MANY, ONE, ROOM, TABLE, WHICH
 from tridentify.online.kernels.slots import (
@@ -25,7 +26,6 @@ from tridentify.online.kernels.slots import (
     WATCH,
 )
 
-Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Step = Callable[[Ints, Array, Array, float], float]
 Block = Callable[

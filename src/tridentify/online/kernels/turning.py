@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
-
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.recursive import LOST, NEGLIGIBLE, RENEWED, TINY, compiled
 from tridentify.online.kernels.workspace import COSINES, FIT, LEFT, LEVERAGE, NOW, REFERENCE, SINES
-
-Array = NDArray[np.float64]
 
 
 @compiled(

@@ -7,9 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.numerics.arrays import Array
 from tridentify.online.kernels.slots import COLUMNS, DIRECTIONS, INPUTS, LINE, ORDER, OUTPUTS
-
-Array = NDArray[np.float64]
 
 LONGEST = 128
 """Samples of the longest block: its rows fit the processor's cache."""

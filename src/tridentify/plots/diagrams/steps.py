@@ -5,14 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from tridentify.errors import OptionError, StepNotTakenError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Pass, Step
+from tridentify.numerics.arrays import Array
 from tridentify.writing.layout import IN_PICTURES, short
-
-Real = npt.NDArray[np.float64]
 
 _TITLES = {
     "parallel": "parallel model (Step 1)",
@@ -65,7 +63,7 @@ class Taken:
         names = self.estimate.input_names
         return tuple(short(name, IN_PICTURES) for k, name in enumerate(names) if k != self.input_)
 
-    def polynomials(self) -> tuple[Real, Real]:
+    def polynomials(self) -> tuple[Array, Array]:
         """Numerator and denominator of the channel that the step found, descending powers.
 
         Where the step tells the denominator alone, the numerator is that of the pass.
@@ -86,14 +84,14 @@ class Taken:
         num, den, _ = self.estimate.channel_draws(theta[None], self.output, self.input_)
         return num[0], den[0]
 
-    def errors(self) -> tuple[Real, Real]:
+    def errors(self) -> tuple[Array, Array]:
         """Standard errors of numerator and (monic) denominator, of the final estimate."""
         num, den, cov = self.estimate.channel(self.output, self.input_)
         std = np.sqrt(np.maximum(np.diag(cov), 0.0))
         n = den.size - 1
         return std[n : n + num.size], np.concatenate([[0.0], std[:n]])
 
-    def weights(self) -> Real:
+    def weights(self) -> Array:
         """``beta`` of the channel (parallel), or of the output (series)."""
         flat = np.asarray(self.step.coefficients)
         n_outputs, n_inputs = len(self.estimate.output_names), len(self.estimate.input_names)

@@ -5,12 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-import numpy.typing as npt
-
+from tridentify.numerics.arrays import Array
 from tridentify.writing.layout import format_std, format_value
-
-Real = npt.NDArray[np.float64]
 
 FINE = 3e-5
 """Relative error below which further digits are not worth the room."""
@@ -55,7 +51,7 @@ def number(value: float, digits: int = 4) -> str:
     return f"−{text[1:]}" if text.startswith("-") else text
 
 
-def terms(coefficients: Sequence[float] | Real, std: Sequence[float] | Real) -> list[str]:
+def terms(coefficients: Sequence[float] | Array, std: Sequence[float] | Array) -> list[str]:
     """A polynomial in p, term by term, with one standard error on each coefficient.
 
     Examples

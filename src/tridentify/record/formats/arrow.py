@@ -9,7 +9,8 @@ import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 
-from tridentify.record.formats.channels import Channel, FloatArray
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import Channel
 from tridentify.record.formats.frames import FrameTable, frame_channel, not_numbers
 
 __all__ = ["ArrowFile", "open_file"]
@@ -33,7 +34,7 @@ class ArrowFile:
             frame_channel(name, kind.is_temporal(), rows) for name, kind in self._kinds.items()
         )
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         """Give columns as numbers, nan where nothing stands."""
         import narwhals as nw
         import polars as pl
@@ -48,7 +49,7 @@ class ArrowFile:
         known = [channel.header for channel in table.channels]
         return table.read([known.index(name) for name in names])
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         """Give nothing: the time is a column."""
 
     def place(self, row: int) -> str:

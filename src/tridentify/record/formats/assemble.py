@@ -46,7 +46,8 @@ from tridentify.errors import (
     UnitError,
     shown,
 )
-from tridentify.record.formats.channels import SECONDS, Channel, FloatArray, OpenFile
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.record import Record
 
 __all__ = ["Instants", "Wanted", "record_from"]
@@ -214,13 +215,13 @@ def _read(
     clock: Channel | None,
     wanted: Wanted,
     units: Mapping[str, str],
-) -> tuple[list[FloatArray], list[FloatArray]]:
+) -> tuple[list[Array], list[Array]]:
     """Give the samples of the channels, and the sampling instants [s] of each."""
     asked = ([clock] if clock else []) + channels
     values = source.read([source.channels.index(channel) for channel in asked])
     named = None if clock is None else _seconds(source, clock, values.pop(0), units)
     several = len({channel.clock for channel in channels}) > 1
-    axes: dict[str, FloatArray] = {}
+    axes: dict[str, Array] = {}
     for channel, samples in zip(channels, values, strict=True):
         if channel.clock not in axes:
             recorded = named
@@ -267,9 +268,7 @@ def _no_time(
     )
 
 
-def _seconds(
-    source: OpenFile, clock: Channel, time: FloatArray, units: Mapping[str, str]
-) -> FloatArray:
+def _seconds(source: OpenFile, clock: Channel, time: Array, units: Mapping[str, str]) -> Array:
     _check_finite(source, clock, time, 0, len(time))
     unit = units.get(clock.header, "")
     if unit not in SECONDS:
@@ -277,11 +276,11 @@ def _seconds(
             f"found the unit {shown(unit)} of the time column {shown(clock.header)}; expected s, "
             "ms, us, ns, min or h; convert the column to seconds or correct the unit"
         )
-    seconds: FloatArray = time * SECONDS[unit]
+    seconds: Array = time * SECONDS[unit]
     return seconds
 
 
-def _sampling_instants(recorded: FloatArray | None, dt: float | None, n_samples: int) -> FloatArray:
+def _sampling_instants(recorded: Array | None, dt: float | None, n_samples: int) -> Array:
     if recorded is None:
         return time_axis(dt, None, n_samples)[1]
     if len(recorded) < 2:
@@ -289,7 +288,7 @@ def _sampling_instants(recorded: FloatArray | None, dt: float | None, n_samples:
     return _with_step(time_axis(None, recorded, n_samples)[1], dt)
 
 
-def _with_step(t: FloatArray, dt: float | None) -> FloatArray:
+def _with_step(t: Array, dt: float | None) -> Array:
     """Put recorded time on a stated step, if there is one, or refuse one that does not agree."""
     if dt is None:
         return t
@@ -306,13 +305,13 @@ def _with_step(t: FloatArray, dt: float | None) -> FloatArray:
         )
     shifted = regular + t[0]
     shifted.flags.writeable = False
-    return cast(FloatArray, shifted)
+    return cast(Array, shifted)
 
 
 # --------------------------------------------------------------------------------- several clocks
 def _one_time_base(
-    values: list[FloatArray], times: list[FloatArray], n_inputs: int, wanted: Wanted
-) -> tuple[FloatArray, list[FloatArray]]:
+    values: list[Array], times: list[Array], n_inputs: int, wanted: Wanted
+) -> tuple[Array, list[Array]]:
     """Bring channels of several clocks together, as the head of this module says."""
     slack = TIME_TOLERANCE * min(float(t[-1] - t[0]) / (len(t) - 1) for t in times)
     t = _merged(times, slack)
@@ -342,21 +341,21 @@ def _one_time_base(
     return t, placed
 
 
-def _merged(times: list[FloatArray], slack: float) -> FloatArray:
+def _merged(times: list[Array], slack: float) -> Array:
     """All instants in order; of those that are closer than `slack` the first."""
     union = np.unique(np.concatenate(times))
     return union[np.r_[True, np.diff(union) > slack]]
 
 
 def _evaluated(
-    time: FloatArray, values: FloatArray, t: FloatArray, slack: float, intersample: Intersample
-) -> FloatArray:
+    time: Array, values: Array, t: Array, slack: float, intersample: Intersample
+) -> Array:
     if intersample == "foh":
         return np.interp(t, time, values)
     return values[np.searchsorted(time, t + slack, side="right") - 1]
 
 
-def _spread(time: FloatArray, values: FloatArray, t: FloatArray, slack: float) -> FloatArray:
+def _spread(time: Array, values: Array, t: Array, slack: float) -> Array:
     """Put samples where they belong, nan elsewhere."""
     spread = np.full(len(t), np.nan)
     place = np.clip(np.searchsorted(t, time - slack), 0, len(t) - 1)
@@ -366,9 +365,7 @@ def _spread(time: FloatArray, values: FloatArray, t: FloatArray, slack: float) -
 
 
 # ---------------------------------------------------------------------------------------- samples
-def _check_finite(
-    source: OpenFile, channel: Channel, values: FloatArray, first: int, last: int
-) -> None:
+def _check_finite(source: OpenFile, channel: Channel, values: Array, first: int, last: int) -> None:
     finite = np.isfinite(values[first:last])
     if not finite.all():
         row = first + int(np.argmin(finite))
@@ -379,7 +376,7 @@ def _check_finite(
         )
 
 
-def _stack(columns: list[FloatArray], first: int, last: int) -> FloatArray:
+def _stack(columns: list[Array], first: int, last: int) -> Array:
     stacked = np.empty((last - first, len(columns)))
     for index, values in enumerate(columns):
         stacked[:, index] = values[first:last]

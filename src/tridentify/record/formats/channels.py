@@ -14,12 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
+from tridentify.numerics.arrays import Array
 
 __all__ = ["Channel", "OpenFile", "header_channel"]
 
-FloatArray = NDArray[np.float64]
 
 SECONDS = {
     "": 1.0,
@@ -88,10 +86,10 @@ class OpenFile(Protocol):
     def channels(self) -> tuple[Channel, ...]:
         """All channels, in the order of the file."""
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         """Give channels as numbers, nan for a missing sample; positions in `channels`."""
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         """Give the sampling instants of a clock [s], if the file knows them."""
 
     def place(self, row: int) -> str:

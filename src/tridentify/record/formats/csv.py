@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from tridentify.record.formats.channels import Channel, FloatArray, header_channel
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import Channel, header_channel
 from tridentify.record.formats.text_table import open_table, read_columns
 
 __all__ = ["TextFile"]
@@ -37,12 +38,12 @@ class TextFile:
             for name, unit in zip(self._table.names, self._table.units, strict=True)
         )
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         """Give columns as numbers, nan for a blank cell."""
         values, self._lines = read_columns(self._table, indices)
         return values
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         """Give nothing: the time is a column."""
 
     def place(self, row: int) -> str:

@@ -21,8 +21,9 @@ from tridentify.errors import (
     TextInColumnError,
     shown,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import Wanted, record_from
-from tridentify.record.formats.channels import Channel, FloatArray, header_channel
+from tridentify.record.formats.channels import Channel, header_channel
 from tridentify.record.formats.requirements import require
 from tridentify.record.record import Record
 
@@ -56,18 +57,18 @@ class FrameTable:
                 "saved completely"
             )
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         """Give columns as numbers, nan where nothing stands."""
         return [self._floats(self._names[index]) for index in indices]
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         """Give nothing: a frame has its time in a column."""
 
     def place(self, row: int) -> str:
         """Name a row by its number, from 0 as in the frame."""
         return f"row {row}"
 
-    def _floats(self, name: str) -> FloatArray:
+    def _floats(self, name: str) -> Array:
         import narwhals as nw
 
         column = self.frame.get_column(name)
@@ -102,7 +103,7 @@ def frame_channel(name: str, temporal: bool, samples: int) -> Channel:
     return Channel(name, channel.name, "s", samples=samples) if temporal else channel
 
 
-def _float_array(column: nw.Series[Any]) -> FloatArray:
+def _float_array(column: nw.Series[Any]) -> Array:
     import narwhals as nw
 
     floats = column.cast(nw.Float64)
@@ -110,7 +111,7 @@ def _float_array(column: nw.Series[Any]) -> FloatArray:
     return np.asarray(values.to_numpy(), dtype=np.float64)
 
 
-def _seconds(nanoseconds: nw.Series[Any], *, from_first: bool) -> FloatArray:
+def _seconds(nanoseconds: nw.Series[Any], *, from_first: bool) -> Array:
     missing = np.asarray(nanoseconds.is_null().to_numpy(), dtype=bool)
     whole = nanoseconds.fill_null(0) if missing.any() else nanoseconds
     counts = np.asarray(whole.to_numpy()).astype(np.int64)

@@ -16,7 +16,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from tridentify.errors import TridentifyError
-from tridentify.record.formats.channels import FloatArray, OpenFile
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import OpenFile
 
 __all__ = ["serve"]
 
@@ -51,14 +52,14 @@ def _module_file(module: str, path: Path) -> OpenFile:
     return source
 
 
-def _arrays(source: OpenFile, request: dict[str, Any]) -> Sequence[FloatArray]:
+def _arrays(source: OpenFile, request: dict[str, Any]) -> Sequence[Array]:
     if "read" in request:
         return source.read(request["read"])
     times = source.instants(request["instants"])
     return [] if times is None else [times]
 
 
-def _answer(stream: BinaryIO, header: dict[str, Any], arrays: Sequence[FloatArray]) -> None:
+def _answer(stream: BinaryIO, header: dict[str, Any], arrays: Sequence[Array]) -> None:
     sound = [np.ascontiguousarray(values, dtype="<f8").ravel() for values in arrays]
     line = json.dumps({**header, "arrays": [len(values) for values in sound]})
     stream.write(line.encode() + b"\n")

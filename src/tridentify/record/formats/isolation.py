@@ -34,7 +34,8 @@ from tridentify.errors import (
     UnreadableFileError,
     shown,
 )
-from tridentify.record.formats.channels import Channel, FloatArray
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import Channel
 
 __all__ = ["IsolatedFile"]
 
@@ -180,13 +181,13 @@ class IsolatedFile:
         self._process.wait()
         self._folder.cleanup()
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         """Give channels as numbers."""
         counts = [self.channels[index].samples or 0 for index in indices]
         check_size(8 * sum(counts), self.path)
         return self._ask({"read": list(indices)})[1]
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         """Give the sampling instants of a clock [s], if the file knows them."""
         found = self._ask({"instants": clock})[1]
         return found[0] if found else None
@@ -206,7 +207,7 @@ class IsolatedFile:
         self._late = True
         self._process.kill()
 
-    def _ask(self, message: object) -> tuple[dict[str, Any], list[FloatArray]]:
+    def _ask(self, message: object) -> tuple[dict[str, Any], list[Array]]:
         seconds = PATIENCE + self.path.stat().st_size / PACE
         timer = threading.Timer(seconds, self._expire)
         timer.start()
@@ -225,7 +226,7 @@ class IsolatedFile:
         finally:
             timer.cancel()
 
-    def _array(self, stream: IO[bytes], count: int, seconds: float) -> FloatArray:
+    def _array(self, stream: IO[bytes], count: int, seconds: float) -> Array:
         check_size(8 * count, self.path)
         data = bytearray(8 * count)
         view, filled = memoryview(data), 0

@@ -27,7 +27,8 @@ from typing import TypeAlias, Union
 import numpy as np
 
 from tridentify.errors import ForeignObjectError, TextInColumnError, UnitError, shown
-from tridentify.record.formats.channels import SECONDS, Channel, FloatArray
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import SECONDS, Channel
 from tridentify.record.formats.isolation import check_size
 
 __all__ = ["MatlabFile", "Node", "Numbers", "Opaque"]
@@ -63,7 +64,7 @@ class Opaque:
 
 
 Node: TypeAlias = Union[Numbers, Opaque, str, "dict[str, Node]", "list[Node]"]
-Load: TypeAlias = Callable[[], FloatArray]
+Load: TypeAlias = Callable[[], Array]
 
 
 @dataclass
@@ -97,11 +98,11 @@ class MatlabFile:
             _walk(self._found, name, node, 0)
         self.channels = tuple(self._found.channels)
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         """Give channels as numbers."""
         return [self._found.loads[index]() for index in indices]
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         """Give the sampling instants of a timeseries or an experiment [s]."""
         load = self._found.clocks.get(clock)
         return None if load is None else load()
@@ -130,7 +131,7 @@ def _walk(found: _Found, path: str, node: Node, depth: int) -> None:
 
 
 def _refuse(found: _Found, path: str, kind: str) -> Load:
-    def load() -> FloatArray:
+    def load() -> Array:
         raise ForeignObjectError(
             f"found an object of class {shown(kind)} as {shown(path)} in {shown(found.path.name)}; "
             "expected numbers or plain structs; in MATLAB, save its parts as arrays, or as a "
@@ -177,7 +178,7 @@ def _add_numbers(
 def _column(
     found: _Found, header: str, numbers: Numbers, length: int, k: int, turned: bool
 ) -> Load:
-    def load() -> FloatArray:
+    def load() -> Array:
         array = _loaded(found, numbers)
         if array.dtype.kind not in "fiub":
             raise TextInColumnError(
@@ -263,7 +264,7 @@ def _add_experiment(found: _Found, path: str, fields: dict[str, Node]) -> bool:
 def _regular(
     found: _Found, path: str, step: Numbers, start: float, samples: int, unit: str
 ) -> Load:
-    def load() -> FloatArray:
+    def load() -> Array:
         times = start + (step.scalar() or 0.0) * np.arange(samples, dtype=np.float64)
         return np.asarray(_scale(found, path, unit) * times, dtype=np.float64)
 
@@ -271,7 +272,7 @@ def _regular(
 
 
 def _scaled(found: _Found, path: str, time: Numbers, unit: str) -> Load:
-    def load() -> FloatArray:
+    def load() -> Array:
         instants = np.asarray(_loaded(found, time), dtype=np.float64).ravel()
         return _scale(found, path, unit) * instants
 

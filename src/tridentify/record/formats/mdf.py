@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import ForeignObjectError, TextInColumnError, shown
-from tridentify.record.formats.channels import Channel, FloatArray
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import Channel
 
 __all__ = ["MdfFile", "open_file", "plain_formula"]
 
@@ -57,11 +58,11 @@ class MdfFile:
                 self._sources.append((g, k))
         self.channels = tuple(listed)
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         """Give channels as numbers, nan where the file marks them as invalid."""
         return [self._values(*self._sources[index]) for index in indices]
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         """Give the master channel of a group [s], if it has one of time."""
         g = int(clock.removeprefix("group"))
         position = self._mdf.masters_db.get(g)
@@ -77,7 +78,7 @@ class MdfFile:
         """Name a sample by its number, from 1."""
         return f"sample {row + 1}"
 
-    def _values(self, g: int, k: int) -> FloatArray:
+    def _values(self, g: int, k: int) -> Array:
         channel = self._mdf.groups[g].channels[k]
         self._check_conversion(channel)
         signal = self._mdf.get(group=g, index=k, ignore_invalidation_bits=True)

@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from tridentify.errors import ForeignObjectError, TextInColumnError, UnreadableFileError, shown
-from tridentify.record.formats.channels import Channel, FloatArray, header_channel
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import Channel, header_channel
 from tridentify.record.formats.isolation import check_size
 
 __all__ = ["NpzFile", "open_file"]
@@ -62,9 +63,9 @@ class NpzFile:
                         self._sources.append(ArchiveMember(name, k))
         self.channels = tuple(channels)
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         """Give channels as numbers."""
-        arrays: dict[str, FloatArray] = {}
+        arrays: dict[str, Array] = {}
         wanted = {self._sources[index].array for index in indices}
         # one column asked for, the whole array unpacked, and turned to float
         check_size(sum(self._sizes[name] for name in wanted), self.path)
@@ -79,7 +80,7 @@ class NpzFile:
             for source in (self._sources[index] for index in indices)
         ]
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         """Give nothing: the time is an array."""
 
     def place(self, row: int) -> str:

@@ -29,7 +29,6 @@ from pathlib import Path
 from typing import TextIO
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import (
     DuplicateColumnError,
@@ -41,9 +40,8 @@ from tridentify.errors import (
     UnreadableFileError,
     shown,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.record.formats.isolation import check_size
-
-FloatArray = NDArray[np.float64]
 
 SEPARATORS = ",;\t|"
 MISSING = frozenset(("", "na", "n/a", "nan", "null", "none", "-nan"))
@@ -187,9 +185,7 @@ def unit_cells(cells: Sequence[str], width: int) -> tuple[str, ...]:
     return tuple(re.sub(r"^[\[(]\s*|\s*[\])]$", "", text) for text in texts)
 
 
-def read_columns(
-    table: TextTable, columns: Sequence[int]
-) -> tuple[list[FloatArray], Sequence[int]]:
+def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[Array], Sequence[int]]:
     """Read some columns of a table as numbers.
 
     Parameters
@@ -419,7 +415,7 @@ def _count_clean_rows(table: TextTable) -> int | None:
     return rows if full and returns in (0, newlines) and rows else None
 
 
-def _read_clean(table: TextTable, columns: Sequence[int]) -> list[FloatArray] | None:
+def _read_clean(table: TextTable, columns: Sequence[int]) -> list[Array] | None:
     # polars takes no name that is not UTF-8
     if table.encoding != "utf-8-sig" or not _in_utf_8(table.path):
         return None
@@ -465,7 +461,7 @@ def _in_utf_8(path: Path) -> bool:
 
 def _read_exactly(
     table: TextTable, columns: Sequence[int], decimal: str
-) -> tuple[list[FloatArray], Sequence[int]]:
+) -> tuple[list[Array], Sequence[int]]:
     values = [array("d") for _ in columns]
     lines = array("q")
     groups = [_Groups() for _ in columns]

@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from tridentify.errors import UnreadableFileError, shown
-from tridentify.record.formats.channels import Channel, FloatArray
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import Channel
 
 __all__ = ["UlogFile", "open_file"]
 
@@ -50,7 +51,7 @@ class UlogFile:
             for field, values in fields.items()
         )
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         """Give fields as numbers."""
         chosen = [self.channels[index] for index in indices]
         return [
@@ -61,7 +62,7 @@ class UlogFile:
             for channel in chosen
         ]
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         """Give the time stamps of a topic [s]."""
         return np.asarray(self._topics[clock][STAMP], dtype=np.float64) * 1e-6
 

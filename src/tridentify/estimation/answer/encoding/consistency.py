@@ -10,15 +10,13 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import CoefficientError, DataError, OptionError, ShapeError, shown
 from tridentify.estimation.answer.parameter import Nuisance
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.levinson import reflections
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 MOST_COEFFICIENTS = 2000
 """Most coefficients of an estimate that is read: their covariance alone then fills the largest

@@ -13,17 +13,16 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.orders import HIGHEST_ORDER
 from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.parameter import Nuisance, Parameter
 from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace
+from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-Array = NDArray[np.float64]
 Decoder = Callable[[Any], Any]
 
 LONGEST_TEXT = 20_000

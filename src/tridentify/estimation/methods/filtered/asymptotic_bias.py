@@ -33,7 +33,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from tridentify.errors import ChannelCountError, NonUniformTimeError, OptionError, UnsupportedError
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
@@ -46,13 +46,12 @@ from tridentify.estimation.methods.filtered.state_variable_filters import (
     filter_cascade,
     with_filtered,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
-
-Array = NDArray[np.float64]
 
 
 def asymptotic_bias(

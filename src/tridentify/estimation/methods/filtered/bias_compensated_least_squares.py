@@ -64,7 +64,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
 from tridentify.estimation.answer.assemble import Asked
@@ -95,12 +94,11 @@ from tridentify.estimation.methods.filtered.svf_least_squares import (
     least_squares,
 )
 from tridentify.models.regression import Experiment
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.realization import cascade, roots_of, sort_poles
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 MOST_PASSES = 10
 """Passes over the noise levels of several outputs: it bounds the time."""

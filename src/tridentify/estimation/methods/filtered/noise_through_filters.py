@@ -37,7 +37,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.likelihood.problem import Problem
@@ -50,12 +49,11 @@ from tridentify.estimation.methods.filtered.state_variable_filters import (
     unreduced,
 )
 from tridentify.models.regression import Experiment
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.numerics.propagate import propagate
 from tridentify.numerics.realization import Cascade, degree_basis
-
-Array = NDArray[np.float64]
 
 FADED = 1e-18
 """Share of its beginning at which an impulse response has ended: below rounding."""

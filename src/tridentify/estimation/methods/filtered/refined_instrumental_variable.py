@@ -55,7 +55,6 @@ from dataclasses import dataclass, replace
 from numbers import Integral, Real
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, OptionError, shown
 from tridentify.estimation.answer.assemble import Asked
@@ -81,12 +80,11 @@ from tridentify.estimation.methods.filtered.state_variable_filters import (
 from tridentify.estimation.methods.filtered.svf_instrumental_variable import instrumental_passes
 from tridentify.estimation.methods.filtered.svf_least_squares import least_squares
 from tridentify.models.regression import Regression, regress
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.least_squares import solve
-from tridentify.numerics.realization import Cascade, Complex, cascade, denominator, roots_of
+from tridentify.numerics.realization import Cascade, cascade, denominator, roots_of
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -63,6 +63,7 @@ from tridentify.estimation.likelihood.held_model import HeldModel as HeldModel
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.models.regression import Experiment, Layout, Regression, regress
 from tridentify.models.response import ColumnBlocks, Response
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.discretize import discretize
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.propagate import propagate
@@ -78,9 +79,6 @@ from tridentify.numerics.realization import (
     sort_poles,
 )
 from tridentify.record.record import Record
-
-Array = NDArray[np.float64]
-Complex = NDArray[np.complex128]
 
 TINY = 1e-300
 """Keeps the inverse root of the power of an output of nothing finite: near the smallest double."""

@@ -31,7 +31,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
 from tridentify.estimation.answer.assemble import Asked
@@ -58,11 +57,10 @@ from tridentify.estimation.methods.filtered.state_variable_filters import (
 )
 from tridentify.estimation.search.starts import rate_limits
 from tridentify.models.regression import Experiment
+from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import cascade
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-Array = NDArray[np.float64]
 
 PER_DECADE = 3.0
 """Filters tried in a decade, a factor of two apart; those halfway to the best one's neighbours are

@@ -10,15 +10,14 @@ import io
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.errors import shown
+from tridentify.numerics.arrays import Array
 from tridentify.record.formats.streams.header import HeaderColumns
 from tridentify.record.formats.text_table import MISSING
 
 __all__ = ["MANY", "plain_number", "read_with_float", "read_with_polars"]
 
-FloatArray = NDArray[np.float64]
 
 MANY = 256
 """Lines from which polars is the quicker one."""
@@ -29,7 +28,7 @@ _BLANK = {token.encode(): b"nan" for word in MISSING for token in (word, word.up
 
 def read_with_float(
     text: bytes, separator: str, columns: HeaderColumns, n_rows: int
-) -> FloatArray | None:
+) -> Array | None:
     """Read some columns of lines, cell by cell.
 
     Parameters
@@ -62,7 +61,7 @@ def read_with_float(
 
 def read_with_polars(
     text: bytes, separator: str, columns: HeaderColumns, n_rows: int
-) -> FloatArray | None:
+) -> Array | None:
     """Read some columns of lines by polars; otherwise as `read_with_float`."""
     import polars as pl
 

@@ -15,14 +15,9 @@ from tridentify.errors import (
     UnitError,
     shown,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import find_channel
-from tridentify.record.formats.channels import (
-    SECONDS,
-    Channel,
-    FloatArray,
-    OpenFile,
-    header_channel,
-)
+from tridentify.record.formats.channels import SECONDS, Channel, OpenFile, header_channel
 from tridentify.record.formats.read import TIME_NAMES
 from tridentify.record.formats.text_table import repeated_name
 
@@ -96,10 +91,10 @@ class _Header:
     path: Path
     channels: tuple[Channel, ...]
 
-    def read(self, indices: Sequence[int]) -> list[FloatArray]:
+    def read(self, indices: Sequence[int]) -> list[Array]:
         return []
 
-    def instants(self, clock: str) -> FloatArray | None:
+    def instants(self, clock: str) -> Array | None:
         return None
 
     def place(self, row: int) -> str:

@@ -34,6 +34,7 @@ from tridentify.checks.values import (
     whole_number,
 )
 from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
+from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import SECONDS
 from tridentify.record.formats.streams.blocks import (
     MANY,
@@ -53,7 +54,6 @@ from tridentify.record.formats.text_table import (
 
 __all__ = ["BadLine", "RowReader", "Rows"]
 
-FloatArray = NDArray[np.float64]
 
 _FEW = 16
 _PARTS = ("lines", "form", "separator", "names", "header_units", "columns")
@@ -87,7 +87,7 @@ class Rows:
         Lines that give no row (or, for a known step, one of nan), in their order.
     """
 
-    values: FloatArray
+    values: Array
     lines: NDArray[np.int64]
     stops: NDArray[np.int64]
     problems: list[BadLine]
@@ -245,7 +245,7 @@ class RowReader:
             self.lines += len(ends) - opened
         return self._rows(np.concatenate(values), first, ends + lines.start)
 
-    def _rows(self, values: FloatArray, first: int, stops: NDArray[np.int64]) -> Rows:
+    def _rows(self, values: Array, first: int, stops: NDArray[np.int64]) -> Rows:
         dropped = set(self._skipped)
         if not (self.asked.uniform and self._open):
             dropped.update(self._problems)
@@ -257,7 +257,7 @@ class RowReader:
             values, numbers, stops = values[keep], numbers[keep], stops[keep]
         return Rows(values, numbers, stops, problems)
 
-    def _nothing(self, n_rows: int) -> FloatArray:
+    def _nothing(self, n_rows: int) -> Array:
         asked = self.asked
         return np.full(
             (n_rows, len(asked.inputs) + len(asked.outputs) + (not asked.uniform)), np.nan
@@ -347,7 +347,7 @@ class RowReader:
         except UnicodeDecodeError:
             return line.decode("latin-1").strip(_AROUND)
 
-    def _body(self, text: bytes, ends: NDArray[np.int64], offset: int) -> FloatArray:
+    def _body(self, text: bytes, ends: NDArray[np.int64], offset: int) -> Array:
         """Read lines; `offset` is the number of the first one in what is read now."""
         csv_lines = self._form == "csv"
         values = (self._quick_csv if csv_lines else self._quick_json)(text, ends)
@@ -362,7 +362,7 @@ class RowReader:
         return np.concatenate([left, self._body(text[cut:], ends[half:] - cut, offset + half)])
 
     # ---------------------------------------------------------------------------------------- CSV
-    def _quick_csv(self, text: bytes, ends: NDArray[np.int64]) -> FloatArray | None:
+    def _quick_csv(self, text: bytes, ends: NDArray[np.int64]) -> Array | None:
         """Read lines that are as plain as can be, or give None."""
         columns, separator = self._columns, self._separator.encode()
         assert columns is not None
@@ -384,7 +384,7 @@ class RowReader:
         values = read(text, separator.decode(), columns, len(ends))
         return None if values is None else self._sound(values)
 
-    def _sound(self, values: FloatArray) -> FloatArray | None:
+    def _sound(self, values: Array) -> Array | None:
         """Give rows with their time in seconds; None if any of them has to be refused."""
         assert self._columns is not None
         if not self.asked.uniform:
@@ -399,7 +399,7 @@ class RowReader:
         text: bytes,
         ends: NDArray[np.int64],
         offset: int,
-    ) -> FloatArray:
+    ) -> Array:
         values = self._nothing(len(ends))
         begin = 0
         for k, end in enumerate(ends.tolist()):
@@ -480,7 +480,7 @@ class RowReader:
             raise _BadLineError(f"found damaged quotes ({error}); expected numbers") from error
 
     # --------------------------------------------------------------------------------------- JSON
-    def _quick_json(self, text: bytes, ends: NDArray[np.int64]) -> FloatArray | None:
+    def _quick_json(self, text: bytes, ends: NDArray[np.int64]) -> Array | None:
         """Read lines of numbers and null that are as plain as can be, or give None."""
         if self._columns is None:
             return None

@@ -25,14 +25,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tridentify.checks.samples import TIME_TOLERANCE, uniform_step
 from tridentify.checks.values import check_keys, checked, finite_number, whole_number
+from tridentify.numerics.arrays import Array
 
 __all__ = ["OPENING", "SET_BACK", "Timeline", "nominal_step"]
 
-FloatArray = NDArray[np.float64]
 
 NEARLY = 0.05
 """Largest departure from a whole number of steps, in steps, where only these will do."""
@@ -48,7 +47,7 @@ _WINDOW = 4096
 _FEW = 16
 
 
-def nominal_step(t: FloatArray) -> float | None:
+def nominal_step(t: Array) -> float | None:
     """Give the nominal step of the first stamps.
 
     Parameters
@@ -152,7 +151,7 @@ class Timeline:
         """Time since the first sample [s]."""
         return self.last - self.first
 
-    def intervals(self, t: FloatArray) -> tuple[FloatArray, FloatArray, dict[int, str]]:
+    def intervals(self, t: Array) -> tuple[Array, Array, dict[int, str]]:
         """Give the steps before samples.
 
         Parameters
@@ -188,7 +187,7 @@ class Timeline:
                 k += 1
         return interval, elapsed, remarks
 
-    def _regular(self, t: FloatArray) -> int:
+    def _regular(self, t: Array) -> int:
         """Take the first of some stamps, as many as are on the raster; say how many."""
         if self.behind or self.between or math.isnan(self.anchor):
             return 0
