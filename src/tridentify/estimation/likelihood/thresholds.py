@@ -6,7 +6,7 @@ less likely, and near the maximum coefficients that are off by ``s`` standard er
 
 They decide how much is looked at and when it is enough. Halved or doubled one at a time, none of
 them moves an estimate of the sensitivity benchmark by a tenth of a standard error
-(``benchmarks/results/sensitivity.txt``).
+(``benchmarks/results/sensitivity.txt``; `CLEARLY` is read on very long records only).
 
 ====================  =======  ====================================================================
 name                     size  what is compared with it
