@@ -18,7 +18,7 @@ rest; three long ones; coloured noise; outliers; missing samples and uneven time
 unknown delays; knowledge of coefficients, true and wrong; every other method of the package. A
 threshold that most short and long records reach is tried on these and on the quickest record of
 each other kind (two of it for those in the table of `likelihood.thresholds`), others on all that
-reach it.
+reach it. What is an option of the methods (the tolerance) is left to whoever sets it.
 """
 
 from __future__ import annotations

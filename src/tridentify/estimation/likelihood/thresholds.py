@@ -4,6 +4,10 @@ AICc and AIC are ``-2 log L`` plus a price for each unknown, so differences of t
 unit. What a difference ``d`` means does not depend on the record: a model is ``exp(d / 2)`` times
 less likely, and near the maximum coefficients that are off by ``s`` standard errors cost ``s^2``.
 
+They decide how much is looked at and when it is enough. Halved or doubled one at a time, none of
+them moves an estimate of the sensitivity benchmark by a tenth of a standard error
+(``benchmarks/results/sensitivity.txt``; `CLEARLY` is read on very long records only).
+
 ====================  =======  ====================================================================
 name                     size  what is compared with it
 ====================  =======  ====================================================================
@@ -35,13 +39,14 @@ from __future__ import annotations
 import numpy as np
 
 IDLE = 1e-6
-"""A step that gains less has gained rounding: ``N log RSS`` of 10,000 samples is known to some
-1e-8. Three in a row end the steps."""
+"""A step that gains less is not worth while, and may have gained rounding alone. Three in a row end
+the steps."""
 
 SETTLED = 1e-7
-"""A step that promises less moves every coefficient by less than 3e-4 of its standard error, the
-square root: below what is printed. Gauss-Newton steps gain two digits and more each, so that
-asking for this little costs one step more than asking for a hundredth of a standard error."""
+"""Default of the methods' option ``tolerance``. A step that promises less moves every coefficient
+by less than 3e-4 of its standard error, the square root: below what is printed. Gauss-Newton steps
+gain two digits and more each, so that asking for this little costs one step more than asking for a
+hundredth of a standard error."""
 
 SETTLED_LONG = 1e-4
 """The same on records longer than `levenberg_marquardt.LONG`: a hundredth of a standard error. One

@@ -99,8 +99,9 @@ APART = 0.5
 elsewhere is here."""
 AGREE = 0.25
 """Steps within which two kinds of start agree, so that little is looked for around the second."""
-# steps beyond a delay, in which it may still move
 ROOM = 2.0
+"""Steps beyond a delay, in which it may still move. Doubled, two of three short records end
+worse."""
 # share of the samples that a delay may leave out for nothing
 FREE_SHARE = 0.1
 
