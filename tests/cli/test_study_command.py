@@ -8,21 +8,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import tridentify.plots.study as study_pictures
 from tridentify import studies
-from tridentify.studies.aircraft import noise_free_record
-from tridentify.studies.aircraft_numbers import (
-    ESTIMATORS,
-    FLAGGED,
-    TRUTH,
-    AircraftNumbers,
-    Condition,
-    Event,
-)
-from tridentify.studies.aircraft_text import write_text
 
 
 class Result:
@@ -97,19 +86,3 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_work(run, tmp_pat
     outcome = run("study", "coin", "--out", tmp_path / "file" / "out")
     assert outcome.code == 2
     assert "done after" not in outcome.err
-
-
-def test_the_aircraft_in_words_counts_the_heavy_tails() -> None:
-    theta = np.full((3, 5, 3), TRUTH)
-    theta[2, 1] = 0.5, 900.0, 150.0  # a ringing that the method calls converged
-    theta[2, 2] = 0.5, 900.0, 150.0
-    theta[2, 3] = 70.0, 900.0, 150.0
-    theta[2, 4] = np.nan
-    flagged = (Event(ESTIMATORS[2], 2, FLAGGED, "weakly identifiable"),)
-    record = noise_free_record(100, 0.05)
-    loud = Condition(record, 2.0, 0.3, 20.0 * np.eye(3), theta, flagged)
-    text = " ".join(write_text(AircraftNumbers(0, 5, 1.9, 20, (loud,))).split())
-    assert "3 of 5 at noise 2, 100 samples (2 lightly damped, 2 not flagged)" in text
-    assert text.index("What is left of tails") < text.index("WHAT THE PAPER'S NUMBERS CAN MEAN")
-    quiet = Condition(record, 0.5, 0.1, 20.0 * np.eye(3), theta, ())
-    assert "What is left of tails" not in write_text(AircraftNumbers(0, 5, 1.9, 20, (quiet,)))

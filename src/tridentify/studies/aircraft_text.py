@@ -22,7 +22,7 @@ from tridentify.studies.aircraft_numbers import (
 
 WIDTH = 78
 PAPERS_SAMPLES = 100
-MEANING = "What the paper's numbers can mean: 'The paper's aircraft' in the documentation."
+MEANING = "What these numbers can mean: 'The paper's aircraft' in the documentation."
 
 
 def write_text(result: AircraftNumbers) -> str:
