@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from tridentify.cli import options
-from tridentify.cli.groups import Sampled
+from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
@@ -32,7 +32,7 @@ def advise(
     files: options.Files,
     inputs: options.Inputs,
     outputs: options.Outputs,
-    sampled: Sampled,
+    reading: Reading,
     out: Out = None,
     as_json: options.AsJson = False,
 ) -> None:
@@ -40,7 +40,7 @@ def advise(
 
     Example: tridentify advise flight.csv --input elevator --output q
     """
-    source = sampled.source(files, inputs, outputs)
+    source = reading.source(files, inputs, outputs)
     written: Sequence[Path] = ()
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))

@@ -1,6 +1,6 @@
 """Groups of options that several commands take, each read in one place into what it stands for.
 
-A command names a group as one parameter, ``sampled: Sampled``; `with_groups` puts the group's
+A command names a group as one parameter, ``reading: Reading``; `with_groups` puts the group's
 fields in its place before the command is registered, so that the help shows them one by one.
 """
 
@@ -23,7 +23,7 @@ from tridentify.structure import Structure
 
 
 @dataclass(frozen=True)
-class Sampled:
+class Reading:
     """How files are read into records."""
 
     time: options.Time = None

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from tridentify.cli import options, tables
 from tridentify.cli.ask import chooses_orders, nested_poles, nested_zeros
-from tridentify.cli.groups import Along, Known, Late, Sampled, Way
+from tridentify.cli.groups import Along, Known, Late, Reading, Way
 from tridentify.cli.load import RecordSource, load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import estimate_model, load_sample_loop, show_estimate, write_results
@@ -25,7 +25,7 @@ def identify(
     *,
     poles: options.PolesOrAuto = None,
     zeros: options.ZerosOrAuto = None,
-    sampled: Sampled,
+    reading: Reading,
     late: Late,
     along: Along,
     known: Known,
@@ -52,7 +52,7 @@ def identify(
             zeros=nested_zeros(zeros or (), *shape),
             **known.read(),
         )
-    source = sampled.source(files, inputs, outputs)
+    source = reading.source(files, inputs, outputs)
     _answer(source, structure, way.chosen(loss), out, title, as_json)
 
 

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from tridentify.cli import options, tables
 from tridentify.cli.ask import nested_delays
-from tridentify.cli.groups import Along, Sampled
+from tridentify.cli.groups import Along, Reading
 from tridentify.cli.load import RecordSource, load
 from tridentify.cli.physical_models import (
     Known,
@@ -63,7 +63,7 @@ def physical(
         ),
     ] = None,
     *,
-    sampled: Sampled,
+    reading: Reading,
     known: Annotated[
         list[str] | None,
         options.known_option(
@@ -100,7 +100,7 @@ def physical(
         delay=_known_delay(delay),
         **along.terms(),
     )
-    source = sampled.source(files or (), *names)
+    source = reading.source(files or (), *names)
     asked = replace(chosen, structure=wished), mapping, known_parameters(known or ())
     _answer(source, *asked, out, title, as_json)
 

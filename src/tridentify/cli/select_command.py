@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tridentify.cli import options
-from tridentify.cli.groups import Along, Late, Sampled, Way
+from tridentify.cli.groups import Along, Late, Reading, Way
 from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
@@ -73,7 +73,7 @@ def select(
     *,
     poles: Poles = "1:4",
     zeros: Zeros = "all",
-    sampled: Sampled,
+    reading: Reading,
     validation: Validation = None,
     late: Late,
     along: Along,
@@ -89,9 +89,9 @@ def select(
     template = late.template(along, len(outputs), len(inputs))
     candidates = candidates_from(poles, zeros, template)
     chosen = way.chosen()
-    sources = [sampled.source(files, inputs, outputs)]
+    sources = [reading.source(files, inputs, outputs)]
     if validation:
-        whole = replace(sampled, start=None, stop=None)
+        whole = replace(reading, start=None, stop=None)
         sources.append(whole.source(validation, inputs, outputs))
     written: Sequence[Path] = ()
     with ExitStack() as stack:

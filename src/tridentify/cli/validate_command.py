@@ -12,7 +12,7 @@ import typer
 
 from tridentify.checks.samples import Intersample
 from tridentify.cli import options
-from tridentify.cli.groups import Sampled
+from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
@@ -89,7 +89,7 @@ Check = Annotated[
 
 
 @dataclass(frozen=True)
-class SampledAsBefore(Sampled):
+class ReadAsBefore(Reading):
     """The same, the input as when the model was identified."""
 
     intersample: Held = None  # type: ignore[assignment]
@@ -101,7 +101,7 @@ def validate(
     *,
     inputs: Inputs = None,
     outputs: Outputs = None,
-    sampled: SampledAsBefore,
+    reading: ReadAsBefore,
     experiment: Experiment = None,
     level: Level = 0.99,
     out: Out = None,
@@ -113,11 +113,11 @@ def validate(
     Example: tridentify validate result/model.json flight.csv
     """
     estimate = Estimate.load(model)
-    source = sampled.source(
+    source = reading.source(
         files,
         _columns("input", inputs, estimate.input_names),
         _columns("output", outputs, estimate.output_names),
-        cast("Intersample", estimate.intersample) if sampled.intersample is None else None,
+        cast("Intersample", estimate.intersample) if reading.intersample is None else None,
     )
     written: Sequence[Path] = ()
     with ExitStack() as stack:

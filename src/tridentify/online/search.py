@@ -8,7 +8,7 @@ import numpy as np
 
 from tridentify.checks.scales import MOST_STEPS, check_filter
 from tridentify.errors import OptionError, TridentifyError, shown
-from tridentify.estimation.answer.assemble import Asked, assemble
+from tridentify.estimation.answer.assemble import Request, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
 from tridentify.estimation.likelihood.choose_nuisance import deciding
@@ -156,7 +156,7 @@ def _maximum(record: Record, structure: Structure, thorough: bool) -> Slices[Est
     yield
     ending = Ending(best.point, best.nuisances, best.status, best.criterion, Trace(()))
     solved = solved_at(ending, records, structure, judged=False)
-    return assemble(Asked.of(records, structure, "the search"), solved)
+    return assemble(Request.of(records, structure, "the search"), solved)
 
 
 def judged_poles(found: Estimate, setting: Setting) -> FoundPoles | None:

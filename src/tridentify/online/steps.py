@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.errors import ZeroOutputError
-from tridentify.estimation.answer.assemble import Asked, assemble
+from tridentify.estimation.answer.assemble import Request, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
 from tridentify.estimation.likelihood.cost import Point, evaluate_variant, linear_blocks
@@ -266,7 +266,7 @@ def estimate_of(
     white = found.cov * share
     cov = with_scatter(blueprint, x, white, found.noise_variance, own, map_)
     count = int(x[slots.COUNT])
-    asked = Asked((record,), setting.structure, method, count, record.dt, fingerprint="")
+    asked = Request((record,), setting.structure, method, count, record.dt, fingerprint="")
     return assemble(asked, replace(found, cov=cov, findings=noise_finding(white, cov)))
 
 

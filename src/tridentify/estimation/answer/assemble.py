@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from tridentify.transfer_function import TransferFunction
 
 
 @dataclass(frozen=True, eq=False)
-class Asked:
+class Request:
     """What an estimate answers.
 
     Attributes
@@ -54,7 +54,7 @@ class Asked:
         structure: Structure,
         method: str,
         fitted: Sequence[Record] | None = None,
-    ) -> Asked:
+    ) -> Request:
         """Records and structure, given to a method.
 
         Parameters
@@ -74,10 +74,6 @@ class Asked:
             used, structure, method, seen, records[0].dt, fingerprint(records),
             (told,) if lost else (),
         )  # fmt: skip
-
-    def within(self, structure: Structure) -> Asked:
-        """With another structure."""
-        return replace(self, structure=structure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,12 +106,12 @@ class Solved:
     draws: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
-def assemble(asked: Asked, solved: Solved) -> Estimate:
+def assemble(asked: Request, solved: Solved) -> Estimate:
     """The estimate.
 
     Parameters
     ----------
-    asked : Asked
+    asked : Request
     solved : Solved
     """
     first = asked.records[0]

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tridentify.errors import UnsupportedOrderError
-from tridentify.estimation.answer.assemble import Asked, Solved, assemble
+from tridentify.estimation.answer.assemble import Request, Solved, assemble
 from tridentify.estimation.answer.estimate import Estimate, Nuisance, Pass, Status, Step, Trace
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.knowledge.affine import Knowledge
@@ -41,7 +41,7 @@ LARGEST_EXPONENT = 700.0
 
 
 @dataclass(frozen=True, eq=False)
-class Spread:
+class ConstrainedSpread:
     """Covariances at the end.
 
     Attributes
@@ -65,18 +65,20 @@ class Spread:
     beside: dict[tuple[int, int], Array]
 
     @classmethod
-    def of(cls, along: Array, beside: dict[tuple[int, int], Array], condition: float) -> Spread:
+    def of(
+        cls, along: Array, beside: dict[tuple[int, int], Array], condition: float
+    ) -> ConstrainedSpread:
         """From the directions."""
         cov = along @ along.T
         errors = {key: np.sqrt(np.einsum("ij,ij->i", one, one)) for key, one in beside.items()}
         return cls(0.5 * (cov + cov.T), errors, condition, along, beside)
 
-    def scattered(self, scatter: ScoreScatter) -> Spread:
+    def scattered(self, scatter: ScoreScatter) -> ConstrainedSpread:
         """The same with another covariance along the directions."""
         size, axes = np.linalg.eigh(scatter.covariance)
         turn = axes * np.sqrt(size)
         beside = {key: one @ turn for key, one in self.beside.items()}
-        return Spread.of(self.along @ turn, beside, self.condition)
+        return ConstrainedSpread.of(self.along @ turn, beside, self.condition)
 
 
 def reference(record: Record, nuisances: Nuisances, known: Knowledge) -> Array:
@@ -123,7 +125,7 @@ def freedom(here: HeldFit, known: Knowledge) -> Array:
 
 def estimate_of(
     reached: ConstrainedEnd,
-    asked: Asked,
+    asked: Request,
     nuisances: Nuisances,
     trace: Trace,
     doubts: tuple[Finding, ...] = (),
@@ -133,7 +135,7 @@ def estimate_of(
     Parameters
     ----------
     reached : ConstrainedEnd
-    asked : Asked
+    asked : Request
     nuisances : Nuisances
     trace : Trace
     doubts : tuple of Finding
@@ -188,14 +190,16 @@ def estimate_of(
     return assemble(asked, solved)
 
 
-def _scatter(reached: ConstrainedEnd, spread: Spread, noise: Array) -> ScoreScatter | None:
+def _scatter(
+    reached: ConstrainedEnd, spread: ConstrainedSpread, noise: Array
+) -> ScoreScatter | None:
     """What the scores say of the covariance; None with priors, whose part of it is no scatter."""
     if np.any(np.isfinite(reached.known.spread)):
         return None
     return constrained_scatter(reached.fit, spread.along, spread.beside, noise)
 
 
-def spread_of(reached: ConstrainedEnd, noise: Array) -> Spread:
+def spread_of(reached: ConstrainedEnd, noise: Array) -> ConstrainedSpread:
     """Covariance of coefficients and nuisance terms for noise variances (n_outputs,)."""
     here, known = reached.fit, reached.known
     free = free_directions(known, reached.active)
@@ -210,7 +214,7 @@ def spread_of(reached: ConstrainedEnd, noise: Array) -> Spread:
     condition = float(s[0] / s[-1]) if s.size and s[-1] > 0 else np.inf
     root = (vt.T / np.where(s > 0, s, np.inf)) / norms[:, None]
     beside = {key: root[at] for key, at in where.items()}
-    return Spread.of(free @ root[: free.shape[1]], beside, condition)
+    return ConstrainedSpread.of(free @ root[: free.shape[1]], beside, condition)
 
 
 def _joint(here: HeldFit, free: Array, noise: Array) -> tuple[dict[tuple[int, int], slice], Array]:
@@ -280,7 +284,12 @@ def _noise_criterion(here: HeldFit, known: Knowledge, n: float) -> float:
 
 
 def _nuisance(
-    here: HeldFit, known: Knowledge, record: Record, nuisances: Nuisances, spread: Spread, e: int
+    here: HeldFit,
+    known: Knowledge,
+    record: Record,
+    nuisances: Nuisances,
+    spread: ConstrainedSpread,
+    e: int,
 ) -> Nuisance:
     problem, place = here.problem, here.place
     offset, drift, offset_std, drift_std = np.zeros((4, problem.n_outputs))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tridentify.errors import ContradictoryConstraintsError
-from tridentify.estimation.answer.assemble import Asked
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Start, Status, Trace
 from tridentify.estimation.knowledge.affine import (
     Knowledge,
@@ -155,7 +155,7 @@ def _integrated(record: Record, count: int, structure: Structure) -> Record:
 
 
 def constrain(
-    asked: Asked,
+    asked: Request,
     known: Knowledge,
     seeds: Seeds,
     say: Callable[[str], None],
@@ -166,7 +166,7 @@ def constrain(
 
     Parameters
     ----------
-    asked : Asked
+    asked : Request
         The structure with its constraints.
     known : Knowledge
         From `resolve`.

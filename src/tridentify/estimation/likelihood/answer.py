@@ -18,7 +18,7 @@ from typing import Self
 
 import numpy as np
 
-from tridentify.estimation.answer.assemble import Asked, Solved, assemble
+from tridentify.estimation.answer.assemble import Request, Solved, assemble
 from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Trace
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.likelihood.cost import Point
@@ -93,13 +93,13 @@ class Ending:
         return replace(self, trace=self.trace.told(*words))
 
 
-def estimate_from(ending: Ending, asked: Asked) -> Estimate:
+def estimate_from(ending: Ending, asked: Request) -> Estimate:
     """The estimate.
 
     Parameters
     ----------
     ending : Ending
-    asked : Asked
+    asked : Request
 
     Raises
     ------

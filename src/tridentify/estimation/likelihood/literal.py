@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tridentify.estimation.answer.assemble import Asked, Solved, assemble
+from tridentify.estimation.answer.assemble import Request, Solved, assemble
 from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Trace
 from tridentify.estimation.likelihood.answer import fit_percent, free_after, model_of
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
@@ -126,7 +126,7 @@ class Literal:
 
 
 def literal_estimate(
-    asked: Asked,
+    asked: Request,
     literal: Literal,
     status: Status,
     trace: Trace,
@@ -139,7 +139,7 @@ def literal_estimate(
 
     Parameters
     ----------
-    asked : Asked
+    asked : Request
     literal : Literal
     status : Status
     trace : Trace

@@ -10,7 +10,7 @@ from contextlib import suppress
 import numpy as np
 
 from tridentify.errors import UnsupportedOrderError
-from tridentify.estimation.answer.assemble import Asked
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
 from tridentify.estimation.knowledge.solve import Seeds, constrain, resolve, seen
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
@@ -23,7 +23,7 @@ NONE_ACTIVE = "constraints: the free estimate lies within all bounds, none activ
 
 
 def within_constraints(
-    method: Maximiser, asked: Asked, say: Progress, patience: Patience, noise: NoiseChoice
+    method: Maximiser, asked: Request, say: Progress, patience: Patience, noise: NoiseChoice
 ) -> Estimate:
     """The maximum of the likelihood, and of the priors, within what is known.
 
@@ -31,7 +31,7 @@ def within_constraints(
     ----------
     method : Maximiser
         Looks for the maximum without the constraints.
-    asked : Asked
+    asked : Request
         The structure with its constraints.
     say : callable
         Is told what is going on.
@@ -55,7 +55,7 @@ def within_constraints(
     return constrain(asked, known, seeds, say, patience, noise)
 
 
-def _within_bounds(ending: Ending, asked: Asked) -> bool:
+def _within_bounds(ending: Ending, asked: Request) -> bool:
     """Whether a free end meets the bounds: it is the constrained one then.
 
     A posterior mean too, if no draw lies beyond.

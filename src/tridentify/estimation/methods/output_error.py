@@ -30,7 +30,7 @@ from tridentify.errors import (
     IdentifiabilityError,
     OptionError,
 )
-from tridentify.estimation.answer.assemble import Asked
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Start, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
@@ -177,7 +177,7 @@ class OutputError:
                 partial(OutputError, max_passes=self.max_passes, tolerance=self.tolerance),
             )
             return robust_estimate(records, structure, self.loss, plain, near, say)
-        asked = Asked.of(records, structure, self.name)
+        asked = Request.of(records, structure, self.name)
         if structure.constrained:
             return within_constraints(self, asked, say, self.patience, "white")
         if structure.delay == "free":

@@ -26,7 +26,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.errors import ConvergenceError, OptionError, shown
-from tridentify.estimation.answer.assemble import Asked
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Pass, Status, Step, Trace
 from tridentify.estimation.answer.trace import pairs
 from tridentify.estimation.likelihood.cost import evaluate
@@ -296,7 +296,7 @@ class _PaperRun:
         if status is Status.SETTLED and self._is_stationary(model.poles, rest):
             status = Status.CONVERGED
         return literal_estimate(
-            Asked.of(records, structure, self.options.name),
+            Request.of(records, structure, self.options.name),
             Literal(self.problem, nuisances, model.theta(), model.poles, rest),
             status,
             Trace(tuple(self.passes), stopped=why),

@@ -31,7 +31,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
-from tridentify.estimation.answer.assemble import Asked
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.levenberg_marquardt import Patience
@@ -167,7 +167,7 @@ class ThreeModel:
         if self.loss != "squared":
             return self._robust(records, structure, say)
         with_all_rows = records if self.noise == "white" else [on_raster(one) for one in records]
-        asked = Asked.of(records, structure, self.name, with_all_rows)
+        asked = Request.of(records, structure, self.name, with_all_rows)
         if structure.constrained:
             refuse_posterior(self.finish)
             return within_constraints(self, asked, say, self.patience, self.noise)

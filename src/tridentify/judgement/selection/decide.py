@@ -37,7 +37,7 @@ from tridentify.structure import Structure
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class OrderEvidence:
     """All that is known of the candidates before one is recommended.
 
     Attributes
@@ -85,7 +85,7 @@ class Decision:
     verdict: Verdict
 
 
-def decide(known: Evidence) -> Decision:
+def decide(known: OrderEvidence) -> Decision:
     """The recommendation."""
     rows, table = known.rows(), known.table
     objections = _objections(table.contenders(), rows)

@@ -29,7 +29,7 @@ from typing import cast
 import numpy as np
 
 from tridentify.errors import TridentifyError
-from tridentify.estimation.answer.assemble import Asked
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.choose_nuisance import decide
@@ -146,7 +146,7 @@ def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:
     done, decisions = found.best, found.decisions
     trace = Trace(tuple(done.recorder.passes), (), decisions, done.why)
     ending = Ending(done.point, done.nuisances, done.status, done.criterion, trace)
-    estimate = estimate_from(ending, Asked.of(records, structure, task.method.name))
+    estimate = estimate_from(ending, Request.of(records, structure, task.method.name))
     return estimate, done.point.poles
 
 

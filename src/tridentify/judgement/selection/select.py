@@ -26,7 +26,7 @@ from tridentify.estimation.methods.base import Method, Progress, check_scale, ch
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import IN_WORDS, behaviours
 from tridentify.judgement.choice import checked_method, listed, with_behaviour, with_judgement
-from tridentify.judgement.selection.decide import Evidence, decide, follows_input
+from tridentify.judgement.selection.decide import OrderEvidence, decide, follows_input
 from tridentify.judgement.selection.finish_candidates import (
     MOST_ROUNDS,
     WORSE,
@@ -138,7 +138,7 @@ def select_structure(
 
 
 @dataclass(frozen=True, eq=False)
-class _Settled:
+class _Chosen:
     """The records with one behaviour of the input for all candidates.
 
     ``identified`` holds the candidate that was asked, with its estimate: one search less later.
@@ -156,10 +156,10 @@ def _settled(
     structures: Sequence[Structure],
     method: Method,
     say: Progress,
-) -> _Settled:
+) -> _Chosen:
     """What the input does between its samples, where that was left open."""
     if all(record.intersample != "auto" for record in (*records, *unseen)):
-        return _Settled(records, unseen)
+        return _Chosen(records, unseen)
     middle = _middle(structures)
     say(f"what the input does between its samples, with {order_label(middle)}")
     identified = None
@@ -174,7 +174,7 @@ def _settled(
         "state intersample where you know it"
     )
     others = tuple(one.settled(behaviour) for one in unseen)
-    return _Settled(tuple(seen), others, (told,), identified)
+    return _Chosen(tuple(seen), others, (told,), identified)
 
 
 def _middle(structures: Sequence[Structure]) -> Structure:
@@ -245,7 +245,7 @@ class _Work:
             ],
             "fits on samples that were left out",
         )
-        evidence = Evidence(
+        evidence = OrderEvidence(
             self.records,
             unseen or self.records,
             tuple(structures),

@@ -66,7 +66,7 @@ import numpy as np
 import scipy.linalg
 
 from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
-from tridentify.estimation.answer.assemble import Asked
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Step, Trace
 from tridentify.estimation.likelihood.held_model import HeldModel
 from tridentify.estimation.likelihood.literal import literal_estimate
@@ -199,7 +199,7 @@ class BiasCompensatedLeastSquares:
         stopped = "the smallest generalised eigenvalue of signals and noise"
         literal = found.model.literal(chosen.nuisances)
         return literal_estimate(
-            Asked.of(records, structure, self.name),
+            Request.of(records, structure, self.name),
             literal,
             Status.SETTLED,
             Trace(passes, starts, chosen.decisions, stopped),

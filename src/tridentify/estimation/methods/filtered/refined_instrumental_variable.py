@@ -57,7 +57,7 @@ from numbers import Integral, Real
 import numpy as np
 
 from tridentify.errors import IdentifiabilityError, OptionError, shown
-from tridentify.estimation.answer.assemble import Asked
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Step, Trace
 from tridentify.estimation.likelihood.answer import Ending, estimate_from
 from tridentify.estimation.likelihood.cost import Point, evaluate
@@ -177,7 +177,7 @@ class RefinedInstrumentalVariable:
         best, decisions = self._decide(records, structure, poles, say)
         trace = Trace(best.passes, starts, decisions, best.why)
         ending = Ending(best.point, best.nuisances, best.status, criterion(best.point), trace)
-        return estimate_from(ending, Asked.of(records, structure, self.name))
+        return estimate_from(ending, Request.of(records, structure, self.name))
 
     def _decide(
         self, records: Sequence[Record], structure: Structure, poles: Complex, say: Progress

@@ -33,7 +33,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tridentify.errors import IdentifiabilityError, UnsupportedOrderError
-from tridentify.estimation.answer.assemble import Asked
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Pass, Start, Status, Step, Trace
 from tridentify.estimation.likelihood.literal import literal_estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
@@ -327,7 +327,7 @@ def svf_estimate(
     own = passes or (described(1, found, f"recorded output, {chosen.label}"),)
     literal = model.literal(chosen.nuisances)
     return literal_estimate(
-        Asked.of(records, structure, method),
+        Request.of(records, structure, method),
         literal,
         Status.SETTLED,
         Trace(tuple(own), chosen.starts, chosen.decisions, stopped),
