@@ -58,7 +58,8 @@ def _moved(value: Any, rng: np.random.Generator) -> Any:
         return not value
     if isinstance(value, (int, float)):
         factor = float(rng.choice([-1.0, 0.0, 1.0 + 1e-6, 2.0, 1e3, 1e-3, 1e30, 1e-30, 1e150]))
-        return value * factor if isinstance(value, float) else value * int(min(factor, 1e9))
+        # a damaged place may hold a scalar of numpy, which warns where a float is infinite
+        return float(value) * factor if isinstance(value, float) else value * int(min(factor, 1e9))
     if isinstance(value, str):
         return str(rng.choice([value[:-1], value + "x", value * 2, value + "\u2028", value[::-1]]))
     if isinstance(value, list):
