@@ -9,6 +9,9 @@ import numpy as np
 import pytest
 
 from tridentify import Record, Structure, TransferFunction, online, simulate
+from tridentify.estimation.search.gross_outliers import gross_outliers
+from tridentify.numerics.slices import drain
+from tridentify.online.estimator import kept_samples
 from tridentify.online.kernels import slots
 from tridentify.online.residual import gain_of, is_driven, left_by, refined
 from tridentify.online.task import Task
@@ -256,3 +259,56 @@ def test_three_inputs_and_three_outputs(method):
     assert run.estimate.theta.size == 12
     allowed = 0.02 if method.name == "three-model" else 0.3
     assert np.max(np.abs(run.estimate.theta / truth - 1.0)) < allowed
+
+
+# -------------------------------------------------------------------------- what is kept, and looks
+def fed(method, u, y):
+    return method.feed(method.init(ASKED, DT), u[:, None], y[:, None])[0]
+
+
+def test_an_estimator_that_forgets_does_not_keep_its_samples_for_ever():
+    """Its newest samples were run against the search of all of them, which always won."""
+    u, y = samples(6, 5000)
+    state = fed(online.ThreeModel(forgetting=0.99), u, y)
+    assert len(kept_samples(state)) <= 2100
+    assert fed(online.ThreeModel(forgetting=0.9), u, y).stage.past == ()
+
+
+def test_the_clock_asks_for_a_look_that_no_alarm_asked_for_and_nobody_is_told():
+    u, y = samples(7, 1500)
+    method, looked = online.ThreeModel(), 0
+    state = method.init(ASKED, DT)
+    for k in range(1500):
+        state, _ = method.step(state, u[k], y[k])
+        if state.values[slots.SUSPECT]:
+            looked += 1
+            assert state.values[slots.DUE] == state.values[slots.SUSPECT]
+    assert looked > 100
+    assert state.changes == ()
+    codes = [f.code for f in method.estimate(state).findings]
+    assert "varying" not in codes
+
+
+def test_refined_coefficients_use_the_pauses_of_noise_that_comes_and_goes():
+    """The samples of little noise tell the most; all alike, the errors were half as large again."""
+    asked, spread = setting(), []
+    theta = np.array([3.0, 9.0, 2.0, 3.0])
+    for seed in range(12):
+        u, y = samples(20 + seed, 960, 0.0)
+        strength = np.where(np.arange(960) // 160 % 2, 1.0, 0.05)
+        y = y + 0.3 * y.std() * strength * np.random.default_rng(seed).standard_normal(960)
+        new = drain(refined(asked, Record(u, y, dt=DT), theta, 0.05 * theta))
+        spread.append(((new.theta - theta) / theta, np.sqrt(np.diag(new.cov)) / theta))
+    error, said = (np.sqrt(np.mean(np.square(one), axis=0)) for one in zip(*spread, strict=True))
+    assert np.all(error < 2.0 * said)
+    assert np.all(said < 0.02)
+
+
+def test_coarse_samples_are_not_set_aside_as_far_off():
+    """At rest most residuals are next to nothing, so each step of the converter looked far."""
+    u = np.tile(np.repeat([1.0, -1.0, 0.0], [12, 12, 90]), 6)
+    y = simulate(PLANT, Record(u, u, dt=DT))
+    y = y + 0.03 * y.std() * np.random.default_rng(3).standard_normal(y.shape)
+    coarse = 0.3 * y.std() * np.round(y / (0.3 * y.std()))
+    fine, rough = (gross_outliers([Record(u, one, dt=DT)], ASKED)[0].sum() for one in (y, coarse))
+    assert rough <= fine + 10

@@ -12,7 +12,7 @@ from tridentify.numerics.slices import Slices
 from tridentify.online.equation_plan import from_directions
 from tridentify.online.kernels import slots
 from tridentify.online.launch import Launch, Planner, is_certain, launching, noise_std_of
-from tridentify.online.layout import Blueprint, Setting, with_directions
+from tridentify.online.layout import Blueprint, NuisanceColumns, Setting, with_directions
 from tridentify.online.scatter import turn_scatter
 from tridentify.online.search import FoundPoles, far_off, searching
 from tridentify.online.starting import rearranged
@@ -30,6 +30,7 @@ NEAR = 0.01
 so that the model is right to its square."""
 CLEARLY = 10.0  # of -2 log L
 TAKEN = 0.8  # of the samples, for a model that explains them
+MEMORIES = 5  # of forgetting: older samples have less than a hundredth of the newest's weight
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,9 +93,14 @@ def following(
     early = kept and x[slots.SINCE] <= method.samples
     yield
     certain = not kept or is_certain(setting, blueprint, x, solution, before)
-    to = None
+    to, begin = None, nuisance
     if kept and not (early and certain):
-        better = yield from _found_better(setting, samples, begun_anew, solution)
+        factor = float(blueprint.constants[slots.FORGETTING])
+        newest = _remembered(samples, factor)
+        if len(newest) < len(samples):
+            samples, begun_anew = newest, True
+            begin = NuisanceColumns.of(setting.structure, True)
+        better = yield from _found_better(setting, samples, begun_anew, solution, factor)
         to = None if better is None else better.poles
     if to is None and early and not certain:
         return None
@@ -102,7 +108,7 @@ def following(
         to = poles
     if to is not None:
         scale = noise_std_of(blueprint, x)
-        return (yield from launching(method, setting, to, nuisance, samples, scale, reference))[0]
+        return (yield from launching(method, setting, to, begin, samples, scale, reference))[0]
     yield
     if distance <= NEAR and (early or not kept):
         turned = with_directions(blueprint, directions_of(setting, blueprint, solution))
@@ -129,22 +135,28 @@ def turned(state: State, turn: Turn) -> State:
     return State(x, stage.but(blueprint=turn.blueprint, poles=turn.poles, past=past))
 
 
+def _remembered(samples: Array, factor: float) -> Array:
+    """The newest samples, which an estimator that forgets still heeds."""
+    return samples if factor == 1.0 else samples[-int(np.ceil(MEMORIES / (1.0 - factor))) :]
+
+
 def _found_better(
-    setting: Setting, samples: Array, begun_anew: bool, solution: StepsEnd
+    setting: Setting, samples: Array, begun_anew: bool, solution: StepsEnd, factor: float
 ) -> Slices[FoundPoles | None]:
     """What a search of the kept samples finds, if it explains them clearly better.
 
     The poles of an early search or of ``start`` can lie in a valley of their own, which steps
     downhill do not leave: the samples are searched once more before they are dropped, and as long
     as they do not tell the poles. A model that most samples seem far from has no say: it left them
-    out.
+    out. Samples count less by ``factor`` with every one that came after them, as in the estimator.
     """
     samples = yield from far_off(setting, samples)
     found = yield from searching(setting, samples, begun_anew, thorough=True)
     if found is None or not found.certain:
         return None
     point = solution.point
-    given = np.sum(np.isfinite(samples[:, 1 + setting.n_inputs :]), axis=0)
+    weights = factor ** np.arange(len(samples) - 1, -1, -1.0)
+    given = weights @ np.isfinite(samples[:, 1 + setting.n_inputs :])
     if np.any(point.counts < TAKEN * given):
         return found
     gain = np.log(point.rss / point.counts) - 2.0 * np.log(found.noise_std)

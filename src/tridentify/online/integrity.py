@@ -411,7 +411,7 @@ def _clock_rules(ints: Ints) -> Iterator[NumberRule]:
         yield NumberRule("a number in a place for none", at, slots.WORK_AT - at, 0.0, 0.0)
     most = WHOLE if _by_gradient(ints) or _on_equation(ints) else 0.0
     yield NumberRule("a tick", slots.OWN_TICK, 1, 0.0, most, whole=True)
-    yield NumberRule("a tick", slots.DUE, 1, 0.0, most, whole=True)
+    yield NumberRule("a tick", slots.DUE, 1, 0.0, WHOLE, whole=True)
     yield NumberRule("a count of work", slots.WORK_AT, 3, 0.0, WHOLE, whole=True)
 
 

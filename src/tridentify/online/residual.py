@@ -19,6 +19,8 @@ PIECES = 12
 does not decide."""
 MOST_LAGS, LAGS_PER_SAMPLE = 12, 0.1
 """Order of the autoregression that whitens, and the most of it for each sample."""
+LEAST_PIECE = 40  # samples that tell a scale to a ninth
+QUIET = 0.1  # of the median scale: a piece at rest does not decide alone
 STEPS, SHORT = 3, 0.1  # of Gauss and Newton; of a standard error, for differences
 DRIVEN = 30.0  # of -2 log L
 
@@ -108,6 +110,22 @@ def autoregression(left: Array) -> Array:
     return np.asarray(scipy.linalg.solve_toeplitz(lags[:-1], lags[1:]))
 
 
+def sizes_of(white: Array) -> Array:
+    """(k,) root mean square of the piece that each sample of a series stands in.
+
+    The noise of gusts comes and goes; the samples of its pauses tell the most.
+
+    Parameters
+    ----------
+    white : (k,) array
+    """
+    count = int(np.clip(white.size // LEAST_PIECE, 1, PIECES))
+    pieces = np.array_split(white, count)
+    found = np.sqrt([np.mean(piece**2) for piece in pieces])
+    found = np.maximum(found, QUIET * np.median(found))
+    return np.repeat(found, [piece.size for piece in pieces])
+
+
 class Refined(NamedTuple):
     """Coefficients at the minimum for coloured noise, and their covariance."""
 
@@ -143,11 +161,11 @@ def refined(setting: Setting, record: Record, theta: Array, std: Array) -> Slice
             white = through(a, left[:, i])
             table = np.column_stack([through(a, one[:, i]) for one in slopes])
             seen = np.isfinite(white)
-            size = float(np.sqrt(np.mean(white[seen] ** 2)))
-            if not size > 0.0:
+            sizes = sizes_of(white[seen])
+            if not np.all(sizes > 0.0):
                 return None
-            rows.append(table[seen] / size)
-            targets.append(white[seen] / size)
+            rows.append(table[seen] / sizes[:, None])
+            targets.append(white[seen] / sizes)
         table = np.vstack(rows) * std
         u, s, vt = np.linalg.svd(table, full_matrices=False)
         if not s[-1] > 1e-8 * s[0]:

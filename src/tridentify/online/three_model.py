@@ -34,7 +34,8 @@ search waits for its end.
 *A change.* An alarm (`online.kernels.intake`) is a suspicion. The model goes on with all samples
 until another one, found in those since the alarm, explains them clearly better
 (`online.suspicion`); then that takes its place, or, with ``on_change="flag"``, the flag is raised
-and no more.
+and no more. Where nothing is forgotten the slow clock asks for such a look too, without an alarm:
+noise that comes and goes hides a change from the alarm, and the more so the longer it has lasted.
 
 *Standard errors* are those of the minimum (`likelihood.answer`). With forgetting, the weights
 ``w`` of the samples make them larger by the square root of ``sum w^2 / sum w``, and the noise is
@@ -263,7 +264,8 @@ class ThreeModel(Planner):
             assert not isinstance(found, Turn)
             return self._judged(state, found, samples, rest)
         if isinstance(found, Launch):
-            return launched(self, state, found, rest)
+            state = launched(self, state, found, rest)
+            return state if stage.searching else self._looking(state, found.certain)
         if stage.searching:
             if len(samples) - len(rest) >= self.samples:
                 return shortened(state, samples)
@@ -271,22 +273,37 @@ class ThreeModel(Planner):
             return state
         x[slots.TICK] = self.next_tick(x, stage.setting)
         state = State(x, state.stage.but(extra=()))
-        return state if found is None else turned(state, found)
+        return self._looking(state if found is None else turned(state, found), True)
 
     # ------------------------------------------------------------------------------- a change
+    def _looking(self, state: State, certain: bool) -> State:
+        """Look for a change without an alarm, if there are samples enough before it."""
+        since = state.values[slots.SINCE]
+        if certain and since > self.samples and state.stage.blueprint.ints[slots.CHUNK]:
+            state = self._emptied(state)
+        own_pace = self.forgetting == 1.0 and self.clock is None
+        enough = since >= DOUBTED * first_try(state.stage.setting)
+        return self._suspecting(state, False) if own_pace and enough else state
+
     def alarmed(self, state: State) -> State:
         """Suspect a change: keep the samples from here on (`online.suspicion`)."""
         x, stage = state
         calm(x, stage)
-        if x[slots.SUSPECT] or stage.searching:
+        if stage.searching or (x[slots.SUSPECT] and not x[slots.DUE]):
             return state
         state = idle(state)
+        return self._suspecting(self._dropped(state) if x[slots.SUSPECT] else state, True)
+
+    def _suspecting(self, state: State, alarm: bool) -> State:
+        """Samples are kept from here on, for a look at them."""
+        x, stage = state
         here = x[slots.COUNT]
         blueprint, past = stage.blueprint, stage.past
         if not blueprint.ints[slots.CHUNK]:
             room = with_room(blueprint, True)
             x, blueprint, past = rearranged(blueprint, x, room), room, ()
         x[slots.SUSPECT], x[slots.TICK] = here, here + TRIED * first_try(stage.setting)
+        x[slots.DUE] = 0.0 if alarm else here
         return State(
             x, state.stage.but(blueprint=blueprint, past=past, extra=(x.copy(),), task=None)
         )
@@ -306,7 +323,8 @@ class ThreeModel(Planner):
             x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
             return state
         if len(samples) >= DOUBTED * first_try(stage.setting):
-            wonted(stage.blueprint, x)
+            if not x[slots.DUE]:
+                wonted(stage.blueprint, x)
             return self._dropped(state)
         x[slots.TICK] = count + max(len(samples) - 2 * len(rest), 1)
         return state
@@ -314,14 +332,18 @@ class ThreeModel(Planner):
     def _dropped(self, state: State) -> State:
         """No suspicion any more; samples are kept only where all of them are."""
         x, stage = state
-        x[slots.SUSPECT] = 0.0
+        x[slots.SUSPECT] = x[slots.DUE] = 0.0
         calm(x, stage)
-        blueprint, past = stage.blueprint, stage.past
         if x[slots.SINCE] > len(kept_samples(state)):
-            room = with_room(blueprint, False)
-            x, blueprint, past = rearranged(blueprint, x, room), room, ()
+            x, stage = self._emptied(state)
         x[slots.TICK] = self.next_tick(x, stage.setting)
-        return State(x, stage.but(blueprint=blueprint, past=past, extra=()))
+        return State(x, stage.but(extra=()))
+
+    def _emptied(self, state: State) -> State:
+        """No samples are kept any more."""
+        x, stage = state
+        room = with_room(stage.blueprint, False)
+        return State(rearranged(stage.blueprint, x, room), stage.but(blueprint=room, past=()))
 
     def estimate(self, state: State) -> Estimate:
         """The coefficients with their standard errors.

@@ -32,6 +32,7 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.search.starts import SPREAD_DAMPING, rate_limits, spread_poles
 from tridentify.models.regression import Layout, response_of
 from tridentify.numerics.arrays import Array, Complex, Flags
+from tridentify.numerics.converter import quantum
 from tridentify.numerics.realization import Cascade, cascade
 from tridentify.numerics.robust import median_scale
 from tridentify.numerics.slices import Slices, drain
@@ -97,7 +98,8 @@ def outlier_slices(records: Sequence[Record], structure: Structure) -> Slices[tu
             if poles is None:
                 poles = yield from _best_poles(problem)
             residuals, leverage, _ = yield from _residuals(problem, poles)
-            flags[first:last] = _far(residuals, 2 * poles.size) | (leverage > SELF_FITTED)
+            far = _far(residuals, 2 * poles.size, problem.experiments[0].y)
+            flags[first:last] = far | (leverage > SELF_FITTED)
         found.append(flags)
     return tuple(found)
 
@@ -142,7 +144,8 @@ def _residuals(
             yield
             known[signal] = _basis(problem, bank, i)
         own = known[signal] if seen.all() else np.linalg.qr(known[signal][seen])[0]
-        residuals[seen, i], absolute = yield from _robust_fit(own, y[seen], rounds)
+        rounding = quantum(y) / np.sqrt(12.0)
+        residuals[seen, i], absolute = yield from _robust_fit(own, y[seen], rounds, rounding)
         leverage[seen, i] = np.einsum("ij,ij->i", own, own)
         total += float(np.log(absolute + 1e-12 * float(np.abs(y[seen]).mean()) + 1e-300))
     return residuals, leverage, total
@@ -161,18 +164,23 @@ def _basis(problem: Problem, bank: Cascade, output: int) -> Array:
     return np.asarray(u[:, s > 1e-10 * s[0]])
 
 
-def _robust_fit(basis: Array, y: Array, rounds: int) -> Slices[tuple[Array, float]]:
-    """Residuals by least absolute values, then the biweight; mean absolute one of the former."""
+def _robust_fit(
+    basis: Array, y: Array, rounds: int, rounding: float
+) -> Slices[tuple[Array, float]]:
+    """Residuals by least absolute values, then the biweight; mean absolute one of the former.
+
+    ``rounding``: standard deviation that the converter alone leaves.
+    """
     residual = y - np.median(y)
     for _ in range(ABSOLUTE_ROUNDS):
         yield
         size = np.abs(residual)
-        floor = NEAR_ZERO * float(np.median(size)) + 1e-300
+        floor = max(NEAR_ZERO * float(np.median(size)), rounding) + 1e-300
         residual = y - basis @ _weighted(basis, y, 1.0 / np.maximum(size, floor))
     absolute = float(np.abs(residual).mean())
     for _ in range(rounds):
         yield
-        scale = median_scale(residual, basis.shape[1])
+        scale = max(median_scale(residual, basis.shape[1]), rounding)
         if scale == 0:
             break
         # cut before it is squared: coarse samples that mostly fit exactly have next to no scale
@@ -189,15 +197,20 @@ def _weighted(basis: Array, y: Array, weights: Array) -> Array:
     return np.asarray(np.linalg.solve(gram, scaled @ y))
 
 
-def _far(residuals: Array, unknowns: int) -> Flags:
-    """Which residuals lie far off; at most 40 % of an output's, the farthest."""
+def _far(residuals: Array, unknowns: int, y: Array) -> Flags:
+    """Which residuals lie far off; at most 40 % of an output's, the farthest.
+
+    The scale is at least that of the rounding: of an output that rests on one step of its
+    converter for most of the time, half the residuals are next to nothing.
+    """
     flags = np.zeros(residuals.shape, dtype=np.bool_)
     for i, column in enumerate(residuals.T):
         seen = np.isfinite(column)
         if not seen.any():
             continue
         size = np.where(seen, np.abs(column), 0.0)
-        limit = FAR * median_scale(column[seen], unknowns)
+        rounding = quantum(y[:, i]) / np.sqrt(12.0)
+        limit = FAR * max(median_scale(column[seen], unknowns), rounding)
         limit = max(limit, float(np.quantile(size[seen], 1.0 - MOST_SET_ASIDE)))
         flags[:, i] = size > limit
     return flags

@@ -10,7 +10,8 @@ from __future__ import annotations
 COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA = range(12)
 # of the work beside the stream (`online.task`): samples that it is about, slices that are done; the
 # sample since which a change is suspected; and while it is, the ticks of the method itself and of
-# the suspicion, the first of which is that of the estimator (`online.suspecting`)
+# the suspicion, the first of which is that of the estimator (`online.suspecting`); of the three
+# models, DUE is the sample of a look that the clock asked for, not an alarm
 WORK_AT, WORK_DONE, SUSPECT = 16, 17, 18
 OWN_TICK, DUE = 12, 19
 INBOX = 20
