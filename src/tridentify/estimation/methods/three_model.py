@@ -171,11 +171,8 @@ class ThreeModel:
         if structure.constrained:
             refuse_posterior(self.finish)
             return within_constraints(self, asked, say, self.patience, self.noise)
-        if structure.delay == "free":
-            best = over_delays(self, with_all_rows, structure, say)
-        else:
-            best = self.maximise(with_all_rows, structure, say)
-        return estimate_from(self.weighed(best, say), asked)
+        way = partial(over_delays, self) if structure.delay == "free" else self.maximise
+        return estimate_from(self.weighed(way(with_all_rows, structure, say), say), asked)
 
     def maximise(
         self,
@@ -210,8 +207,8 @@ class ThreeModel:
         best = with_noise_model(self.noise, question.ended(best.end.point), starts, best)
         # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
         trail = certified(best.end.point, [*best.trail, *best.end.recorder.passes])
-        trace = Trace(trail, best.tried, best.decisions, best.end.why)
-        return Reached.of(best.end, trace, starts.scan)
+        told = Trace(trail, best.tried, best.decisions, best.end.why)
+        return Reached.of(best.end, told, starts.scan)
 
     def weighed(self, reached: Reached, say: Progress) -> Ending:
         """Where to end: at the maximum or, where that is not to be trusted, beyond it."""
