@@ -379,3 +379,14 @@ def test_mask_refuses_what_does_not_fit(where, error):
 def test_with_outputs_refuses_what_does_not_fit(y, error):
     with pytest.raises(error, match="found"):
         two_outputs().with_outputs(y)
+
+
+def test_a_simulation_that_rests_before_its_manoeuvre_has_no_stuck_sensor():
+    """Without noise the output stands still until the input moves, but for its last digit."""
+    u = np.repeat([0.0, 1.0, -1.0, 0.0], [200, 100, 100, 600])
+    other = TransferFunction([2.0, 3.0, 9.0], [1.0, 3.2, 10.0, 9.4])
+    y = 0.04 + 0.01 * simulate(other, Record(u, u, dt=0.005))[:, 0]
+    y[20:25] += 2e-10
+    record = Record(u, np.round(y, 10), dt=0.005)
+    codes = [f.code for f in identify(record, Structure(2, 1)).findings]
+    assert "stuck-sensor" not in codes

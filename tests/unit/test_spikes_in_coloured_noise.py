@@ -17,6 +17,7 @@ from tridentify import (
 )
 from tridentify.judgement.cautions import judged
 from tridentify.judgement.cautions.outliers import spikes
+from tridentify.judgement.validation.distribution import distribution
 
 MODEL = TransferFunction([2.0], [1.0, 2.0, 4.0])
 DT, N = 0.05, 800
@@ -87,3 +88,23 @@ def test_whiteness_of_a_robust_fit_leaves_outliers_out():
     assert not [f for f in estimate.findings if f.matters]
     blind = judged(type(estimate)(**{**vars(estimate), "outliers": np.zeros((0, 4))}), [record])
     assert [f for f in blind if f.matters and f.code != "bad-samples"]
+
+
+def test_what_whitening_makes_of_a_spike_is_no_second_one():
+    """Innovations repeat an additive spike with the coefficients of the noise."""
+    e = np.random.default_rng(4).standard_normal(600)
+    v = lfilter([1.0], [1.0, *SLOW], e)
+    v[[200, 450]] += 14.0
+    innovations = lfilter([1.0, *SLOW], [1.0], v)
+    times = [DT * np.arange(600.0)]
+    found = distribution("y", [innovations], times, 0.001, SLOW).outliers[:, 1]
+    assert np.rint(found / DT).tolist() == [200, 450]
+    plain = distribution("y", [innovations], times, 0.001).outliers[:, 1]
+    assert np.rint(plain / DT).tolist() == [200, 201, 202, 450, 451, 452]
+
+
+def test_an_innovation_that_is_far_off_counts_once_and_its_neighbours_for_themselves():
+    e = np.random.default_rng(5).standard_normal(600)
+    e[[300, 301]] = 14.0
+    found = distribution("y", [e], [np.arange(600.0)], 0.001, SLOW).outliers[:, 1]
+    assert found.tolist() == [300.0, 301.0]

@@ -348,9 +348,11 @@ def _check_snapshot(stage: BesideVector, values: Array) -> None:
     """What work beside the stream began with: a vector of the same plan."""
     working = values[slots.WORK_DONE] > 0.0 and not stage.searching
     expected = int(working or values[slots.SUSPECT] > 0.0)
-    if len(stage.extra) != expected:
+    if len(stage.extra) not in (expected, expected + 2):
         raise ValueError(f"{len(stage.extra)} further arrays in place of {expected}")
-    for before in stage.extra:
+    for theta, cov in zip(stage.extra[expected::2], stage.extra[expected + 1 :: 2], strict=True):
+        _check_witness(theta, cov, len(stage.setting.names))
+    for before in stage.extra[:expected]:
         if before.size != values.size or before[slots.COUNT] > values[slots.COUNT]:
             raise ValueError("work that began with another vector")
         for rule in _rules(stage, before):
@@ -409,8 +411,7 @@ def _clock_rules(ints: Ints) -> Iterator[NumberRule]:
     else:
         at = slots.OWN_TICK + 1
         yield NumberRule("a number in a place for none", at, slots.WORK_AT - at, 0.0, 0.0)
-    most = WHOLE if _by_gradient(ints) or _on_equation(ints) else 0.0
-    yield NumberRule("a tick", slots.OWN_TICK, 1, 0.0, most, whole=True)
+    yield NumberRule("a tick", slots.OWN_TICK, 1, 0.0, WHOLE, whole=True)
     yield NumberRule("a tick", slots.DUE, 1, 0.0, WHOLE, whole=True)
     yield NumberRule("a count of work", slots.WORK_AT, 3, 0.0, WHOLE, whole=True)
 

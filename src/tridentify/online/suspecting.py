@@ -23,7 +23,7 @@ from tridentify.online.scatter import wonted
 from tridentify.online.search import FoundPoles, first_try
 from tridentify.online.starting import advanced, calm, idle, rearranged, with_room
 from tridentify.online.state import Stage, State
-from tridentify.online.suspicion import DOUBTED, TRIED, Old
+from tridentify.online.suspicion import DOUBTED, TRIED, Old, packed, unpacked
 from tridentify.online.task import Task
 from tridentify.online.witness import WitnessVerdict, looking
 
@@ -82,7 +82,7 @@ class Suspecting(Estimator):
         x[slots.OWN_TICK] = x[slots.TICK] if x[slots.TICK] >= here else 0.0
         x[slots.SUSPECT], x[slots.DUE] = here, here + TRIED * first_try(stage.setting)
         _set_tick(x)
-        arrays = (*stage.extra[: self.own_arrays], *_packed(present), *_packed(witness))
+        arrays = (*stage.extra[: self.own_arrays], *packed(present), *packed(witness))
         return State(x, stage.but(blueprint=blueprint, extra=arrays, task=None))
 
     def full(self, state: State) -> State:
@@ -106,7 +106,7 @@ class Suspecting(Estimator):
     def _witness(self, stage: Stage) -> Old | None:
         """Where no change is suspected."""
         arrays = stage.extra[self.own_arrays :]
-        return _unpacked(arrays) if arrays else None
+        return unpacked(arrays) if arrays else None
 
     def _parts(self, state: State) -> tuple[Array, Array]:
         """The first samples, and those since the alarm."""
@@ -133,7 +133,7 @@ class Suspecting(Estimator):
         present, witness = stage.extra[self.own_arrays :][:2], stage.extra[self.own_arrays + 2 :]
         return Task(
             looking, stage.setting, beginning, begun_anew, since[: int(x[slots.WORK_AT])],
-            _unpacked(witness), _unpacked(present),
+            unpacked(witness), unpacked(present),
         )  # fmt: skip
 
     def _judged(self, state: State, verdict: WitnessVerdict) -> State:
@@ -143,7 +143,7 @@ class Suspecting(Estimator):
         own = stage.extra[: self.own_arrays]
         if not verdict.changed and count < DOUBTED * first_try(stage.setting):
             x[slots.DUE] = x[slots.COUNT] + max(2 * count - len(since), 1)
-            arrays = (*own, *stage.extra[self.own_arrays :][:2], *_packed(verdict.witness))
+            arrays = (*own, *stage.extra[self.own_arrays :][:2], *packed(verdict.witness))
             return State(x, state.stage.but(extra=arrays))
         if not verdict.changed:
             wonted(stage.blueprint, x)
@@ -156,7 +156,7 @@ class Suspecting(Estimator):
             assert verdict.found is not None
             samples = np.vstack([verdict.samples, since[count:]])
             state = self.begun_again(state, verdict.found, samples)
-            arrays = (*state.stage.extra[: self.own_arrays], *_packed(verdict.after))
+            arrays = (*state.stage.extra[: self.own_arrays], *packed(verdict.after))
             state = State(state.values, state.stage.but(extra=arrays))
         x = state.values
         x[slots.ALARM] = x[slots.COUNT] + ALARM_LASTS
@@ -176,7 +176,7 @@ class Suspecting(Estimator):
             blueprint = with_room(blueprint, False)
             x = rearranged(stage.blueprint, x, blueprint)
             past = (beginning,) if len(beginning) else ()
-        arrays = (*stage.extra[: self.own_arrays], *(() if witness is None else _packed(witness)))
+        arrays = (*stage.extra[: self.own_arrays], *(() if witness is None else packed(witness)))
         return State(x, stage.but(blueprint=blueprint, past=past, extra=arrays))
 
 
@@ -185,14 +185,3 @@ def _set_tick(x: Array) -> None:
     if x[slots.SUSPECT]:
         due = [x[slot] for slot in (slots.OWN_TICK, slots.DUE) if x[slot] >= x[slots.COUNT]]
         x[slots.TICK] = min(due, default=0.0)
-
-
-def _packed(one: Old | None) -> tuple[Array, Array]:
-    """As arrays of a stage; empty ones for none."""
-    return (np.zeros(0), np.zeros(0)) if one is None else (one.theta, one.cov.ravel())
-
-
-def _unpacked(arrays: tuple[Array, ...]) -> Old | None:
-    """From arrays of a stage."""
-    theta, cov = arrays
-    return Old(theta, cov.reshape(theta.size, theta.size)) if theta.size else None

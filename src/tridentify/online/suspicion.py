@@ -33,7 +33,7 @@ from tridentify.numerics.slices import Slices
 from tridentify.online.launch import Launch, Planner, launching
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
 from tridentify.online.residual import Refined, gain_of, left_by, refined
-from tridentify.online.search import VAGUE, FoundPoles, far_off, record_of, searching
+from tridentify.online.search import VAGUE, far_off, record_of, searching
 from tridentify.online.steps import estimate_of, solving
 from tridentify.record.record import Record
 
@@ -46,10 +46,25 @@ TRIED, DOUBTED = 3, 12  # times the samples of a first search: a suspicion is tr
 
 
 class Old(NamedTuple):
-    """The coefficients at the alarm, and their covariance."""
+    """Coefficients that may hold no longer, and their covariance."""
 
     theta: Array
     cov: Array
+
+
+class Look(NamedTuple):
+    """What a look at the samples since an alarm has come to.
+
+    Attributes
+    ----------
+    launch : Launch or None
+        How to go on where the plant has changed.
+    after : Old or None
+        What the next look is to compare with.
+    """
+
+    launch: Launch | None
+    after: Old | None
 
 
 def trying(
@@ -60,7 +75,8 @@ def trying(
     x: Array,
     samples: Array,
     reference: Array,
-) -> Slices[Launch | None]:
+    witness: Old | None,
+) -> Slices[Look]:
     """Whether the samples since an alarm are of another plant, and how to go on from them.
 
     Parameters
@@ -75,37 +91,39 @@ def trying(
         Since the alarm.
     reference : (n_inputs,) array
         Trim input.
+    witness : Old or None
+        What earlier looks have come to.
     """
+    nothing = Look(None, witness)
     try:
         solution = yield from solving(setting, blueprint, x, poles, choose=False)
         yield
         estimate = estimate_of(setting, blueprint, x, solution, "", poles)
     except (TridentifyError, np.linalg.LinAlgError):
-        return None
+        return nothing
     samples = yield from far_off(setting, samples)
     found = yield from searching(setting, samples, True)
     if found is None or not found.certain:
-        return None
-    old = Old(estimate.theta, estimate.cov)
-    better = yield from _is_better(setting, samples, old, found)
-    if not better:
-        return None
-    nuisance = NuisanceColumns.of(setting.structure, True)
-    return (
-        yield from launching(
-            method, setting, found.poles, nuisance, samples, found.noise_std, reference
-        )
-    )[0]
-
-
-def _is_better(setting: Setting, samples: Array, old: Old, found: FoundPoles) -> Slices[bool]:
-    """Whether the new coefficients explain the samples clearly better than the old ones."""
+        return nothing
     record = record_of(setting, samples)
     new = yield from refined(setting, record, found.estimate.theta, found.estimate.std)
     if new is None or not is_determined(setting, new):
-        return False
+        return nothing
     yield
-    return explains_better(setting, record, old, new) and differ(old, new)
+    present = Old(estimate.theta, estimate.cov)
+    old = witness or present
+    moved = differ(old, new)
+    better = explains_better(setting, record, old, new)
+    yield
+    # what was missed so far is half believed by now: that leaves more, but not clearly
+    if not (moved and better and (witness is None or gained(setting, record, present, new)[0] > 0)):
+        taken = Old(new.theta, LARGER * new.cov)
+        return nothing if moved else Look(None, together(old, taken))
+    nuisance = NuisanceColumns.of(setting.structure, True)
+    launch, _ = yield from launching(
+        method, setting, found.poles, nuisance, samples, found.noise_std, reference
+    )
+    return Look(launch, Old(new.theta, LARGER * new.cov))
 
 
 def explains_better(setting: Setting, record: Record, old: Old, new: Refined) -> bool:
@@ -119,10 +137,24 @@ def explains_better(setting: Setting, record: Record, old: Old, new: Refined) ->
     new : Refined
         At the minimum for this record.
     """
+    gain, agreeing = gained(setting, record, old, new)
+    return gain >= CLEAR_GAIN and agreeing >= AGREEING
+
+
+def gained(setting: Setting, record: Record, old: Old, new: Refined) -> tuple[float, float]:
+    """Fall of -2 log L without the piece that speaks loudest, and the share of pieces that fall.
+
+    Parameters
+    ----------
+    setting : Setting
+    record : Record
+    old : Old
+    new : Refined
+    """
     before = left_by(setting, record, old.theta)
     after = left_by(setting, record, new.theta)
     gains = np.sum([gain_of(before[:, i], after[:, i]) for i in range(setting.n_outputs)], axis=0)
-    return bool(gains.sum() - gains.max() >= CLEAR_GAIN and np.mean(gains > 0.0) >= AGREEING)
+    return float(gains.sum() - gains.max()), float(np.mean(gains > 0.0))
 
 
 def is_determined(setting: Setting, new: Refined) -> bool:
@@ -139,3 +171,35 @@ def differ(old: Old, new: Refined) -> bool:
     scaled = np.linalg.lstsq(unit[:, None] * cov * unit, unit * move, rcond=1e-12)[0]
     distance = float(unit * move @ scaled)
     return distance > float(chdtri(move.size, RARE))
+
+
+def together(one: Old, other: Old) -> Old:
+    """Two estimates of the same coefficients, weighted by their covariances.
+
+    Parameters
+    ----------
+    one, other : Old
+
+    Examples
+    --------
+    >>> both = together(Old(np.array([1.0]), np.eye(1)), Old(np.array([4.0]), 0.5 * np.eye(1)))
+    >>> both.theta.round(9).tolist(), both.cov.round(9).tolist()
+    ([3.0], [[0.333333333]])
+    """
+    unit = np.sqrt(np.diagonal(one.cov))
+    scaled = [each.cov / unit / unit[:, None] for each in (one, other)]
+    weight = np.linalg.lstsq(scaled[0] + scaled[1], scaled[0], rcond=1e-12)[0].T
+    theta = one.theta + unit * (weight @ ((other.theta - one.theta) / unit))
+    cov = scaled[0] - weight @ scaled[0]
+    return Old(theta, unit[:, None] * 0.5 * (cov + cov.T) * unit)
+
+
+def packed(one: Old | None) -> tuple[Array, Array]:
+    """As arrays of a stage; empty ones for none."""
+    return (np.zeros(0), np.zeros(0)) if one is None else (one.theta, one.cov.ravel())
+
+
+def unpacked(arrays: tuple[Array, ...]) -> Old | None:
+    """From arrays of a stage."""
+    theta, cov = arrays
+    return Old(theta, cov.reshape(theta.size, theta.size)) if theta.size else None

@@ -92,7 +92,7 @@ from tridentify.online.search import checked_start, first_try, poles_of_start
 from tridentify.online.starting import advanced, again, calm, idle, rearranged, shortened, with_room
 from tridentify.online.state import Stage, State
 from tridentify.online.steps import estimate_of, solve_steps
-from tridentify.online.suspicion import DOUBTED, TRIED, trying
+from tridentify.online.suspicion import DOUBTED, TRIED, Look, Old, packed, trying, unpacked
 from tridentify.online.task import Task
 from tridentify.transfer_function import TransferFunction
 
@@ -107,6 +107,9 @@ SHORTEST_TICK = 50
 """Samples between two ticks at least."""
 LEAST_SAMPLES = 100
 """Samples that are kept for the first search at least."""
+LOOKS = 3
+"""Looks that the slow clock asks for one after the other: one alone may fall into a burst of
+noise."""
 ALARM_LASTS = 200
 """Samples for which a change is told, long enough to be seen on a slow display."""
 KINDS = {"exponential": EXPONENTIAL, "directional": DIRECTIONAL}
@@ -225,7 +228,7 @@ class ThreeModel(Planner):
         if begin:
             x[slots.WORK_AT] = float(len(self._samples(state)))
             if not stage.searching and not x[slots.SUSPECT]:
-                state = State(x, stage.but(extra=(x.copy(),)))
+                state = State(x, stage.but(extra=(x.copy(), *_witness(stage))))
         task = state.stage.task or self._task(state)
         further = advanced(state, task)
         if further is not None:
@@ -251,29 +254,32 @@ class ThreeModel(Planner):
             return Task(searching_launch, self, setting, samples, begun_anew, full, reference)
         plan = (self, setting, stage.blueprint, stage.poles, stage.extra[0], samples, reference)
         if x[slots.SUSPECT]:
-            return Task(trying, *plan)
+            witness = _witness(stage)
+            return Task(trying, *plan, unpacked(witness) if witness else None)
         return Task(following, *plan, begun_anew)
 
-    def _gone_on(self, state: State, found: Launch | Turn | None) -> State:
+    def _gone_on(self, state: State, found: Launch | Turn | Look | None) -> State:
         """What the work has come to."""
         x, stage = state
         samples = self._samples(state)
         rest = samples[int(x[slots.WORK_AT]) :]
         state = idle(state)
         if x[slots.SUSPECT]:
-            assert not isinstance(found, Turn)
+            assert isinstance(found, Look)
             return self._judged(state, found, samples, rest)
         if isinstance(found, Launch):
-            state = launched(self, state, found, rest)
-            return state if stage.searching else self._looking(state, found.certain)
+            x, new = launched(self, state, found, rest)
+            if stage.searching:
+                return State(x, new)
+            return self._looking(State(x, new.but(extra=_witness(stage))), found.certain)
         if stage.searching:
             if len(samples) - len(rest) >= self.samples:
                 return shortened(state, samples)
             again(x, len(samples), len(rest))
             return state
         x[slots.TICK] = self.next_tick(x, stage.setting)
-        state = State(x, state.stage.but(extra=()))
-        return self._looking(state if found is None else turned(state, found), True)
+        state = State(x, state.stage.but(extra=_witness(stage)))
+        return self._looking(turned(state, found) if isinstance(found, Turn) else state, True)
 
     # ------------------------------------------------------------------------------- a change
     def _looking(self, state: State, certain: bool) -> State:
@@ -292,7 +298,10 @@ class ThreeModel(Planner):
         if stage.searching or (x[slots.SUSPECT] and not x[slots.DUE]):
             return state
         state = idle(state)
-        return self._suspecting(self._dropped(state) if x[slots.SUSPECT] else state, True)
+        if x[slots.SUSPECT]:
+            pair = _witness(stage)
+            state = self._dropped(state, unpacked(pair) if pair else None)
+        return self._suspecting(state, True)
 
     def _suspecting(self, state: State, alarm: bool) -> State:
         """Samples are kept from here on, for a look at them."""
@@ -303,41 +312,46 @@ class ThreeModel(Planner):
             room = with_room(blueprint, True)
             x, blueprint, past = rearranged(blueprint, x, room), room, ()
         x[slots.SUSPECT], x[slots.TICK] = here, here + TRIED * first_try(stage.setting)
-        x[slots.DUE] = 0.0 if alarm else here
-        return State(
-            x, state.stage.but(blueprint=blueprint, past=past, extra=(x.copy(),), task=None)
-        )
+        x[slots.DUE] = x[slots.OWN_TICK] = 0.0 if alarm else here
+        extra = (x.copy(), *_witness(stage))
+        return State(x, stage.but(blueprint=blueprint, past=past, extra=extra, task=None))
 
-    def _judged(self, state: State, found: Launch | None, samples: Array, rest: Array) -> State:
+    def _judged(self, state: State, found: Look, samples: Array, rest: Array) -> State:
         """A suspicion that was looked into: a change, none, or not known yet."""
         x, stage = state
         count = int(x[slots.COUNT])
-        if isinstance(found, Launch):
+        if found.launch is not None:
             changed = stage.but(changes=(*stage.changes, int(x[slots.SUSPECT]) - 1))
             if self.on_change == "restart":
-                state = launched(self, State(x, changed), found, rest)
+                state = launched(self, State(x, changed), found.launch, rest)
             else:
-                state = self._dropped(State(x, changed))
+                state = self._dropped(State(x, changed), found.after)
             x = state.values
             x[slots.ALARM] = count + ALARM_LASTS
             x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
             return state
         if len(samples) >= DOUBTED * first_try(stage.setting):
+            looked = count - x[slots.OWN_TICK]
             if not x[slots.DUE]:
                 wonted(stage.blueprint, x)
-            return self._dropped(state)
+            elif looked < LOOKS * DOUBTED * first_try(stage.setting):
+                first = x[slots.OWN_TICK]
+                state = self._suspecting(self._dropped(state, found.after), False)
+                state.values[slots.OWN_TICK] = first
+                return state
+            return self._dropped(state, found.after)
         x[slots.TICK] = count + max(len(samples) - 2 * len(rest), 1)
         return state
 
-    def _dropped(self, state: State) -> State:
+    def _dropped(self, state: State, witness: Old | None) -> State:
         """No suspicion any more; samples are kept only where all of them are."""
         x, stage = state
-        x[slots.SUSPECT] = x[slots.DUE] = 0.0
+        x[slots.SUSPECT] = x[slots.DUE] = x[slots.OWN_TICK] = 0.0
         calm(x, stage)
         if x[slots.SINCE] > len(kept_samples(state)):
             x, stage = self._emptied(state)
         x[slots.TICK] = self.next_tick(x, stage.setting)
-        return State(x, stage.but(extra=()))
+        return State(x, stage.but(extra=() if witness is None else packed(witness)))
 
     def _emptied(self, state: State) -> State:
         """No samples are kept any more."""
@@ -408,6 +422,11 @@ class ThreeModel(Planner):
         if self.forgetting < 1.0:
             wait = min(wait, max(QUARTER / (1.0 - self.forgetting), SHORTEST_TICK))
         return float(x[slots.COUNT] + max(np.ceil(wait), SHORTEST_TICK // 2))
+
+
+def _witness(stage: Stage) -> tuple[Array, ...]:
+    """What earlier looks at changes have come to, packed; none before the first."""
+    return stage.extra[len(stage.extra) % 2 :]
 
 
 def block_of_step_1() -> Callable[..., int]:

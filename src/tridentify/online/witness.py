@@ -25,7 +25,14 @@ from tridentify.numerics.slices import Slices
 from tridentify.online.layout import Setting
 from tridentify.online.residual import Refined, is_driven, refined
 from tridentify.online.search import FoundPoles, clean_search, first_try, record_of
-from tridentify.online.suspicion import LARGER, Old, differ, explains_better, is_determined
+from tridentify.online.suspicion import (
+    LARGER,
+    Old,
+    differ,
+    explains_better,
+    is_determined,
+    together,
+)
 from tridentify.record.record import Record
 
 
@@ -120,24 +127,3 @@ def _model_of(setting: Setting, samples: Array, begun_anew: bool) -> Slices[_Mod
     if new is None or not is_determined(setting, new):
         return None
     return _Model(found, new, record, left)
-
-
-def together(one: Old, other: Old) -> Old:
-    """Two estimates of the same coefficients, weighted by their covariances.
-
-    Parameters
-    ----------
-    one, other : Old
-
-    Examples
-    --------
-    >>> both = together(Old(np.array([1.0]), np.eye(1)), Old(np.array([4.0]), 0.5 * np.eye(1)))
-    >>> both.theta.round(9).tolist(), both.cov.round(9).tolist()
-    ([3.0], [[0.333333333]])
-    """
-    unit = np.sqrt(np.diagonal(one.cov))
-    scaled = [each.cov / unit / unit[:, None] for each in (one, other)]
-    weight = np.linalg.lstsq(scaled[0] + scaled[1], scaled[0], rcond=1e-12)[0].T
-    theta = one.theta + unit * (weight @ ((other.theta - one.theta) / unit))
-    cov = scaled[0] - weight @ scaled[0]
-    return Old(theta, unit[:, None] * 0.5 * (cov + cov.T) * unit)

@@ -304,6 +304,8 @@ def _hanging(
         chance = min(max(others, 1.0) / pairs, 0.999)
         if (length - 1) * math.log(1.0 / chance) < math.log(pairs) + 7.0:
             continue
+        if _at_rest(y, u, int(first), int(length)):
+            continue
         part = f[first : first + length]
         frozen = restless and not np.ptp(u[first : first + length], axis=0).any()
         # its own residual is part of the noise's size: where nothing else repeats, noise that is
@@ -323,6 +325,14 @@ def _hanging(
         "Mark these samples as missing (nan).",
         (begin, end),
     )
+
+
+def _at_rest(y: Array, u: Array, first: int, length: int) -> bool:
+    """Whether an output without noise stands still because no input has moved, or only just."""
+    before = y[: first + length]
+    moved = float(np.nanmax(before) - np.nanmin(before))
+    still = not np.ptp(u[: first + length - FEWEST_HANGING + 1], axis=0).any()
+    return still and moved <= STATIC * float(np.nanmax(y) - np.nanmin(y))
 
 
 def _repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str) -> _Seen | None:

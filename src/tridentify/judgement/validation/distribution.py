@@ -30,10 +30,19 @@ QUANTILE = 0.8
 small, and up to a fifth of spikes does not move this."""
 
 
+NOT_COLOURED = np.zeros(0)
+
+
 def distribution(
-    name: str, innovations: Sequence[Array], times: Sequence[Array], rate: float
+    name: str,
+    innovations: Sequence[Array],
+    times: Sequence[Array],
+    rate: float,
+    noise: Array = NOT_COLOURED,
 ) -> Normality:
     """Test one output.
+
+    Innovations that only repeat a spike, as what whitens them makes of it, are no outliers.
 
     Parameters
     ----------
@@ -42,6 +51,8 @@ def distribution(
         ``nan`` marks a missing sample.
     rate : float
         Probability that Gaussian noise has an outlier.
+    noise : (p,) array
+        Autoregression that made them white.
 
     Examples
     --------
@@ -61,12 +72,21 @@ def distribution(
     rows = []
     for e, (one, t) in enumerate(zip(innovations, times, strict=True)):
         far = np.nan_to_num((one - middle) / scale) if scale > 0 else np.zeros(one.size)
-        rows += [
-            (float(e), float(t[k]), float(far[k])) for k in np.flatnonzero(np.abs(far) > limit)
-        ]
+        rows += [(float(e), float(t[k]), float(far[k])) for k in _first_hand(far, limit, noise)]
     skewness, excess = _shape(seen)
     p_value = _gaussian(skewness, excess, float(seen.size))
     return Normality(name, skewness, excess, p_value, np.array(rows).reshape(-1, 3))
+
+
+def _first_hand(far: Array, limit: float, noise: Array) -> list[int]:
+    """Places beyond a limit but for echoes of one before, ``far[k] noise[j - 1]`` at ``k + j``."""
+    left, found = far.copy(), []
+    for k in np.flatnonzero(np.abs(far) > limit).tolist():
+        if min(abs(left[k]), abs(far[k])) > limit:
+            found.append(k)
+            echo = left[k + 1 : k + 1 + noise.size]
+            echo -= far[k] * noise[: echo.size]
+    return found
 
 
 def _shape(values: Array) -> tuple[float, float]:

@@ -152,7 +152,7 @@ def examine(view: View, index: int, estimate: Estimate, n_lags: int, rate: float
         again = _autocorrelation(output, (even, own[1]), n_lags)
         whiteness = _portmanteau(output, (even, own[1]), again, output.noise)
         coloured = max(coloured, whiteness.p_value)
-    normality = distribution(output.name, plain, times, rate)
+    normality = distribution(output.name, plain, times, rate, freer)
     return Evidence(
         correlation,
         whiteness,

@@ -212,13 +212,13 @@ def _far_beside(view: View, tried: TriedCauses, rate: float) -> list[Array]:
     lengths = np.cumsum([record.n_samples for record in view.records])[:-1]
     times, found = [record.t for record in view.records], []
     for i, output in enumerate(view.outputs):
-        whitened = []
+        whitened, a = [], np.zeros(0)
         for end in ends:
             noise = end.point.problem.noise
             a = noise[i] if noise else np.zeros(0)
             whitened += [whiten(np.ascontiguousarray(one[:, i]), a)[0] for one in end.residuals()]
         series = np.split(np.concatenate(whitened), lengths)
-        found.append(distribution(output.name, series, times, rate).outliers)
+        found.append(distribution(output.name, series, times, rate, a).outliers)
     return found
 
 

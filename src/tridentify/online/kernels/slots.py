@@ -11,7 +11,8 @@ COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA 
 # of the work beside the stream (`online.task`): samples that it is about, slices that are done; the
 # sample since which a change is suspected; and while it is, the ticks of the method itself and of
 # the suspicion, the first of which is that of the estimator (`online.suspecting`); of the three
-# models, DUE is the sample of a look that the clock asked for, not an alarm
+# models, DUE is the sample of a look that the clock asked for, not an alarm, and OWN_TICK that of
+# the first of several
 WORK_AT, WORK_DONE, SUSPECT = 16, 17, 18
 OWN_TICK, DUE = 12, 19
 INBOX = 20
