@@ -107,6 +107,46 @@ def test_bode_shows_response_in_decibels_and_degrees(double):
     assert magnitude.get_ylabel() == "magnitude\n[dB re 1/s]"
 
 
+def test_phases_of_one_figure_are_on_one_branch(single):
+    """A negative gain begins at -180 degrees wherever unwrapping left it, a positive one at 0."""
+    den = [[1.0, 1.0, 3.0]]
+    starts = []
+    for gains in ([0.5], [-0.5], [-0.5, -0.01], [0.5, 0.0], [-0.5, 0.0]):
+        model = TransferFunction(gains, den[0])
+        estimate = dataclasses.replace(single.estimate, model=model, theta=np.array(den[0]))
+        axes = plots.plot_bode(dataclasses.replace(estimate, cov=np.full((3, 3), np.nan)))
+        starts.append(axes[1].get_lines()[0].get_ydata()[0])
+    assert starts == pytest.approx([0.0, -180.0, -180.0, 90.0, -90.0], abs=8.0)
+
+
+def test_a_lightly_damped_plant_fills_the_map(single):
+    """To scale its poles would be dots on the axis; a zero far outside is pointed at."""
+    model = TransferFunction([0.01, 40.0], [1.0, 0.02, 100.0])
+    bare = dataclasses.replace(single.estimate, model=model, cov=np.full((3, 3), np.nan))
+    ax = plots.plot_pole_zero(bare)
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert ax.get_aspect() == "auto"
+    assert right - left < 0.1 < 20.0 < top - bottom
+    assert "scales differ" in ax.get_xlabel()
+    assert "outside the frame" in ax.get_xlabel()
+    arrow = next(line for line in ax.get_lines() if line.get_marker() == "<")
+    assert arrow.get_xdata()[0] == pytest.approx(left)
+
+
+def test_the_model_lies_thin_upon_a_long_record(single):
+    long = Record(
+        np.tile(single.record.u, (8, 1)),
+        np.tile(single.record.y, (8, 1)),
+        dt=0.02,
+        input_names=["elevator"],
+        output_names=["q"],
+    )
+    for record, thinner in ((single.record, False), (long, True)):
+        recorded, model = plots.plot_fit(single.estimate, record)[0].get_lines()[:2]
+        assert (model.get_linewidth() < recorded.get_linewidth()) == thinner
+        assert (recorded.get_marker() == ".") != thinner
+
+
 def test_bode_scale_follows_the_line_and_not_a_wild_band(single):
     wild = dataclasses.replace(single.estimate, cov=np.eye(3) * 1e6)
     for ax, wildest in zip(plots.plot_bode(wild), (200.0, 720.0), strict=True):

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse
 from tridentify.numerics.arrays import Array
-from tridentify.plots.measured import draw_measured
+from tridentify.plots.measured import draw_measured, whole_turns
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import BLUE, channel, dress, legend, literal, make_axes
 from tridentify.uncertainty import response_band, sample, sampled_response_band
@@ -69,8 +69,10 @@ def plot_bode(
                 20 * np.log10(part[:, i, j])
                 for part in (band.magnitude, band.magnitude_low, band.magnitude_high)
             ]
+        turned = whole_turns(np.degrees(band.phase[:, i, j]))
         degrees = [
-            np.degrees(part[:, i, j]) for part in (band.phase, band.phase_low, band.phase_high)
+            np.degrees(part[:, i, j]) + turned
+            for part in (band.phase, band.phase_low, band.phase_high)
         ]
         magnitude, phase = drawn[2 * k : 2 * k + 2]
         _draw(magnitude, grid, decibels, level, least_reach=10.0, known=known)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.numerics.arrays import Array
 from tridentify.plots.record import draw_inputs
 from tridentify.plots.style import (
     BLUE,
@@ -13,6 +14,7 @@ from tridentify.plots.style import (
     ORANGE,
     course,
     dress,
+    in_brackets,
     labelled,
     legend,
     literal,
@@ -23,6 +25,13 @@ from tridentify.record.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+FEW = 1500
+"""Samples of a record that are told apart as dots."""
+WIDE = 2.2
+"""Of the line through more of them, so that the model's lies thin upon it [points]."""
+PALE = "#b4b4b4"
 
 
 def plot_fit(
@@ -51,17 +60,19 @@ def plot_fit(
     heights = [1.9] * record.n_outputs + [1.1] * record.n_inputs
     drawn = make_axes(axes, heights, sharex=True)
     response = estimate.predict(record, experiment=experiment)
+    few = record.n_samples <= FEW
     for i, name in enumerate(record.output_names):
         ax = drawn[i]
         ax.plot(
             *course(record.t, record.y[:, i]),
-            color=GREY,
-            linewidth=0.7,
-            marker="." if record.n_samples <= 1500 else "",
+            color=GREY if few else PALE,
+            linewidth=0.7 if few else WIDE,
+            marker="." if few else "",
             markersize=3.5,
             label="recorded",
         )
-        ax.plot(*course(record.t, response[:, i]), color=ORANGE, linewidth=1.5, label="model")
+        thin = 1.5 if few else 0.7
+        ax.plot(*course(record.t, response[:, i]), color=ORANGE, linewidth=thin, label="model")
         far = outliers_of(estimate, record, experiment, i)
         if far.size:
             ax.plot(
@@ -79,3 +90,21 @@ def plot_fit(
     legend(drawn[0])
     draw_inputs(record, drawn[record.n_outputs :])
     return drawn
+
+
+def draw_residual(ax: Axes, record: Record, residual: Array, output: int) -> None:
+    """Draw what the model leaves of one output, to stand beneath its fit.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+    record : Record
+    residual : ndarray, shape (n_samples,)
+        Recorded minus fitted; ``nan`` where nothing was recorded.
+    output : int
+        Its position.
+    """
+    ax.axhline(0.0, color="black", linewidth=0.6)
+    ax.plot(*course(record.t, residual), color=BLUE, linewidth=0.7)
+    unit = in_brackets(record.units.get(record.output_names[output], ""))
+    dress(ax, ylabel=literal(f"residual{unit}"))

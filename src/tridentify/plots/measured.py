@@ -54,6 +54,7 @@ def plot_frequency_response(
         unwrapped = np.full(response.size, np.nan)
         seen = np.isfinite(response)
         unwrapped[seen] = np.degrees(np.unwrap(np.angle(response[seen])))
+        unwrapped += whole_turns(unwrapped[measured.good[:, i, j] & seen])
         draw_measured(magnitude, phase, measured, i, j, unwrapped)
         for ax in (magnitude, phase):
             _fit_to(ax, measured, i, j)
@@ -115,6 +116,31 @@ def draw_measured(
             label="measured" if np.any(good) else None,
         )  # fmt: skip
     shade_excited([magnitude, phase], measured, input_)
+
+
+def whole_turns(degrees: Array) -> float:
+    """What brings phases to the branch that all channels are drawn on.
+
+    Parameters
+    ----------
+    degrees : ndarray, shape (n_omega,)
+        Unwrapped [deg].
+
+    Returns
+    -------
+    float
+        A multiple of 360 [deg], so that the first phase lies from -225 to below 135: a gain that is
+        negative begins at -180 in every channel, a differentiator at 90.
+
+    Examples
+    --------
+    >>> whole_turns(np.array([179.0, 90.0])), whole_turns(np.array([-181.0])), whole_turns(
+    ...     np.array([90.0])
+    ... )
+    (-360.0, 0.0, 0.0)
+    """
+    seen = degrees[np.isfinite(degrees)]
+    return -360.0 * float(np.floor((seen[0] + 225.0) / 360.0)) if seen.size else 0.0
 
 
 def shade_excited(axes: Sequence[Axes], measured: FrequencyResponse, input_: int) -> None:

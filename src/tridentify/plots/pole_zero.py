@@ -10,7 +10,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.root_draws import stacked_roots
 from tridentify.plots.style import BLACK, CYCLE, WIDTH, dress, literal, make_axes
 from tridentify.uncertainty import RootUncertainty, poles, zeros
-from tridentify.writing.layout import format_std, short
+from tridentify.writing.layout import format_std, format_value, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,6 +23,10 @@ DOTS = 500
 """Models whose poles are drawn of a posterior mean."""
 LONGEST_CHANNEL = 30
 """Name of a channel, in characters."""
+THIN = 0.2
+"""Width of all that is shown over half its height, below which the scales differ."""
+TOO_VAGUE = 0.5
+"""Standard error of a root that is not shown over its size, from which it is not determined."""
 ASPECT = 1.5
 """Width over height of the frame."""
 
@@ -159,26 +163,53 @@ def _draw_cloud(ax: Axes, estimate: Estimate, channel: tuple[int, int], colour: 
 
 
 def _frame(ax: Axes, regions: list[tuple[str, RootUncertainty]], size: float) -> list[str]:
-    """Scale equally around the poles and what is not far from them; say what lies outside."""
+    """Scale around the poles and what is not far from them; mark and say what lies outside."""
     near = [region.roots[np.abs(region.roots) < FAR_ROOT * size] for _, region in regions]
     edges = [_edge(region, size) for _, region in regions]
     shown = np.concatenate([*near, *edges, np.zeros(1)])
     left, right = float(shown.real.min()), float(shown.real.max())
     half_height = 1.25 * max(float(np.max(np.abs(shown.imag))), 0.2 * (right - left), 0.05 * size)
-    width = max(1.4 * (right - left), 0.3 * size, ASPECT * 2 * half_height)
-    half_height = width / ASPECT / 2
     centre = (left + right) / 2
+    told, far = [], []
+    if right - left < THIN * half_height:
+        # to scale, all of it would be one dot on the axis
+        width = 1.7 * max(right - left, 1e-9 * size)
+        told.append("scales differ: the poles are lightly damped")
+    else:
+        width = max(1.4 * (right - left), 0.3 * size, ASPECT * 2 * half_height)
+        half_height = width / ASPECT / 2
+        ax.set_aspect("equal", adjustable="box")
     ax.set_xlim(centre - width / 2, centre + width / 2)
     ax.set_ylim(-half_height, half_height)
-    ax.set_aspect("equal", adjustable="box")
-    lines = []
     for kind, region in regions:
         for root, cov in zip(region.roots, region.cov, strict=True):
             if abs(root) >= FAR_ROOT * size and root.imag >= 0:
-                std = format_std(float(np.sqrt(cov[0, 0])))
-                imaginary = f" + {root.imag:.4g}j" if root.imag else ""
-                lines.append(f"{kind}: {root.real:.4g} ({std}){imaginary}")
-    return ["outside the frame (std error)", *lines] if lines else []
+                _point_outside(ax, root)
+                far.append(f"{kind}: {_far(root, float(cov[0, 0]))}")
+    return [*told, *(["outside the frame [1/s]"] if far else []), *far]
+
+
+def _point_outside(ax: Axes, root: complex) -> None:
+    """An arrow head at the edge of the frame where a root lies beyond it."""
+    (left, right), top = ax.get_xlim(), ax.get_ylim()[1]
+    half = max(right, -left)
+    scale = max(abs(root.real) / half, abs(root.imag) / top)
+    x = min(max(root.real / scale, left), right)
+    sideways = abs(root.real) / half >= abs(root.imag) / top
+    marker = (">" if root.real > 0 else "<") if sideways else "^"
+    ax.plot(
+        x, root.imag / scale, marker, color=BLACK, markersize=8, clip_on=False, zorder=3,
+        markerfacecolor="white",
+    )  # fmt: skip
+
+
+def _far(root: complex, variance: float) -> str:
+    """Where a root lies that is not shown, with the standard error of its real part."""
+    std = float(np.sqrt(variance)) if variance > 0 else 0.0
+    if not std < TOO_VAGUE * abs(root):
+        return f"{root.real:.2g}, not determined"
+    imaginary = f" + {root.imag:.3g}j" if root.imag else ""
+    return f"{format_value(root.real, std)} ± {format_std(std)}{imaginary}"
 
 
 def _edge(region: RootUncertainty, size: float) -> np.ndarray[tuple[int], np.dtype[np.complex128]]:

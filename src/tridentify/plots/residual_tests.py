@@ -21,6 +21,7 @@ from tridentify.plots.style import (
     literal,
     make_axes,
 )
+from tridentify.writing.layout import format_p
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,6 +32,12 @@ WINDOWS = 20
 FEWEST = 9
 MOST_POINTS = 2000
 LONG_NAME = 22
+GAP = 0.06
+"""Between experiments that stand beside each other, as a share of one."""
+MOST_TICKS = 9
+"""Of the time axis, all experiments together."""
+MOST_NUMBERED = 4
+"""Experiments beside each other that leave room for a word."""
 
 
 def plot_residual_tests(
@@ -87,6 +94,11 @@ def _short(name: str) -> str:
     return literal(name)
 
 
+def _p(p_value: float) -> str:
+    shown = format_p(p_value)
+    return f"p {shown}" if shown.startswith("<") else f"p = {shown}"
+
+
 def _times(validation: Validation, lags: Array) -> tuple[Array, str]:
     if not validation.uneven:
         return lags, "lag [s]"
@@ -117,7 +129,7 @@ def _autocorrelation(ax: Axes, validation: Validation, one: Whiteness) -> None:
     _stems(ax, lags, one.autocorrelation, one.bound, validation.level)
     ax.set_xlim(left=0.0)
     dress(ax, xlabel=label, ylabel="correlation [-]")
-    _title(ax, f"{_short(one.output)} with itself, p = {one.p_value:.2g}")
+    _title(ax, f"{_short(one.output)} with itself, {_p(one.p_value)}")
 
 
 def _cross_correlation(ax: Axes, validation: Validation, one: CrossCorrelation) -> None:
@@ -149,14 +161,14 @@ def _quantiles(ax: Axes, validation: Validation, i: int) -> None:
     legend(ax)
     dress(ax, xlabel="Gaussian quantile [standard deviations]", ylabel="residual / std [-]")
     one = validation.normality[i]
-    _title(ax, f"{_short(one.output)}: distribution, p = {one.p_value:.2g}")
+    _title(ax, f"{_short(one.output)}: distribution, {_p(one.p_value)}")
 
 
 def _course(ax: Axes, validation: Validation, i: int, name: str) -> None:
     """The residual over time with its moving level and twice its moving standard deviation."""
-    shift = 0.0
+    starts = _beside(validation)
     for e, (t, residual) in enumerate(zip(validation.times, validation.residual, strict=True)):
-        since = t if len(validation.times) == 1 else t - t[0] + shift
+        since = t - t[0] + starts[e]
         ax.plot(*course(since, residual[:, i]), color=BLUE, linewidth=0.6, alpha=0.8)
         at, level, scale = _moving(since, residual[:, i])
         first = e == 0
@@ -164,14 +176,46 @@ def _course(ax: Axes, validation: Validation, i: int, name: str) -> None:
         band = "± 2 standard deviations" if first else ""
         ax.plot(at, level + 2 * scale, color="black", linewidth=1.0, linestyle="--", label=band)
         ax.plot(at, level - 2 * scale, color="black", linewidth=1.0, linestyle="--")
-        shift = float(since[-1]) + 0.02 * float(t[-1] - t[0])
-        if not first:
-            ax.axvline(float(since[0]), color=GREY, linewidth=0.8)
     legend(ax, columns=2)
-    several = ", one experiment after the other" if len(validation.times) > 1 else ""
+    several = len(validation.times) > 1
+    if several:
+        _own_times(ax, validation, starts)
     unit = labelled("residual", {"residual": validation.units.get(name, "")})
-    dress(ax, xlabel=f"time [s]{several}", ylabel=unit)
+    dress(ax, xlabel="time in each experiment [s]" if several else "time [s]", ylabel=unit)
     _title(ax, f"{_short(name)}: moving level and size")
+
+
+def _beside(validation: Validation) -> list[float]:
+    """Where each experiment begins on the axis [s]: one beside the other, a gap between them."""
+    times = validation.times
+    spans = [float(t[-1] - t[0]) for t in times]
+    gap = GAP * sum(spans) / len(spans)
+    starts = [float(times[0][0])]
+    for span in spans[:-1]:
+        starts.append(starts[-1] + span + gap)
+    return starts
+
+
+def _own_times(ax: Axes, validation: Validation, starts: list[float]) -> None:
+    """Time of its own, and a number, for each experiment."""
+    from matplotlib.ticker import MaxNLocator
+
+    places, labels = [], []
+    each = max(MOST_TICKS // len(starts), 1)
+    for e, (t, start) in enumerate(zip(validation.times, starts, strict=True)):
+        ticks = MaxNLocator(each).tick_values(t[0], t[-1])
+        inside = ticks[(ticks >= t[0]) & (ticks < t[-1] - 0.05 * (t[-1] - t[0]))]
+        places += [float(tick - t[0]) + start for tick in inside]
+        labels += [f"{tick:.6g}" for tick in inside]
+        if len(starts) <= MOST_NUMBERED:
+            ax.text(
+                start, 0.98, f"experiment {e + 1}", transform=ax.get_xaxis_transform(),
+                fontsize=8, va="top", color=GREY,
+            )  # fmt: skip
+        if e:
+            edge = 0.5 * (start + starts[e - 1] + float(np.ptp(validation.times[e - 1])))
+            ax.axvline(edge, color=GREY, linewidth=0.8)
+    ax.set_xticks(places, labels)
 
 
 def _moving(t: Array, values: Array) -> tuple[Array, Array, Array]:

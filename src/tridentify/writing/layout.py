@@ -75,6 +75,21 @@ def format_std(std: float) -> str:
     return f"{std:.1e}"
 
 
+def format_p(p_value: float) -> str:
+    """A p-value to the digits that say something; a dash where the test was not made.
+
+    Examples
+    --------
+    >>> [format_p(p) for p in (7e-205, 0.0042, 0.0931, 0.5, 1.0, math.nan)]
+    ['< 0.001', '0.004', '0.09', '0.50', '1.00', '-']
+    """
+    if math.isnan(p_value):
+        return "-"
+    if p_value < 0.001:
+        return "< 0.001"
+    return f"{p_value:.3f}" if p_value < 0.01 else f"{p_value:.2f}"
+
+
 def format_polynomial(coefficients: Iterable[float], std: Iterable[float]) -> str:
     """A polynomial in s with +/- one standard deviation on each coefficient.
 
