@@ -11,7 +11,7 @@ from tridentify import Record, Structure, ThreeModel, TransferFunction, identify
 from tridentify.estimation.answer.estimate import Status
 from tridentify.plots.style import MAX_POINTS, course
 from tridentify.report import write_report
-from tridentify.report.html import settings_table
+from tridentify.report.settings import settings_table
 from tridentify.uncertainty import derived, sample, sampled_derived, sampled_response_band
 
 DT = 0.02
@@ -176,8 +176,9 @@ def test_settings_name_loss_outliers_experiments_and_channels(spiky, tmp_path):
     assert rows["fixed"] == "a0 = 9"
     assert rows["bounds"] == "b1 <= 1.8"
     page = write_report(both, records, tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "<h1>run 400, run 300</h1>" in page
-    assert "700 samples in 2 experiments" in page
+    assert "<h1>q from elevator</h1>" in page
+    assert "run 400, run 300" in page
+    assert "2 experiments \N{MIDDLE DOT} 700 samples every 0.02 s" in page
     for said in ("fixed", "at bound"):
         assert f"<td>{said}</td>" in page
         assert re.search(rf"\s{said}\s", both.summary())
@@ -198,7 +199,7 @@ def test_orders_of_each_channel_are_named():
 def test_passes_before_a_delay_is_estimated_along_are_drawn_and_listed(gapped):
     from dataclasses import replace
 
-    from tridentify.report.html import course_tables
+    from tridentify.report.tables import course_tables
 
     _, estimate = gapped
     last = estimate.trace.passes[-1]

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+import numpy.typing as npt
+
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
 from tridentify.plots.record import draw_inputs
@@ -60,36 +63,54 @@ def plot_fit(
     heights = [1.9] * record.n_outputs + [1.1] * record.n_inputs
     drawn = make_axes(axes, heights, sharex=True)
     response = estimate.predict(record, experiment=experiment)
-    few = record.n_samples <= FEW
-    for i, name in enumerate(record.output_names):
-        ax = drawn[i]
-        ax.plot(
-            *course(record.t, record.y[:, i]),
-            color=GREY if few else PALE,
-            linewidth=0.7 if few else WIDE,
-            marker="." if few else "",
-            markersize=3.5,
-            label="recorded",
-        )
-        thin = 1.5 if few else 0.7
-        ax.plot(*course(record.t, response[:, i]), color=ORANGE, linewidth=thin, label="model")
+    for i in range(record.n_outputs):
         far = outliers_of(estimate, record, experiment, i)
-        if far.size:
-            ax.plot(
-                record.t[far],
-                record.y[far, i],
-                color=BLUE,
-                linestyle="none",
-                marker="o",
-                markersize=4.5,
-                markerfacecolor="none",
-                label="outlier",
-            )
-        dress(ax, ylabel=labelled(name, record.units))
+        draw_output(drawn[i], record, response[:, i], i, far)
     drawn[0].set_title(literal(record.name), loc="left", fontsize=10)
     legend(drawn[0])
     draw_inputs(record, drawn[record.n_outputs :])
     return drawn
+
+
+def draw_output(
+    ax: Axes, record: Record, response: Array, output: int, far: npt.NDArray[np.intp]
+) -> None:
+    """Draw one recorded output and the model's; of a long record the model lies thin upon it.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+    record : Record
+    response : ndarray, shape (n_samples,)
+        The model's.
+    output : int
+        Its position.
+    far : ndarray of int
+        Positions of outliers.
+    """
+    few = record.n_samples <= FEW
+    ax.plot(
+        *course(record.t, record.y[:, output]),
+        color=GREY if few else PALE,
+        linewidth=0.7 if few else WIDE,
+        marker="." if few else "",
+        markersize=3.5,
+        label="recorded",
+    )
+    thin = 1.5 if few else 0.7
+    ax.plot(*course(record.t, response), color=ORANGE, linewidth=thin, label="model")
+    if far.size:
+        ax.plot(
+            record.t[far],
+            record.y[far, output],
+            color=BLUE,
+            linestyle="none",
+            marker="o",
+            markersize=4.5,
+            markerfacecolor="none",
+            label="outlier",
+        )
+    dress(ax, ylabel=labelled(record.output_names[output], record.units))
 
 
 def draw_residual(ax: Axes, record: Record, residual: Array, output: int) -> None:

@@ -398,7 +398,7 @@ class Estimate:
             if np.any(terms.input_reference):
                 inputs = zip(self.input_names, terms.input_reference.tolist(), strict=True)
                 where = f" (experiment {number})" if len(self.nuisance) > 1 else ""
-                notes.append(", ".join(f"{name} = {value:.6g}" for name, value in inputs) + where)
+                notes.append(", ".join(f"{name} = {value:.4g}" for name, value in inputs) + where)
         return f"an offset is the output that belongs to {'; '.join(notes)}" if notes else ""
 
     def _unit(self, name: str) -> str:
@@ -535,10 +535,10 @@ class Estimate:
         advice = [f"What to do: {self.status.remedy}."] if self.status.remedy else []
         doubts = "".join(f"<li>{html.escape(text)}</li>" for text in (*advice, *self.cautions))
         warned = f"<ul>{doubts}</ul>" if doubts else ""
-        return f"{warned}{self._fractions()}{html_table(_TITLES, rows, caption)}"
+        return f"{warned}{self.model_mathml()}{html_table(_TITLES, rows, caption)}"
 
-    def _fractions(self) -> str:
-        """Every channel as MathML."""
+    def model_mathml(self) -> str:
+        """Every channel as a fraction in MathML, as a notebook shows it."""
         found = []
         for i, output in enumerate(self.output_names):
             for j, input_ in enumerate(self.input_names):
