@@ -21,7 +21,7 @@ from tridentify.plots.style import (
     literal,
     make_axes,
 )
-from tridentify.writing.layout import format_p
+from tridentify.writing.layout import p_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -94,11 +94,6 @@ def _short(name: str) -> str:
     return literal(name)
 
 
-def _p(p_value: float) -> str:
-    shown = format_p(p_value)
-    return f"p {shown}" if shown.startswith("<") else f"p = {shown}"
-
-
 def _times(validation: Validation, lags: Array) -> tuple[Array, str]:
     if not validation.uneven:
         return lags, "lag [s]"
@@ -129,7 +124,7 @@ def _autocorrelation(ax: Axes, validation: Validation, one: Whiteness) -> None:
     _stems(ax, lags, one.autocorrelation, one.bound, validation.level)
     ax.set_xlim(left=0.0)
     dress(ax, xlabel=label, ylabel="correlation [-]")
-    _title(ax, f"{_short(one.output)} with itself, {_p(one.p_value)}")
+    _title(ax, f"{_short(one.output)} with itself, {p_in_words(one.p_value)}")
 
 
 def _cross_correlation(ax: Axes, validation: Validation, one: CrossCorrelation) -> None:
@@ -161,7 +156,7 @@ def _quantiles(ax: Axes, validation: Validation, i: int) -> None:
     legend(ax)
     dress(ax, xlabel="Gaussian quantile [standard deviations]", ylabel="residual / std [-]")
     one = validation.normality[i]
-    _title(ax, f"{_short(one.output)}: distribution, {_p(one.p_value)}")
+    _title(ax, f"{_short(one.output)}: distribution, {p_in_words(one.p_value)}")
 
 
 def _course(ax: Axes, validation: Validation, i: int, name: str) -> None:

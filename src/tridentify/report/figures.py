@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -35,7 +36,7 @@ from tridentify.plots.pole_zero import ASPECT
 from tridentify.plots.record import draw_inputs
 from tridentify.plots.style import WIDTH, legend, outliers_of
 from tridentify.record.record import Record
-from tridentify.report.pictures import Drawing, check_formats, save_drawing
+from tridentify.report.pictures import Drawing, Picture, check_formats, picture_of, save_drawing
 from tridentify.report.sheet import Sheet
 from tridentify.writing.layout import IN_PICTURES, short
 
@@ -49,8 +50,8 @@ OUTPUT, RESIDUAL, INPUT = 1.7, 0.55, 0.8
 """Heights of axes of a fit [inch]."""
 MAGNITUDE, PHASE, RESPONSE = 1.5, 1.2, 1.6
 """Heights of axes of responses [inch]."""
-TEST, SQUARE = 0.95, 1.5
-"""Heights of axes of a test, and of the distribution [inch]."""
+TEST = 1.15
+"""Height of axes of a test [inch]."""
 PASSES = 1.7, 1.0, 1.2
 """Heights of the axes of the passes [inch]."""
 
@@ -96,6 +97,38 @@ def draw_model(estimate: Estimate, records: Sequence[Record]) -> Iterator[Drawin
     yield _step(estimate)
     yield _pole_zero(estimate)
     yield _convergence(estimate)
+
+
+def model_pictures(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+    """What `draw_model` draws, as SVG."""
+    return [picture_of(drawing) for drawing in draw_model(estimate, records)]
+
+
+def tests_pictures(validation: Validation) -> list[Picture]:
+    """What `draw_tests` draws, as SVG."""
+    return [picture_of(drawing) for drawing in draw_tests(validation)]
+
+
+class Artist(Protocol):
+    """Who draws the figures of a report: this process, or another one beside it."""
+
+    def model(self, estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+        """As `model_pictures`."""
+
+    def tests(self, validation: Validation) -> list[Picture]:
+        """As `tests_pictures`."""
+
+
+class Here:
+    """Draws in this process, when it is asked to."""
+
+    def model(self, estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+        """As `model_pictures`."""
+        return model_pictures(estimate, records)
+
+    def tests(self, validation: Validation) -> list[Picture]:
+        """As `tests_pictures`."""
+        return tests_pictures(validation)
 
 
 def draw_fit(
@@ -158,8 +191,9 @@ def draw_tests(validation: Validation) -> Iterator[Drawing]:
     names = validation.output_names
     several = len(names) > 1
     for i, name in enumerate(names):
-        sheet = Sheet([TEST] * (1 + len(validation.input_names)) + [SQUARE, TEST], share=False)
-        plot_residual_tests(_of_output(validation, i), axes=sheet.axes)
+        count = len(validation.input_names) + 3
+        sheet = Sheet([TEST] * -(-count // 2), 2, share=False)
+        plot_residual_tests(_of_output(validation, i), axes=sheet.axes[:count])
         where = f" of {short(name, IN_PICTURES)}" if several else ""
         yield Drawing(
             f"residual-tests-{i + 1}" if several else "residual-tests",

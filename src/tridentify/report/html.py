@@ -12,7 +12,7 @@ from tridentify.estimation.answer.estimate import SCHEMA, Estimate
 from tridentify.estimation.answer.finding import joined
 from tridentify.judgement.validation import Validation, validate
 from tridentify.record.record import Record
-from tridentify.report.figures import draw_diagrams, draw_model, draw_tests
+from tridentify.report.figures import Artist, Here, draw_diagrams
 from tridentify.report.first_screen import (
     class_of,
     headline_of,
@@ -22,7 +22,7 @@ from tridentify.report.first_screen import (
     trust_of,
 )
 from tridentify.report.page import Page, Section, beside
-from tridentify.report.pictures import Picture, picture_of, save_picture
+from tridentify.report.pictures import Picture, save_picture
 from tridentify.report.settings import code_again, settings_table
 from tridentify.report.tables import course_tables, result_tables, validation_tables
 
@@ -63,13 +63,7 @@ def write_report(
     OutputPathError
         The file cannot be written; nothing is left behind.
     """
-    say = progress or (lambda _: None)
-    records = settled(estimate, record)
-    say("testing the residual")
-    checked, untested = checked_on(estimate, records)
-    say("writing the report and the figures")
-    model = [picture_of(drawing) for drawing in draw_model(estimate, records)]
-    page = report_page(estimate, records, checked, model, title=title, untested=untested)
+    page = report_page(estimate, settled(estimate, record), title=title, progress=progress)
     return write_page(page, path, figures)
 
 
@@ -114,28 +108,30 @@ def pictures_of(page: Page) -> list[Picture]:
 def report_page(
     estimate: Estimate,
     records: Sequence[Record],
-    checked: Validation | None,
-    model: Sequence[Picture],
     *,
     title: str | None = None,
-    untested: str = "",
+    progress: Progress | None = None,
+    artist: Artist | None = None,
 ) -> Page:
-    """Put the page about an estimate together.
+    """Judge the estimate, draw its figures and put the page together.
 
     Parameters
     ----------
     estimate : Estimate
     records : sequence of Record
         Settled.
-    checked : Validation, optional
-    model : sequence of Picture
-        What `draw_model` draws.
     title : str, optional
-    untested : str
-        Why there is no validation.
+    progress : callable, optional
+    artist : Artist, optional
+        Who draws; by default this process.
     """
+    say, draw = progress or (lambda _: None), artist or Here()
+    say("testing the residual")
+    checked, untested = checked_on(estimate, records)
+    say("writing the report and the figures")
+    model = draw.model(estimate, records)
+    tests = () if checked is None else draw.tests(checked)
     findings = joined(checked.findings if checked else (), estimate.findings)
-    tests = () if checked is None else [picture_of(drawing) for drawing in draw_tests(checked)]
     placed = {place: [p for p in model if p.place == place] for place in ("response", "course")}
     return Page(
         title or title_of(estimate.output_names, estimate.input_names),
@@ -153,7 +149,7 @@ def report_page(
             Section("figures", "Responses and poles", figures=beside(placed["response"])),
             validation_section(checked, tests, untested),
             _course_section(estimate, placed["course"]),
-            *_ends(estimate, records),
+            *ends(estimate, records),
         ),
         # no tag can end inside the text
         document_text("schema", SCHEMA, estimate).replace("<", "\\u003c"),
@@ -200,7 +196,8 @@ def _course_section(estimate: Estimate, pictures: Sequence[Picture]) -> Section:
     )
 
 
-def _ends(estimate: Estimate, records: Sequence[Record]) -> tuple[Section, Section]:
+def ends(estimate: Estimate, records: Sequence[Record]) -> tuple[Section, Section]:
+    """Settings and data, and the lines that lead to the estimate again."""
     again = (
         "The same samples (their fingerprint stands above) and these lines give the same estimate; "
         'Estimate.load("model.json") reads the one of this page.'

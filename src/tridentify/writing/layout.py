@@ -90,6 +90,18 @@ def format_p(p_value: float) -> str:
     return f"{p_value:.3f}" if p_value < 0.01 else f"{p_value:.2f}"
 
 
+def p_in_words(p_value: float) -> str:
+    """A p-value in a sentence.
+
+    Examples
+    --------
+    >>> p_in_words(7e-205), p_in_words(0.0931)
+    ('p < 0.001', 'p = 0.09')
+    """
+    shown = format_p(p_value)
+    return f"p {shown}" if shown.startswith("<") else f"p = {shown}"
+
+
 def format_polynomial(coefficients: Iterable[float], std: Iterable[float]) -> str:
     """A polynomial in s with +/- one standard deviation on each coefficient.
 
