@@ -69,7 +69,7 @@ def page(double, tmp_path_factory):
 def no_figures(monkeypatch):
     """Pages whose figures do not matter are quicker without."""
     for name in ("draw_model", "draw_tests"):
-        monkeypatch.setattr(f"tridentify.report.html.{name}", lambda *_, **__: iter(()))
+        monkeypatch.setattr(f"tridentify.report.figures.{name}", lambda *_, **__: iter(()))
 
 
 def test_page_is_well_formed_and_needs_nothing_from_outside(page):

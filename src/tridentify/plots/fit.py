@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 FEW = 1500
 """Samples of a record that are told apart as dots."""
+MOST_TURNS = 100
+"""Crossings of its middle beyond which a record is a band of ink, however few its samples."""
 WIDE = 2.2
 """Of the line through more of them, so that the model's lies thin upon it [points]."""
 PALE = "#b4b4b4"
@@ -88,7 +90,7 @@ def draw_output(
     far : ndarray of int
         Positions of outliers.
     """
-    few = record.n_samples <= FEW
+    few = record.n_samples <= FEW and _turns(record.y[:, output]) <= MOST_TURNS
     ax.plot(
         *course(record.t, record.y[:, output]),
         color=GREY if few else PALE,
@@ -111,6 +113,13 @@ def draw_output(
             label="outlier",
         )
     dress(ax, ylabel=labelled(record.output_names[output], record.units))
+
+
+def _turns(values: Array) -> int:
+    """How often a series crosses its middle."""
+    seen = values[np.isfinite(values)]
+    above = seen > np.median(seen) if seen.size else np.zeros(0, dtype=bool)
+    return int(np.count_nonzero(above[1:] != above[:-1]))
 
 
 def draw_residual(ax: Axes, record: Record, residual: Array, output: int) -> None:

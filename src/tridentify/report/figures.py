@@ -32,9 +32,8 @@ from tridentify.plots.diagrams import (
     draw_series_parallel,
 )
 from tridentify.plots.fit import draw_output, draw_residual
-from tridentify.plots.pole_zero import ASPECT
 from tridentify.plots.record import draw_inputs
-from tridentify.plots.style import WIDTH, legend, outliers_of
+from tridentify.plots.style import legend, outliers_of
 from tridentify.record.record import Record
 from tridentify.report.pictures import Drawing, Picture, check_formats, picture_of, save_drawing
 from tridentify.report.sheet import Sheet
@@ -50,6 +49,10 @@ OUTPUT, RESIDUAL, INPUT = 1.7, 0.55, 0.8
 """Heights of axes of a fit [inch]."""
 MAGNITUDE, PHASE, RESPONSE = 1.5, 1.2, 1.6
 """Heights of axes of responses [inch]."""
+ALONE = 1.3
+"""A single channel has so much more height, beside step response and poles."""
+ROOTS = 2.3
+"""Height of the frame of poles and zeros [inch]."""
 TEST = 1.15
 """Height of axes of a test [inch]."""
 PASSES = 1.7, 1.0, 1.2
@@ -233,7 +236,8 @@ def _columns(estimate: Estimate) -> int:
 def _bode(estimate: Estimate, records: Sequence[Record]) -> Drawing:
     count, columns = len(estimate.output_names) * len(estimate.input_names), _columns(estimate)
     rows = -(-count // columns)
-    sheet = Sheet([MAGNITUDE, PHASE] * rows, columns)
+    taller = ALONE if count == 1 else 1.0
+    sheet = Sheet([taller * MAGNITUDE, taller * PHASE] * rows, columns)
     cells = [divmod(k, columns) for k in range(count)]
     axes = [sheet.grid[2 * row + part][column] for row, column in cells for part in (0, 1)]
     measured = _measured(records)
@@ -285,7 +289,7 @@ def _step(estimate: Estimate) -> Drawing:
 
 
 def _pole_zero(estimate: Estimate) -> Drawing:
-    sheet = Sheet([(WIDTH - 1.0) / ASPECT])
+    sheet = Sheet([ROOTS])
     plot_pole_zero(estimate, ax=sheet.axes[0])
     return Drawing(
         "pole-zero",
