@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 FEW = 1500
 """Samples of a record that are told apart as dots."""
 MOST_TURNS = 100
-"""Crossings of its middle beyond which a record is a band of ink, however few its samples."""
+"""Crossings of its middle beyond which a response is a band of ink, however few its samples."""
 WIDE = 2.2
 """Of the line through more of them, so that the model's lies thin upon it [points]."""
 PALE = "#b4b4b4"
@@ -90,7 +90,7 @@ def draw_output(
     far : ndarray of int
         Positions of outliers.
     """
-    few = record.n_samples <= FEW and _turns(record.y[:, output]) <= MOST_TURNS
+    few = record.n_samples <= FEW and _turns(response) <= MOST_TURNS
     ax.plot(
         *course(record.t, record.y[:, output]),
         color=GREY if few else PALE,
