@@ -93,13 +93,22 @@ def draw_model(estimate: Estimate, records: Sequence[Record]) -> Iterator[Drawin
     ------
     Drawing
     """
-    for number, record in enumerate(records):
-        response = estimate.predict(record, experiment=number)
-        yield draw_fit(record, response, estimate=estimate, place=(number, len(records)))
+    yield from _identified(estimate, records)
     yield _bode(estimate, records)
     yield _step(estimate)
     yield _pole_zero(estimate)
     yield _convergence(estimate)
+
+
+def _identified(estimate: Estimate, records: Sequence[Record]) -> Iterator[Drawing]:
+    for number, record in enumerate(records):
+        response = estimate.predict(record, experiment=number)
+        yield draw_fit(record, response, estimate=estimate, place=(number, len(records)))
+
+
+def identified_fits(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+    """The records that were identified against the model, as SVG."""
+    return [picture_of(drawing) for drawing in _identified(estimate, records)]
 
 
 def model_pictures(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:

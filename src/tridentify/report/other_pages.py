@@ -16,11 +16,11 @@ from tridentify.estimation.answer.finding import Finding, joined
 from tridentify.estimation.answer.parameter import Parameter
 from tridentify.judgement.selection import Selection
 from tridentify.judgement.validation import Validation
-from tridentify.judgement.validation.residuals import look
+from tridentify.judgement.validation.residuals import View, look
 from tridentify.physical import PhysicalEstimate
 from tridentify.plots import plot_hankel, plot_selection
 from tridentify.record.record import Record
-from tridentify.report.figures import draw_fit, model_pictures, tests_pictures
+from tridentify.report.figures import draw_fit, identified_fits, model_pictures, tests_pictures
 from tridentify.report.first_screen import (
     HEADS,
     NUMBERS,
@@ -100,9 +100,19 @@ def write_physical_report(
     OutputPathError
         The file cannot be written; nothing is left behind.
     """
+    page = _physical_page(found, settled(found.estimate, record), title, progress)
+    return write_page(page, path, figures)
+
+
+def _physical_page(
+    found: PhysicalEstimate,
+    records: Sequence[Record],
+    title: str | None,
+    progress: Progress | None,
+) -> Page:
+    """Judge the free coefficients, draw the figures and put the page together."""
     say = progress or (lambda _: None)
     free = found.estimate
-    records = settled(free, record)
     say("testing the residual")
     checked, untested = checked_on(free, records)
     say("writing the report and the figures")
@@ -112,7 +122,7 @@ def write_physical_report(
     others = joined(checked.findings if checked else (), free.findings)
     findings = (*contradictions(found), *others)
     channels = title_of(free.output_names, free.input_names)
-    page = Page(
+    return Page(
         title or f"{found.model_name}: {channels}",
         "physical parameters",
         subtitle_of(records),
@@ -121,7 +131,7 @@ def write_physical_report(
         trust_of(free, findings, checked is not None),
         free.status.remedy,
         _physical_numbers(found),
-        _fits_of(replace(free, model=found.model, theta=found.theta), records) or model[:1],
+        _fits_of_map(found, records) or [p for p in model if p.place == "fit"],
         findings,
         (
             _parameter_section(found),
@@ -137,7 +147,6 @@ def write_physical_report(
         ),
         document_text("schema", SCHEMA, free).replace("<", "\\u003c"),
     )
-    return write_page(page, path, figures)
 
 
 def contradictions(found: PhysicalEstimate) -> tuple[Finding, ...]:
@@ -192,12 +201,20 @@ def _physical_numbers(found: PhysicalEstimate) -> list[KeyNumber]:
     ]
 
 
-def _fits_of(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
-    """Measured against a model whose offsets and initial states are fitted to these records."""
+def _fits_of_map(found: PhysicalEstimate, records: Sequence[Record]) -> list[Picture]:
+    """Measured against the model of the map, its offsets and initial states fitted to the records.
+
+    Empty where they are too short for that.
+    """
+    held = replace(found.estimate, model=found.model, theta=found.theta, record_fingerprint="")
     try:
-        view = look(replace(estimate, record_fingerprint=""), records, None)
+        return _fits_of(look(held, records, None))
     except TridentifyError:
         return []
+
+
+def _fits_of(view: View) -> list[Picture]:
+    """Measured against model, an experiment each."""
     drawn = []
     for number, record in enumerate(view.records):
         residual = np.stack([output.residual[number] for output in view.outputs], axis=1)
@@ -287,56 +304,51 @@ def write_selection_report(
         The file cannot be written; nothing is left behind.
     """
     given = (record,) if isinstance(record, Record) else tuple(record)
-    row = selection.recommended
-    estimate = None if row is None else row.estimate
-    drawings = [picture_of(drawing) for drawing in _draw_selection(selection)]
-    marked = tuple(k for k, one in enumerate(selection.rows) if one is row)
-    table = ReportTable(
-        "What identify gives for each", selection.titles, selection.table(), 2, marked=marked
-    )
-    sections = [
-        Section(
-            "candidates",
-            "Candidates",
-            tables=[table],
-            figures=beside(drawings),
-            notes=selection.all_notes(),
-        )
-    ]
     first = given[0]
     heading = title or f"Orders of {title_of(first.output_names, first.input_names)}"
+    return write_page(_selection_page(selection, given, heading), path, figures)
+
+
+def _selection_page(selection: Selection, given: Sequence[Record], heading: str) -> Page:
+    row = selection.recommended
+    estimate = None if row is None else row.estimate
+    named = heading, "selection of orders", subtitle_of(given)
+    sections = (
+        _candidate_section(selection),
+        Section("settings", "Data", settings=record_rows(given)),
+    )
     if estimate is None:
-        page = Page(
-            heading,
-            "selection of orders",
-            subtitle_of(given),
-            "bad",
-            "No structure is recommended.",
-            selection.reason,
-        )
-    else:
-        records = settled(estimate, given)
-        responses = [estimate.predict(one, experiment=k) for k, one in enumerate(records)]
-        fits = [
-            draw_fit(one, response, estimate=estimate, place=(k, len(records)))
-            for k, (one, response) in enumerate(zip(records, responses, strict=True))
-        ]
-        page = Page(
-            heading,
-            "selection of orders",
-            subtitle_of(given),
-            class_of(estimate, estimate.findings),
-            f"Recommended: {orders_in_words(estimate.structure)}; the model fits "
-            f"{fits_in_words(estimate.output_names, estimate.fit.tolist())}.",
-            selection.reason,
-            "",
-            key_numbers(estimate),
-            [picture_of(drawing) for drawing in fits],
-            estimate.findings,
-        )
-        sections.append(replace(model_section(estimate), heading="The recommended model"))
-    sections.append(Section("settings", "Data", settings=record_rows(given)))
-    return write_page(replace(page, sections=tuple(sections)), path, figures)
+        head = "No structure is recommended."
+        return Page(*named, "bad", head, selection.reason, sections=sections)
+    fits = fits_in_words(estimate.output_names, estimate.fit.tolist())
+    return Page(
+        *named,
+        class_of(estimate, estimate.findings),
+        f"Recommended: {orders_in_words(estimate.structure)}; the model fits {fits}.",
+        selection.reason,
+        "",
+        key_numbers(estimate),
+        identified_fits(estimate, settled(estimate, given)),
+        estimate.findings,
+        (
+            sections[0],
+            replace(model_section(estimate), heading="The recommended model"),
+            sections[1],
+        ),
+    )
+
+
+def _candidate_section(selection: Selection) -> Section:
+    rows = selection.table()
+    marked = tuple(k for k, row in enumerate(selection.rows) if row is selection.recommended)
+    title = "What identify gives for each"
+    return Section(
+        "candidates",
+        "Candidates",
+        tables=[ReportTable(title, selection.titles, rows, 2, marked=marked)],
+        figures=beside([picture_of(drawing) for drawing in _draw_selection(selection)]),
+        notes=selection.all_notes(),
+    )
 
 
 def _draw_selection(selection: Selection) -> list[Drawing]:
@@ -406,12 +418,7 @@ def write_validation_report(
         The file cannot be written; nothing is left behind.
     """
     records = settled(estimate, record)
-    view = look(estimate, records, experiment)
-    fits = []
-    for number, one in enumerate(view.records):
-        residual = np.stack([output.residual[number] for output in view.outputs], axis=1)
-        place = (number, len(view.records))
-        fits.append(picture_of(draw_fit(one, one.y - residual, place=place)))
+    fits = _fits_of(look(estimate, records, experiment))
     tests = tests_pictures(checked)
     verdict = "good" if checked.ok else "caution"
     page = Page(
