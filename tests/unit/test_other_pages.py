@@ -73,6 +73,7 @@ def test_a_contradiction_says_how_much_it_matters(found):
     assert "1 degree of freedom" in finding.message
     (finding,) = contradictions(dataclasses.replace(slight, fit=found.estimate.fit - 5.0))
     assert finding.severity == "warning"
+    assert finding.effect.endswith("A simulation shows it.")
     before, after = found.estimate.fit[0], found.estimate.fit[0] - 5.0
     assert f"fit of position from {before:.2f} to {after:.2f} %" in finding.effect
 

@@ -160,7 +160,7 @@ def contradictions(found: PhysicalEstimate) -> tuple[Finding, ...]:
         for name, free, held in zip(names, found.estimate.fit, found.fit, strict=True)
     ]
     slight = bool(np.all(falls < SLIGHT))
-    word = "little for a simulation" if slight else "much"
+    word = "hardly shows it" if slight else "shows it"
     return (
         Finding(
             "contradiction",
@@ -171,7 +171,7 @@ def contradictions(found: PhysicalEstimate) -> tuple[Finding, ...]:
             f"{p_in_words(found.p_value)}): what it demands of them is not what the record shows.",
             "Look for what the map leaves out, free a parameter that is taken as known, or correct "
             "units and signs of the channels.",
-            effect=f"With the map: {', '.join(changes)}. That is {word}.",
+            effect=f"With the map: {', '.join(changes)}. A simulation {word}.",
         ),
     )
 
