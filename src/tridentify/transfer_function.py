@@ -32,6 +32,7 @@ from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.rational import rational_response, scaled_roots
 from tridentify.writing import interop
 from tridentify.writing.layout import format_polynomial
+from tridentify.writing.views import ModelViews
 
 __all__ = ["TransferFunction"]
 
@@ -39,7 +40,7 @@ Polynomials = tuple[tuple[Array, ...], ...]
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class TransferFunction:
+class TransferFunction(ModelViews):
     """A matrix of proper rational transfer functions with delays.
 
     Parameters

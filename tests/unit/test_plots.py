@@ -1,4 +1,4 @@
-"""Pictures: what is drawn, on which axes, with which labels; no display, no global state."""
+"""Pictures: what is drawn, on which axes, with which labels."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_a_picture_draws_on_given_axes(double, name):
         PICTURES[name](double, given[:1])
 
 
-def test_pictures_leave_pyplot_alone():
+def test_a_plotting_library_is_loaded_by_the_first_picture():
     code = "import sys, tridentify.plots, tridentify.report; assert 'matplotlib' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -175,11 +175,11 @@ def test_integrators_and_repeated_poles_can_be_drawn(single, den):
         cov=np.eye(n + 1) * 1e-4,
     )
     _rendered(plots.plot_bode(estimate)[0])
-    _rendered(plots.plot_pole_zero(estimate))
+    _rendered(plots.plot_pole_zero(estimate)[0])
 
 
 def test_pole_zero_map_marks_every_near_root(double):
-    ax = plots.plot_pole_zero(double.estimate)
+    (ax,) = plots.plot_pole_zero(double.estimate)
     _rendered(ax)
     crosses, *rest = (line for line in ax.get_lines() if line.get_marker() == "x")
     assert not rest  # a shared denominator is drawn once
@@ -200,7 +200,7 @@ def test_tick_labels_of_the_map_do_not_overlap(single, factor):
         theta=np.array([6.5, 4.1, 3.0]) * scale,
         cov=1e-4 * np.diag(scale**2),
     )
-    ax = plots.plot_pole_zero(estimate)
+    (ax,) = plots.plot_pole_zero(estimate)
     ax.figure.draw_without_rendering()
     low, high = ax.get_xlim()
     shown = [k for k, at in enumerate(ax.get_xticks()) if low <= at <= high]
@@ -210,7 +210,7 @@ def test_tick_labels_of_the_map_do_not_overlap(single, factor):
 
 def test_ellipse_on_the_map_has_the_size_of_its_uncertainty(single):
     estimate = dataclasses.replace(single.estimate, cov=np.diag([0.04, 0.0, 0.0]))
-    ax = plots.plot_pole_zero(estimate)
+    (ax,) = plots.plot_pole_zero(estimate)
     real = [line.get_xdata() for line in ax.get_lines() if len(line.get_xdata()) == 73]
     # d Re(pole) / d a1 = -1/2, so its std is 0.1; 2.4477 is the radius of 95 % in the plane
     assert np.ptp(real[0]) / 2 == pytest.approx(2.4477 * 0.1, rel=1e-3)
@@ -282,6 +282,6 @@ def test_dollar_signs_in_names_are_no_mathematics(single):
         plots.plot_fit(estimate, record),
         plots.plot_residual(estimate, record),
         plots.plot_bode(estimate),
-        [plots.plot_pole_zero(estimate)],
+        plots.plot_pole_zero(estimate),
     ):
         _rendered(axes[0])

@@ -138,7 +138,7 @@ def test_figures_of_a_posterior_mean_show_its_draws(vague):
     band = plots.plot_bode(estimate, omega=omega)[0].collections[0].get_paths()[0].vertices
     expected = sampled_response_band(sample(estimate), omega).magnitude_high[:, 0, 0]
     assert set((20 * np.log10(expected)).round(9)) <= set(band[:, 1].round(9))
-    ax = plots.plot_pole_zero(estimate)
+    (ax,) = plots.plot_pole_zero(estimate)
     assert max(len(line.get_xdata()) for line in ax.get_lines()) >= 500
     assert not ax.patches[:-1]  # no ellipse, only the grey half-plane
 
@@ -148,7 +148,7 @@ def test_ellipses_lie_within_the_frame_of_poles_and_zeros():
     y = simulate(TransferFunction([3.0], [1.0, 1.0, 3.0]), Record(u, u, dt=0.1))
     y = y + 0.3 * np.random.default_rng(0).standard_normal(y.shape)
     estimate = identify(Record(u, y, dt=0.1), Structure(2, 0), ThreeModel(finish="likelihood"))
-    ax = plots.plot_pole_zero(estimate)
+    (ax,) = plots.plot_pole_zero(estimate)
     low, high = ax.get_ylim()
     ellipses = [line.get_ydata() for line in ax.get_lines() if len(line.get_xdata()) > 50]
     assert len(ellipses) == 2

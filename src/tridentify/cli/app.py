@@ -33,6 +33,7 @@ from tridentify.errors import (
     IdentifiabilityError,
     TridentifyError,
 )
+from tridentify.writing.views import unseen
 
 EXIT_CODES = (
     "Exit codes: 0 done; 1 the data do not allow an answer; 2 bad input or usage; 70 a fault of "
@@ -110,7 +111,7 @@ def run(arguments: Sequence[str]) -> int:
     debug = "--debug" in options
     if debug:
         given.remove("--debug")
-    with terminal.patient_streams(), _termination_as_interrupt():
+    with terminal.patient_streams(), _termination_as_interrupt(), unseen():
         try:
             terminal.check_output()
             code = get_command(app).main(given, prog_name=terminal.PROGRAM, standalone_mode=False)

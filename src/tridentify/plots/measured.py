@@ -10,7 +10,17 @@ import numpy as np
 from tridentify.judgement.advice import FrequencyResponse
 from tridentify.numerics.arrays import Array
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import GREY, ORANGE, SKY, dress, legend, literal, make_axes
+from tridentify.plots.style import (
+    GREY,
+    ORANGE,
+    SKY,
+    Picture,
+    checked,
+    dress,
+    legend,
+    literal,
+    make_axes,
+)
 from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:
@@ -26,7 +36,7 @@ LONGEST_BAR = 20.0, 90.0
 
 def plot_frequency_response(
     measured: FrequencyResponse, *, axes: Sequence[Axes] | None = None
-) -> list[Axes]:
+) -> Picture:
     """Draw magnitude, phase and coherence of every channel as measured.
 
     Parameters
@@ -38,13 +48,15 @@ def plot_frequency_response(
 
     Returns
     -------
-    list of matplotlib Axes
+    Picture
+        The axes.
 
     Notes
     -----
     Points of good coherence have 95 % error bars; the others are faded. The shaded band is the
     one that the input excites.
     """
+    checked(measured, FrequencyResponse, "plot_frequency_response(frequency_response(record))")
     n_outputs, n_inputs = len(measured.output_names), len(measured.input_names)
     drawn = make_axes(axes, [1.7, 1.4, 1.0] * (n_outputs * n_inputs), sharex=True)
     for k in range(n_outputs * n_inputs):

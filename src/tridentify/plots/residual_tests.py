@@ -14,6 +14,8 @@ from tridentify.plots.style import (
     BLUE,
     GREY,
     ORANGE,
+    Picture,
+    checked,
     course,
     dress,
     labelled,
@@ -40,9 +42,7 @@ MOST_NUMBERED = 4
 """Experiments beside each other that leave room for a word."""
 
 
-def plot_residual_tests(
-    validation: Validation, *, axes: Sequence[Axes] | None = None
-) -> list[Axes]:
+def plot_residual_tests(validation: Validation, *, axes: Sequence[Axes] | None = None) -> Picture:
     """Draw what the verdict on an estimate rests on.
 
     Parameters
@@ -54,11 +54,12 @@ def plot_residual_tests(
 
     Returns
     -------
-    list of matplotlib Axes
+    Picture
+        The axes.
 
     Raises
     ------
-    ValueError
+    OptionError
         Not as many axes as the picture needs.
 
     Notes
@@ -67,6 +68,7 @@ def plot_residual_tests(
     correlated with their own past. Among many lags some lie outside by chance: the verdict is that
     of the joint tests (`Validation.tests`).
     """
+    checked(validation, Validation, "plot_residual_tests(validate(estimate, record))")
     n_inputs = len(validation.input_names)
     heights = [HEIGHT, *[HEIGHT] * n_inputs, SQUARE, HEIGHT] * len(validation.output_names)
     drawn = make_axes(axes, heights)

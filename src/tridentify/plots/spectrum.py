@@ -15,6 +15,8 @@ from tridentify.plots.style import (
     GREEN,
     GREY,
     ORANGE,
+    Picture,
+    checked,
     dress,
     labelled,
     legend,
@@ -39,7 +41,7 @@ def plot_excitation(
     model: TransferFunction | Estimate | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> list[Axes]:
+) -> Picture:
     """Draw every input against time, and its amplitude spectrum.
 
     Parameters
@@ -53,7 +55,8 @@ def plot_excitation(
 
     Returns
     -------
-    list of matplotlib Axes
+    Picture
+        The axes.
 
     Examples
     --------
@@ -62,6 +65,7 @@ def plot_excitation(
     >>> [ax.get_xlabel() for ax in axes]
     ['time [s]', 'angular frequency [rad/s]']
     """
+    checked(excitation, Excitation, "plot_excitation(excitation)")
     plant = model.model if isinstance(model, Estimate) else model
     drawn = make_axes(axes, [1.6, 2.2] * excitation.n_inputs)
     omega, lines = excitation.spectrum()
@@ -84,7 +88,7 @@ def plot_spectrum(
     model: TransferFunction | Estimate | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> list[Axes]:
+) -> Picture:
     """Draw an optimal spectrum: power by line, its certificate, and the plant's response.
 
     Parameters
@@ -99,7 +103,8 @@ def plot_spectrum(
 
     Returns
     -------
-    list of matplotlib Axes
+    Picture
+        The axes.
 
     Examples
     --------
@@ -110,6 +115,7 @@ def plot_spectrum(
     """
     if isinstance(spectrum, Excitation):
         return plot_excitation(spectrum, model, axes=axes)
+    checked(spectrum, Spectrum, "plot_spectrum(optimal_spectrum(model))")
     plant = model.model if isinstance(model, Estimate) else model or spectrum.model
     inputs = spectrum.power.shape[1]
     drawn = make_axes(axes, [2.1, 1.5] * inputs)

@@ -16,6 +16,7 @@ from tridentify.plots.style import (
     GREY,
     ORANGE,
     SKY,
+    Picture,
     dress,
     labelled,
     legend,
@@ -42,7 +43,7 @@ def plot_trajectory(
     truth: Mapping[str, Truth] | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> list[Axes]:
+) -> Picture:
     """Draw the coefficients over time with 95 % bands, changes, and flags below.
 
     Parameters
@@ -57,7 +58,8 @@ def plot_trajectory(
 
     Returns
     -------
-    list of matplotlib Axes
+    Picture
+        The axes.
 
     Raises
     ------

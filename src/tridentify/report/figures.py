@@ -38,6 +38,7 @@ from tridentify.record.record import Record
 from tridentify.report.pictures import Drawing, Picture, check_formats, picture_of, save_drawing
 from tridentify.report.sheet import Sheet
 from tridentify.writing.layout import IN_PICTURES, short
+from tridentify.writing.views import unseen
 
 LONGEST = 20_000
 """Samples of each record that the measured frequency response is made of: below a second."""
@@ -367,6 +368,7 @@ def draw_diagrams(estimate: Estimate) -> list[Chart]:
     return found
 
 
+@unseen()
 def save_figures(
     estimate: Estimate,
     record: Record | Sequence[Record],

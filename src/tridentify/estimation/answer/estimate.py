@@ -53,10 +53,26 @@ from tridentify.writing.layout import (
     unit_ratio,
 )
 from tridentify.writing.notebook import fraction
+from tridentify.writing.views import EstimateViews
 
 __all__ = ["Estimate", "Nuisance", "Parameter", "Pass", "Start", "Status", "Step", "Trace"]
 
 Row = tuple[str, float, float, str]
+_FOR_OTHER_ROOMS = frozenset(
+    (
+        "call",
+        "channel_draws",
+        "derived_rows",
+        "derived_values",
+        "from_document",
+        "held_note",
+        "model_text",
+        "noise_note",
+        "nuisance_rows",
+        "offset_note",
+    )
+)
+"""What tables, pages and files are made of: not offered to those who look an estimate over."""
 SCHEMA = 2
 """Version of the file format: raised when a field is added, dropped or changes its meaning."""
 HELD = 1e-17
@@ -70,7 +86,7 @@ _TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Estimate:
+class Estimate(EstimateViews):
     """An identified model with covariance, diagnostics and the trace of its estimation.
 
     Attributes
@@ -205,6 +221,9 @@ class Estimate:
         for a in model:
             a.setflags(write=False)
         object.__setattr__(self, "noise_model", model)
+
+    def __dir__(self) -> list[str]:
+        return sorted(set(super().__dir__()) - _FOR_OTHER_ROOMS)
 
     def __repr__(self) -> str:
         pairs = zip(self.names, self.theta, self.std, strict=True)
