@@ -15,6 +15,7 @@ from typer.main import get_command
 from tridentify.cli import (
     advise_command,
     channels_command,
+    compare_command,
     demo_command,
     excite_command,
     export_command,
@@ -60,6 +61,7 @@ app.command("study")(study_command.study)
 app.command("excite")(excite_command.excite)
 app.command("export")(export_command.export)
 app.command("validate")(with_groups(validate_command.validate))
+app.command("compare")(with_groups(compare_command.compare_models))
 
 
 def _show_version(asked: bool) -> None:

@@ -21,6 +21,8 @@ _WIDTH = 78
 """Characters a line: fits a terminal of 80."""
 _LONGEST = 24
 """Name of a model, a record or an output in a table, in characters."""
+_LONGER = 32
+"""Name of a quantity with its channel."""
 HELD = (
     "The models are held. Initial state and offset are fitted to each record, and a drift where "
     "the model was identified with one or integrates."
@@ -132,7 +134,7 @@ class Comparison:
 
     def _quantity_rows(self) -> list[tuple[str, ...]]:
         return [
-            (short(row.name, _LONGEST), short(name, _LONGEST), *_cells(value), row.unit)
+            (short(row.name, _LONGER), short(name, _LONGEST), *_cells(value), row.unit)
             for row in self.quantities
             for name, value in zip(self.names, row.values, strict=True)
             if value is not None
