@@ -179,15 +179,7 @@ def _matched(entry: Entry, record: Record, name: str) -> _Pair:
             f"{shown(', '.join(record.output_names), 60)}; expected the channels of the model; "
             "name the record's channels as the model's"
         )
-    columns = [record.input_names.index(one) for one in inputs]
-    own = tuple(outputs[i] for i in kept)
-    rows = [record.output_names.index(one) for one in own]
-    seen = record._derive(
-        u=np.ascontiguousarray(record.u[:, columns]),
-        y=np.ascontiguousarray(record.y[:, rows]),
-        input_names=tuple(inputs),
-        output_names=own,
-    )
+    seen = record.select(inputs, [outputs[i] for i in kept])
     if entry.estimate is not None:
         seen = seen.settled(entry.estimate.intersample)
         drift = bool(entry.estimate.structure.drift)
