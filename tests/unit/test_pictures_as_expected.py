@@ -50,7 +50,7 @@ def of(case):
 def test_pyplot_has_the_figure(single, draw, tmp_path):
     assert plt.get_fignums() == []
     picture = draw(single)
-    assert isinstance(picture, plots.Picture)
+    assert isinstance(picture, plots.Panels)
     assert plt.gcf() is picture.figure
     assert len(plt.get_fignums()) == 1
     plt.savefig(tmp_path / "a.png")

@@ -123,7 +123,7 @@ def test_a_lightly_damped_plant_fills_the_map(single):
     """To scale its poles would be dots on the axis; a zero far outside is pointed at."""
     model = TransferFunction([0.01, 40.0], [1.0, 0.02, 100.0])
     bare = dataclasses.replace(single.estimate, model=model, cov=np.full((3, 3), np.nan))
-    ax = plots.plot_pole_zero(bare)
+    (ax,) = plots.plot_pole_zero(bare)
     (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
     assert ax.get_aspect() == "auto"
     assert right - left < 0.1 < 20.0 < top - bottom

@@ -1,7 +1,7 @@
 """Pictures of records and models, one a file.
 
 Every function draws on the ``axes`` that it is given, or makes a figure that pyplot knows of: a
-notebook shows it, ``plt.show()`` too, and ``plt.savefig`` saves it. What comes back is a `Picture`,
+notebook shows it, ``plt.show()`` too, and ``plt.savefig`` saves it. What comes back are `Panels`,
 the list of its axes, with ``.figure`` and ``.savefig``. Wherever it makes sense several models are
 taken, as a list or a mapping of names to them.
 """
@@ -25,11 +25,11 @@ from tridentify.plots.residual_tests import plot_residual_tests
 from tridentify.plots.selection import plot_selection
 from tridentify.plots.spectrum import plot_excitation, plot_spectrum
 from tridentify.plots.step import plot_step
-from tridentify.plots.style import Picture
+from tridentify.plots.style import Panels
 from tridentify.plots.trajectory import plot_trajectory
 
 __all__ = [
-    "Picture",
+    "Panels",
     "plot_bode",
     "plot_compared",
     "plot_comparison",

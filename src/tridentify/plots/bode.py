@@ -15,7 +15,7 @@ from tridentify.plots.lines import Line, band_label, lines_of, named_first, numb
 from tridentify.plots.measured import draw_measured, whole_turns
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import (
-    Picture,
+    Panels,
     Shown,
     channel,
     dress,
@@ -43,7 +43,7 @@ def plot_bode(
     level: float = 0.95,
     measured: FrequencyResponse | None = None,
     axes: Sequence[Axes] | None = None,
-) -> Picture:
+) -> Panels:
     """Draw magnitude and phase of every channel with a pointwise confidence band.
 
     Parameters
@@ -69,7 +69,7 @@ def plot_bode(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

@@ -11,7 +11,7 @@ from tridentify.judgement.comparison import Comparison
 from tridentify.plots.fit import draw_recorded
 from tridentify.plots.style import (
     DASHES,
-    Picture,
+    Panels,
     checked,
     course,
     cycle_colour,
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None = None) -> Picture:
+def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None = None) -> Panels:
     """Draw every model over every record, with what was fitted to the record.
 
     Parameters
@@ -41,7 +41,7 @@ def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None 
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises
@@ -70,7 +70,7 @@ def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None 
     drawn = make_axes(axes, [2.1 + 0.22 * _legend_rows(comparison)] * len(panels))
     for ax, (i, r, y) in zip(drawn, panels, strict=True):
         record, output = comparison.records[r], comparison.output_names[i]
-        draw_recorded(ax, record.t, y, line=1.0)
+        draw_recorded(ax, record.t, y)
         for k, name in enumerate(comparison.names):
             fit = float(comparison.fits[k, r, i])
             label = f"{short(name, IN_PICTURES)}: " + (f"{fit:.1f} %" if np.isfinite(fit) else "-")

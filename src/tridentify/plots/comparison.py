@@ -17,7 +17,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.plots.bode import default_frequencies, draw_magnitudes
 from tridentify.plots.lines import Line, lines_of, named_first
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import BLACK, Picture, cycle_colour, dress, literal, make_axes
+from tridentify.plots.style import BLACK, Panels, cycle_colour, dress, literal, make_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ def plot_comparison(
     *,
     truth: Mapping[str, float] | None = None,
     axes: Sequence[Axes] | Axes | None = None,
-) -> Picture:
+) -> Panels:
     """Draw what several models say, each number with its 95 % interval, relative to one value.
 
     Models of the same orders are compared coefficient by coefficient. The coefficients of models of
@@ -61,7 +61,7 @@ def plot_comparison(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

@@ -13,7 +13,7 @@ from tridentify.plots.style import (
     CYCLE,
     GREEN,
     ORANGE,
-    Picture,
+    Panels,
     checked,
     dress,
     literal,
@@ -31,7 +31,7 @@ LONGEST_NAME = 18
 """Name of a coefficient in it, in characters."""
 
 
-def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) -> Picture:
+def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw how coefficients, cost and stop measures went from pass to pass.
 
     Parameters
@@ -43,7 +43,7 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
     """
     from matplotlib.ticker import NullFormatter

@@ -13,7 +13,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.plots.style import (
     BLACK,
     ORANGE,
-    Picture,
+    Panels,
     checked,
     dress,
     labelled,
@@ -51,7 +51,7 @@ def plot_cost_surface(
     ranges: tuple[Range, Range] | None = None,
     n_points: int = 33,
     axes: Sequence[Axes] | None = None,
-) -> Picture:
+) -> Panels:
     """Draw the output-error cost over two coefficients beside the quadratic that Step 2 solves.
 
     Parameters
@@ -75,7 +75,7 @@ def plot_cost_surface(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises
@@ -210,10 +210,10 @@ def _spans(
     return found
 
 
-def _axes(axes: Sequence[Axes] | None) -> Picture:
+def _axes(axes: Sequence[Axes] | None) -> Panels:
     if axes is not None:
         return make_axes(axes, [HIGH, HIGH])
-    return Picture(new_figure(WIDE, HIGH).subplots(1, 2))
+    return Panels(new_figure(WIDE, HIGH).subplots(1, 2))
 
 
 def _filled(ax: Axes, x: Array, y: Array, cost: Array) -> None:

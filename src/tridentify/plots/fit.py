@@ -18,7 +18,7 @@ from tridentify.plots.style import (
     BLUE,
     GREY,
     ORANGE,
-    Picture,
+    Panels,
     checked,
     course,
     dress,
@@ -53,7 +53,7 @@ def plot_fit(
     names: Sequence[str] | None = None,
     experiment: int = 0,
     axes: Sequence[Axes] | None = None,
-) -> Picture:
+) -> Panels:
     """Draw recorded outputs, the models' responses to the recorded inputs, and the inputs.
 
     Parameters
@@ -72,7 +72,7 @@ def plot_fit(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

@@ -9,7 +9,7 @@ import numpy as np
 
 from tridentify.errors import UnsupportedError
 from tridentify.judgement.selection import Hankel, Selection
-from tridentify.plots.style import BLUE, GREY, ORANGE, Picture, checked, dress, make_axes
+from tridentify.plots.style import BLUE, GREY, ORANGE, Panels, checked, dress, make_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -20,7 +20,7 @@ DECADES_BELOW = 4.0
 
 def plot_hankel(
     selection: Selection | Hankel, *, axes: Sequence[Axes] | Axes | None = None
-) -> Picture:
+) -> Panels:
     """Draw Hankel singular values on a logarithmic scale with the noise's floor.
 
     Parameters
@@ -31,7 +31,7 @@ def plot_hankel(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

@@ -12,7 +12,7 @@ from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
 from tridentify.plots.lines import Line, lines_of, numbers
 from tridentify.plots.over_time import Course, default_times, draw_courses, trimmed, without_band
-from tridentify.plots.style import Picture, legend, legend_columns, literal, make_axes
+from tridentify.plots.style import Panels, legend, legend_columns, literal, make_axes
 from tridentify.uncertainty import impulse_band, sample, sampled_impulse_band
 from tridentify.uncertainty.checks import checked_level, checked_times
 
@@ -27,7 +27,7 @@ def plot_impulse(
     names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> Picture:
+) -> Panels:
     """Draw the response to a unit impulse of each input, with a pointwise confidence band.
 
     Parameters
@@ -47,7 +47,7 @@ def plot_impulse(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

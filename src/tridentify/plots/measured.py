@@ -14,7 +14,7 @@ from tridentify.plots.style import (
     GREY,
     ORANGE,
     SKY,
-    Picture,
+    Panels,
     checked,
     dress,
     legend,
@@ -36,7 +36,7 @@ LONGEST_BAR = 20.0, 90.0
 
 def plot_frequency_response(
     measured: FrequencyResponse, *, axes: Sequence[Axes] | None = None
-) -> Picture:
+) -> Panels:
     """Draw magnitude, phase and coherence of every channel as measured.
 
     Parameters
@@ -48,7 +48,7 @@ def plot_frequency_response(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Notes

@@ -19,7 +19,7 @@ from tridentify.plots.style import (
     BLACK,
     ORANGE,
     WIDTH,
-    Picture,
+    Panels,
     Shown,
     channel,
     dress,
@@ -57,7 +57,7 @@ def plot_nyquist(
     names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> Picture:
+) -> Panels:
     """Draw the frequency response of every channel in the complex plane.
 
     Parameters
@@ -78,7 +78,7 @@ def plot_nyquist(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

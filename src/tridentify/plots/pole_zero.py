@@ -13,7 +13,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.root_draws import stacked_roots
 from tridentify.plots.lines import Line, lines_of
-from tridentify.plots.style import BLACK, CYCLE, WIDTH, Picture, dress, literal, make_axes
+from tridentify.plots.style import BLACK, CYCLE, WIDTH, Panels, dress, literal, make_axes
 from tridentify.uncertainty import RootUncertainty, poles, zeros
 from tridentify.uncertainty.checks import checked_level
 from tridentify.writing.layout import format_std, format_value, short
@@ -43,7 +43,7 @@ def plot_pole_zero(
     names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> Picture:
+) -> Panels:
     """Draw poles (crosses) and zeros (circles) with confidence ellipses from the delta method.
 
     Parameters
@@ -61,7 +61,7 @@ def plot_pole_zero(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from tridentify.plots.style import (
     BLUE,
     GREEN,
-    Picture,
+    Panels,
     checked,
     course,
     dress,
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> Picture:
+def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw every channel, outputs first.
 
     Parameters
@@ -34,7 +34,7 @@ def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> Pictur
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Examples

@@ -15,7 +15,7 @@ from tridentify.numerics.correlation import autocorrelation
 from tridentify.plots.style import (
     BLUE,
     ORANGE,
-    Picture,
+    Panels,
     checked,
     course,
     dress,
@@ -43,7 +43,7 @@ def plot_residual(
     experiment: int = 0,
     n_lags: int = 40,
     axes: Sequence[Axes] | None = None,
-) -> Picture:
+) -> Panels:
     """Draw the residual of each output over time, and its autocorrelation with 99 % bounds.
 
     Parameters
@@ -61,7 +61,7 @@ def plot_residual(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Notes

@@ -14,7 +14,7 @@ from tridentify.plots.style import (
     BLUE,
     GREY,
     ORANGE,
-    Picture,
+    Panels,
     checked,
     course,
     dress,
@@ -42,7 +42,7 @@ MOST_NUMBERED = 4
 """Experiments beside each other that leave room for a word."""
 
 
-def plot_residual_tests(validation: Validation, *, axes: Sequence[Axes] | None = None) -> Picture:
+def plot_residual_tests(validation: Validation, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw what the verdict on an estimate rests on.
 
     Parameters
@@ -54,7 +54,7 @@ def plot_residual_tests(validation: Validation, *, axes: Sequence[Axes] | None =
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

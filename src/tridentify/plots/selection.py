@@ -17,7 +17,7 @@ from tridentify.plots.style import (
     GREY,
     ORANGE,
     PURPLE,
-    Picture,
+    Panels,
     checked,
     dress,
     legend,
@@ -35,7 +35,7 @@ LINEAR = 10.0
 CROWDED = 8
 
 
-def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) -> Picture:
+def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw what the candidates of a selection have to say for themselves.
 
     Parameters
@@ -48,7 +48,7 @@ def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) 
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Notes

@@ -15,7 +15,7 @@ from tridentify.plots.style import (
     GREEN,
     GREY,
     ORANGE,
-    Picture,
+    Panels,
     checked,
     dress,
     labelled,
@@ -41,7 +41,7 @@ def plot_excitation(
     model: TransferFunction | Estimate | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> Picture:
+) -> Panels:
     """Draw every input against time, and its amplitude spectrum.
 
     Parameters
@@ -55,7 +55,7 @@ def plot_excitation(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Examples
@@ -88,7 +88,7 @@ def plot_spectrum(
     model: TransferFunction | Estimate | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> Picture:
+) -> Panels:
     """Draw an optimal spectrum: power by line, its certificate, and the plant's response.
 
     Parameters
@@ -103,7 +103,7 @@ def plot_spectrum(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Examples

@@ -13,7 +13,7 @@ from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
 from tridentify.plots.lines import Line, lines_of, numbers
 from tridentify.plots.over_time import Course, default_times, draw_courses, trimmed, without_band
-from tridentify.plots.style import GREY, Picture, legend, legend_columns, make_axes
+from tridentify.plots.style import GREY, Panels, legend, legend_columns, make_axes
 from tridentify.uncertainty import sample, sampled_step_band, step_band
 from tridentify.uncertainty.checks import checked_level, checked_times
 
@@ -28,7 +28,7 @@ def plot_step(
     names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> Picture:
+) -> Panels:
     """Draw the response to a unit step of each input, with a pointwise confidence band.
 
     Parameters
@@ -48,7 +48,7 @@ def plot_step(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

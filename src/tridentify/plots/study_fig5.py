@@ -14,7 +14,7 @@ from tridentify.plots.style import (
     GREEN,
     GREY,
     ORANGE,
-    Picture,
+    Panels,
     dress,
     legend,
     make_axes,
@@ -35,7 +35,7 @@ FINE = 5
 """Points of a drawn response for each sample of the record."""
 
 
-def plot_step_responses(result: AircraftResult, *, axes: Sequence[Axes] | None = None) -> Picture:
+def plot_step_responses(result: AircraftResult, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw the truth with one noisy record, what the estimators make of all draws, and the input.
 
     Parameters
@@ -47,7 +47,7 @@ def plot_step_responses(result: AircraftResult, *, axes: Sequence[Axes] | None =
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
     """
     drawn = make_axes(axes, [2.2, 1.35, 1.35, 1.35, 0.9], sharex=True)

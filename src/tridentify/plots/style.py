@@ -52,7 +52,7 @@ def cycle_colour(number: int) -> str:
     return CYCLE[number % len(CYCLE)]
 
 
-class Picture(list["Axes"]):
+class Panels(list["Axes"]):
     """The axes of one picture, in the order in which its function names them.
 
     A notebook shows the figure once, and not a list; elsewhere this is the list.
@@ -125,7 +125,7 @@ def make_axes(
     heights: Sequence[float],
     *,
     sharex: bool = False,
-) -> Picture:
+) -> Panels:
     """Check the given axes, or stack new ones in a figure of their own.
 
     Parameters
@@ -138,7 +138,7 @@ def make_axes(
 
     Returns
     -------
-    Picture
+    Panels
 
     Raises
     ------
@@ -157,12 +157,12 @@ def make_axes(
                 f"found {len(given)} axes; expected {len(heights)} for this picture; make them "
                 f"with plt.subplots({len(heights)})"
             )
-        return Picture(given)
+        return Panels(given)
     figure = new_figure(WIDTH, sum(heights) + 0.3)
     grid = figure.subplots(
         len(heights), 1, squeeze=False, sharex=sharex, gridspec_kw={"height_ratios": list(heights)}
     )
-    return Picture(grid[:, 0])
+    return Panels(grid[:, 0])
 
 
 def checked(given: object, kind: type[Kind], example: str) -> Kind:

@@ -16,7 +16,7 @@ from tridentify.plots.style import (
     GREY,
     ORANGE,
     SKY,
-    Picture,
+    Panels,
     checked,
     dress,
     labelled,
@@ -42,7 +42,7 @@ def plot_trajectory(
     truth: Mapping[str, Truth] | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> Picture:
+) -> Panels:
     """Draw the coefficients over time with 95 % bands, changes, and flags below.
 
     Parameters
@@ -57,7 +57,7 @@ def plot_trajectory(
 
     Returns
     -------
-    Picture
+    Panels
         The axes.
 
     Raises

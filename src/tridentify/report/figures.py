@@ -38,7 +38,6 @@ from tridentify.record.record import Record
 from tridentify.report.pictures import Drawing, Picture, check_formats, picture_of, save_drawing
 from tridentify.report.sheet import Sheet
 from tridentify.writing.layout import IN_PICTURES, short
-from tridentify.writing.views import unseen
 
 LONGEST = 20_000
 """Samples of each record that the measured frequency response is made of: below a second."""
@@ -300,7 +299,7 @@ def _step(estimate: Estimate) -> Drawing:
 
 def _pole_zero(estimate: Estimate) -> Drawing:
     sheet = Sheet([ROOTS])
-    plot_pole_zero(estimate, ax=sheet.axes[0])
+    plot_pole_zero(estimate, axes=sheet.axes[0])
     return Drawing(
         "pole-zero",
         "Poles and zeros",
@@ -368,7 +367,6 @@ def draw_diagrams(estimate: Estimate) -> list[Chart]:
     return found
 
 
-@unseen()
 def save_figures(
     estimate: Estimate,
     record: Record | Sequence[Record],

@@ -62,6 +62,10 @@ def subtitle_of(records: Sequence[Record]) -> str:
     -------
     str
     """
+    today = datetime.now(UTC)
+    day = f"{today.day} {today:%B %Y}"
+    if not records:
+        return day
     names = ", ".join(dict.fromkeys(short(r.name, IN_TABLES) for r in records if r.name))
     several = f"{len(records)} experiments" if len(records) > 1 else ""
     samples = sum(record.n_samples for record in records)
@@ -73,8 +77,6 @@ def subtitle_of(records: Sequence[Record]) -> str:
         gaps = np.concatenate([np.diff(record.t) for record in records])
         sampling = f"{gaps.min():.3g} to {gaps.max():.3g} s apart"
     duration = sum(float(record.t[-1] - record.t[0]) for record in records)
-    today = datetime.now(UTC)
-    day = f"{today.day} {today:%B %Y}"
     parts = (names, several, f"{samples:,} samples {sampling}, {duration:.4g} s", day)
     return " \N{MIDDLE DOT} ".join(part for part in parts if part)
 

@@ -25,12 +25,10 @@ from tridentify.report.page import Page, Section, beside
 from tridentify.report.pictures import Picture, save_picture
 from tridentify.report.settings import code_again, settings_table
 from tridentify.report.tables import course_tables, result_tables, validation_tables
-from tridentify.writing.views import unseen
 
 Progress = Callable[[str], None]
 
 
-@unseen()
 def write_report(
     estimate: Estimate,
     record: Record | Sequence[Record],
