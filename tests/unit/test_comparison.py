@@ -19,6 +19,9 @@ from tridentify import (
     validate,
 )
 from tridentify.errors import ChannelNameError, OptionError, SampleTypeError
+from tridentify.judgement.comparison import refit
+from tridentify.judgement.comparison.both_ways import grows
+from tridentify.judgement.comparison.refit import refitted
 
 N, DT = 240, 0.05
 EVEN = DT * np.arange(N)
@@ -166,7 +169,7 @@ def test_each_record_keeps_what_its_input_does_between_samples():
 
 def test_an_unstable_model_over_a_long_record_is_told_and_not_guessed():
     t = 0.5 * np.arange(N)
-    model = TransferFunction([1.0], [1.0, -2.0])
+    model = TransferFunction([1.0], [1.0, -2.0], delay=0.3)
     record = Record(steps(), np.sin(t), t=t)
     found = compare([model, TransferFunction([1.0], [1.0, 2.0])], record)
     assert np.isnan(found.fits[0, 0, 0])
@@ -174,6 +177,56 @@ def test_an_unstable_model_over_a_long_record_is_told_and_not_guessed():
     assert "unstable" in found.notes[0]
     assert "unstable" in found.summary()
     found.plot()
+
+
+GROWING = {
+    "zoh": (EVEN * 10.0, "zoh"),
+    "foh": (EVEN * 10.0, "foh"),
+    "uneven": (10.0 * (UNEVEN - UNEVEN[0]), "zoh"),
+}
+
+
+@pytest.mark.parametrize("name", GROWING)
+def test_growing_modes_are_no_matter_of_rounding(name, responses):
+    """Over 120 s exp(2 t) grows by a hundred decades; the response that stays bounded is found."""
+    t, intersample = GROWING[name]
+    u = steps()
+    # backward from the end, where it is as it would stay: x' = 2 x + u
+    states, _ = responses(np.array([[-2.0]]), np.ones(1), t[-1] - t[::-1], turned(u, intersample),
+                          0.0, intersample)  # fmt: skip
+    slow = simulate(
+        TransferFunction([3.0], [1.0, 0.5]), Record(u, np.zeros(N), t=t, intersample=intersample)
+    )[:, 0]
+    y = slow - states[::-1, 0] + 4.0 + 0.2 * np.exp(2.0 * (t - t[-1]))
+    model = TransferFunction(
+        np.polyadd(3.0 * np.array([1.0, -2.0]), np.array([1.0, 0.5])),
+        np.polymul([1.0, 0.5], [1.0, -2.0]),
+    )
+    record = Record(u, y, t=t, intersample=intersample)
+    assert compare(model, record).fits[0, 0, 0] == pytest.approx(100.0, abs=1e-6)
+    noisy_one = Record(u, y + 0.1 * np.random.default_rng(0).standard_normal(N), t=t,
+                       intersample=intersample)  # fmt: skip
+    assert 80.0 < compare(model, noisy_one).fits[0, 0, 0] < 99.0
+
+
+def turned(u, intersample):
+    """An input in reversed time: what was held until a sample is held from it on."""
+    return np.append(u[-2::-1], u[0]) if intersample == "zoh" else u[::-1]
+
+
+def test_both_directions_agree_where_either_is_good():
+    model = TransferFunction(
+        [[[1.0, 2.0, 3.0]], [[1.0]]], np.poly([-1.0 + 2j, -1.0 - 2j, 1.2]).real
+    )
+    t = np.arange(N) * 0.05
+    record = Record(steps(), np.random.default_rng(0).standard_normal((N, 2)), t=t)
+    assert not grows(model, 9.0)
+    assert grows(model, record.duration)
+    backward = refitted(model, record, drift=False)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(refit, "grows", lambda *_: False)
+        forward = refitted(model, record, drift=False)
+    assert backward == pytest.approx(forward, abs=1e-7)
 
 
 def test_a_fit_of_an_output_at_rest_is_none():

@@ -9,15 +9,16 @@ import numpy.typing as npt
 
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics import delta_method
-from tridentify.numerics.arrays import Array
-from tridentify.plots.lines import Line, lines_of, numbers
-from tridentify.plots.over_time import Course, default_times, draw_courses, trimmed, without_band
+from tridentify.plots.lines import Line
+from tridentify.plots.over_time import Reply, courses_of, draw_courses
 from tridentify.plots.style import Panels, legend, legend_columns, literal, make_axes
-from tridentify.uncertainty import impulse_band, sample, sampled_impulse_band
-from tridentify.uncertainty.checks import checked_level, checked_times
+from tridentify.uncertainty import impulse_band, sampled_impulse_band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+IMPULSE = Reply("plot_impulse", delta_method.impulse_response, impulse_band, sampled_impulse_band)
 
 
 def plot_impulse(
@@ -63,23 +64,16 @@ def plot_impulse(
     A channel with as many zeros as poles passes the impulse on at once; the weight of that is
     written into the picture, and the curve is the rest.
     """
-    lines = lines_of(models, names, "plot_impulse(estimate) or plot_impulse([one, other])")
-    checked_level(level)
-    times = default_times(*lines) if t is None else checked_times(numbers("t", t, EXAMPLE))
-    courses = [_course(line, times, level) for line in lines]
-    stop = max(trimmed(times, one.response) for one in courses) if t is None else times.size
-    kept = [Course(c.line, c.response[:stop], c.low[:stop], c.high[:stop]) for c in courses]
+    times, courses = courses_of(models, names, t, level, IMPULSE)
+    lines = [course.line for course in courses]
     n_outputs, n_inputs = lines[0].model.n_outputs, lines[0].model.n_inputs
     drawn = make_axes(axes, [2.1] * (n_outputs * n_inputs))
-    draw_courses(drawn, times[:stop], kept, level, 1)
+    draw_courses(drawn, times, courses, level, 1)
     for k, ax in enumerate(drawn):
         _tell_direct(ax, lines, *divmod(k, n_inputs))
     legend(drawn[0], columns=legend_columns(drawn[0]))
     drawn[-1].set_xlabel("time after the impulse [s]", fontsize=9)
     return drawn
-
-
-EXAMPLE = "plot_impulse([one, other], t)"
 
 
 def _tell_direct(ax: Axes, lines: Sequence[Line], output: int, input_: int) -> None:
@@ -101,14 +95,3 @@ def _tell_direct(ax: Axes, lines: Sequence[Line], output: int, input_: int) -> N
             va="top",
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
         )
-
-
-def _course(line: Line, t: Array, level: float) -> Course:
-    if line.estimate is None:
-        return without_band(line, t, delta_method.impulse_response)
-    free = any(name.startswith("delay") for name in line.estimate.names)
-    if len(line.draws) and not free:
-        band = sampled_impulse_band(sample(line.estimate), t, level)
-    else:
-        band = impulse_band(line.estimate, t, level)
-    return Course(line, band.response, band.low, band.high)

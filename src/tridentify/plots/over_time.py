@@ -5,23 +5,25 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array
-from tridentify.plots.lines import Line, band_label, named_first
+from tridentify.plots.lines import Line, band_label, lines_of, named_first, numbers
 from tridentify.plots.style import Shown, channel, dress, in_brackets, literal
+from tridentify.transfer_function import TransferFunction
+from tridentify.uncertainty import ImpulseBand, StepBand, sample
+from tridentify.uncertainty.checks import checked_level, checked_times
 from tridentify.uncertainty.step import powers_of
 from tridentify.writing.layout import unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-
-Formula = Callable[..., tuple[Array, Array]]
 
 AT_ZERO = 1e-9
 """Of the largest pole, below which another is one at zero."""
@@ -130,25 +132,68 @@ class Course:
     high: Array
 
 
-def without_band(line: Line, t: Array, formula: Formula) -> Course:
-    """Response of a model that has no standard errors.
+@dataclass(frozen=True)
+class Reply:
+    """What kind of response is drawn, and who works it out.
 
-    Parameters
+    Attributes
     ----------
-    line : Line
-    t : ndarray, shape (n_times,)
-        [s].
+    name : str
+        ``plot_step`` or ``plot_impulse``, for messages.
     formula : callable
-        As of `tridentify.uncertainty.step.over_time`.
+        As of `tridentify.uncertainty.step.over_time`: a model without standard errors.
+    linear, sampled : callable
+        The band of an estimate to first order, and from the draws of a posterior mean.
     """
-    model = line.model
+
+    name: str
+    formula: Callable[..., tuple[Array, Array]]
+    linear: Callable[..., StepBand | ImpulseBand]
+    sampled: Callable[..., StepBand | ImpulseBand]
+
+
+def courses_of(
+    models: Models,
+    names: Sequence[str] | None,
+    t: npt.ArrayLike | None,
+    level: float,
+    reply: Reply,
+) -> tuple[Array, list[Course]]:
+    """Times and responses of every model, by default until all have settled."""
+    lines = lines_of(models, names, f"{reply.name}(estimate) or {reply.name}([one, other])")
+    checked_level(level)
+    if t is not None:
+        times = checked_times(numbers("t", t, f"{reply.name}([one, other], t)"))
+        return times, [_course(line, times, level, reply) for line in lines]
+    times = default_times(*lines)
+    found = [_course(line, times, level, reply) for line in lines]
+    stop = max(trimmed(times, one.response) for one in found)
+    return times[:stop], [
+        Course(one.line, one.response[:stop], one.low[:stop], one.high[:stop]) for one in found
+    ]
+
+
+def _course(line: Line, t: Array, level: float, reply: Reply) -> Course:
+    if line.estimate is None:
+        response = _response(line.model, t, reply.formula)
+        nothing = np.full_like(response, np.nan)
+        return Course(line, response, nothing, nothing)
+    free = any(name.startswith("delay") for name in line.estimate.names)
+    if len(line.draws) and not free:
+        band = reply.sampled(sample(line.estimate), t, level)
+    else:
+        band = reply.linear(line.estimate, t, level)
+    return Course(line, band.response, band.low, band.high)
+
+
+def _response(model: TransferFunction, t: Array, formula: Callable[..., Any]) -> Array:
+    """Responses of a model that has no standard errors, (n_times, n_outputs, n_inputs)."""
     response = np.empty((t.size, model.n_outputs, model.n_inputs))
     for i in range(model.n_outputs):
         for j in range(model.n_inputs):
             num, den = model.num[i][j], model.den[i][j]
             response[:, i, j] = formula(num, den, powers_of(den), t - model.delay[i, j])[0]
-    nothing = np.full_like(response, np.nan)
-    return Course(line, response, nothing, nothing)
+    return response
 
 
 def draw_courses(

@@ -10,15 +10,15 @@ import numpy.typing as npt
 
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics import delta_method
-from tridentify.numerics.arrays import Array
-from tridentify.plots.lines import Line, lines_of, numbers
-from tridentify.plots.over_time import Course, default_times, draw_courses, trimmed, without_band
+from tridentify.plots.over_time import Reply, courses_of, draw_courses
 from tridentify.plots.style import GREY, Panels, legend, legend_columns, make_axes
-from tridentify.uncertainty import sample, sampled_step_band, step_band
-from tridentify.uncertainty.checks import checked_level, checked_times
+from tridentify.uncertainty import sampled_step_band, step_band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+STEP = Reply("plot_step", delta_method.step_response, step_band, sampled_step_band)
 
 
 def plot_step(
@@ -63,16 +63,12 @@ def plot_step(
     -----
     The dashed line is the static gain, where the model has one.
     """
-    lines = lines_of(models, names, "plot_step(estimate) or plot_step([one, other])")
-    checked_level(level)
-    times = default_times(*lines) if t is None else checked_times(numbers("t", t, EXAMPLE))
-    courses = [_course(line, times, level) for line in lines]
-    stop = max(trimmed(times, one.response) for one in courses) if t is None else times.size
-    kept = [Course(c.line, c.response[:stop], c.low[:stop], c.high[:stop]) for c in courses]
+    times, courses = courses_of(models, names, t, level, STEP)
+    lines = [course.line for course in courses]
     gains = [line.model.dc_gain for line in lines]
     n_outputs, n_inputs = gains[0].shape
     drawn = make_axes(axes, [2.1] * (n_outputs * n_inputs))
-    draw_courses(drawn, times[:stop], kept, level, 0)
+    draw_courses(drawn, times, courses, level, 0)
     for k, ax in enumerate(drawn):
         i, j = divmod(k, n_inputs)
         for line, gain in zip(lines, gains, strict=True):
@@ -85,17 +81,3 @@ def plot_step(
     legend(drawn[0], columns=legend_columns(drawn[0]))
     drawn[-1].set_xlabel("time after the step [s]", fontsize=9)
     return drawn
-
-
-EXAMPLE = "plot_step([one, other], t)"
-
-
-def _course(line: Line, t: Array, level: float) -> Course:
-    if line.estimate is None:
-        return without_band(line, t, delta_method.step_response)
-    free = any(name.startswith("delay") for name in line.estimate.names)
-    if len(line.draws) and not free:
-        band = sampled_step_band(sample(line.estimate), t, level)
-    else:
-        band = step_band(line.estimate, t, level)
-    return Course(line, band.response, band.low, band.high)

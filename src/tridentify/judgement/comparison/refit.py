@@ -6,7 +6,8 @@ where it is asked for, a straight line. They enter linearly and each output has 
 is one small least-squares problem an output, on the triangle of the columns.
 
 With delays, what came before the first sample reaches the output until the last of the inputs has
-arrived; these samples are neither explained nor counted, as in an estimation.
+arrived; these samples are neither explained nor counted, as in an estimation. Modes that grow are
+taken backward in time (`both_ways`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.errors import ScaleError
+from tridentify.judgement.comparison.both_ways import grows, responses
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.record.record import Record
@@ -43,7 +45,7 @@ def refitted(model: TransferFunction, record: Record, *, drift: bool) -> Array:
     (n_samples, n_outputs) array
         In units of the outputs; ``nan`` before the last delayed input has arrived, and everywhere
         for an output whose response leaves the range of numbers or drowns in rounding, as that of
-        an unstable model does over a long record.
+        an unstable model with a delay does over a long record.
 
     Examples
     --------
@@ -60,8 +62,10 @@ def refitted(model: TransferFunction, record: Record, *, drift: bool) -> Array:
     if begin >= record.n_samples:
         return nothing
     try:
-        driven = simulate(model, record)
-        free = _free(model, record, float(since[begin]))
+        if grows(model, record.duration):
+            driven, free = responses(model, record)
+        else:
+            driven, free = simulate(model, record), _free(model, record, float(since[begin]))
     except ScaleError:
         return nothing
     found = nothing
