@@ -15,16 +15,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tridentify import (
-        excitation,
-        export,
-        online,
-        physical,
-        plots,
-        report,
-        studies,
-        uncertainty,
-    )
+    # report, which asks here for the version, is a room too
+    from tridentify import excitation, export, online, physical, plots, studies, uncertainty
     from tridentify.errors import (
         ConvergenceError,
         DataError,

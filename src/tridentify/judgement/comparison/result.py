@@ -51,6 +51,14 @@ class Comparison:
         Poles and gains, those of one mode beside each other.
     notes : tuple of str
         Why a fit is missing.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, TransferFunction, compare
+    >>> record = Record(np.zeros(4), np.exp(-np.arange(4.0)), dt=1.0, name="decay")
+    >>> compare({"fast": TransferFunction([1.0], [1.0, 1.0])}, record)
+    Comparison(1 record: fast 100.00 %)
     """
 
     fits: Array
