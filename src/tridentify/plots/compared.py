@@ -13,6 +13,7 @@ from tridentify.plots.style import (
     DASHES,
     Panels,
     checked,
+    columns_for,
     course,
     cycle_colour,
     dress,
@@ -90,6 +91,5 @@ def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None 
 
 def _legend_rows(comparison: Comparison) -> int:
     """Lines that the legend takes beyond the first, roughly."""
-    longest = max(len(short(name, IN_PICTURES)) for name in comparison.names) + 8
-    columns = max(1, min(3, 60 // (longest + 7)))
-    return -(-(1 + len(comparison.names)) // columns) - 1
+    labels = [f"{short(name, IN_PICTURES)}: 100.0 %" for name in comparison.names]
+    return -(-(1 + len(labels)) // columns_for(labels)) - 1

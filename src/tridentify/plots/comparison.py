@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 MARKERS = "osD^vP*X"
 MAGNITUDE = 1.9
 """Height of a frequency response below the numbers [inch]."""
+NARROW = 54
+"""Characters of the legend beside each other: the names of the numbers take a part of the width."""
 LEVEL = 0.95
 """Of the intervals and bands."""
 FAR_END = 3.0
@@ -241,7 +243,7 @@ def _row(name: str, value: float, size: float, relative: bool) -> str:
 def _legend(ax: Axes, labels: Sequence[str]) -> None:
     """Above the axes, in as many columns as fit."""
     longest = max(len(label) for label in labels)
-    columns = max(1, min(len(labels), 66 // (longest + 6)))
+    columns = max(1, min(len(labels), NARROW // (longest + 6)))
     ax.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),

@@ -41,6 +41,8 @@ PER_INCH = 11.0
 """Characters of a title or a legend beside each other."""
 ALONGSIDE = 16.0
 """Characters of a label at the side in each inch of it."""
+LEGEND = 64
+"""Characters, handles included, that stand beside each other above axes of the usual width."""
 HANDLE = 7
 """Characters that a legend's line and the space around it take."""
 MAX_POINTS = 4000
@@ -242,9 +244,19 @@ def legend(ax: Axes, *, columns: int = 3) -> None:
 
 def legend_columns(ax: Axes) -> int:
     """Entries of a legend beside each other: as many as fit above a figure of the usual width."""
-    labels = ax.get_legend_handles_labels()[1]
+    return columns_for(ax.get_legend_handles_labels()[1])
+
+
+def columns_for(labels: Sequence[str]) -> int:
+    """As `legend_columns`, of labels that are not drawn yet.
+
+    Examples
+    --------
+    >>> columns_for(["model", "recorded"]), columns_for(["2 poles, 1 zero: 94.8 %"])
+    (3, 2)
+    """
     longest = max(map(len, labels), default=0)
-    return max(1, min(3, int(PER_INCH * WIDTH) // (longest + HANDLE)))
+    return max(1, min(3, LEGEND // (longest + HANDLE)))
 
 
 def outliers_of(

@@ -442,12 +442,15 @@ class Estimate(EstimateViews):
     def predict(self, record: Record, *, experiment: int = 0) -> Array:
         """Fitted output: G (u - reference) + offset + drift (t - t0) + free response.
 
+        Offset, drift and initial state are held as they were estimated. Those of another record are
+        others: `tridentify.compare` fits them to it.
+
         Parameters
         ----------
         record : Record
             The identified record, or another one with the same channels.
         experiment : int
-            Whose nuisance terms to use.
+            Whose offset, drift and initial state are taken.
 
         Returns
         -------
