@@ -39,7 +39,7 @@ Files = Annotated[
 Out = Annotated[
     Path | None,
     options.result_option(
-        metavar="DIR", help="Write comparison.json and comparison.png into this folder."
+        metavar="DIR", help="Write comparison.json and comparison.svg into this folder."
     ),
 ]
 
@@ -151,10 +151,12 @@ def _under_names(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ..
 
 def _write(found: Comparison, folder: Path) -> None:
     from tridentify.plots import plot_compared
+    from tridentify.report.pictures import Drawing, picture_of, save_picture
 
     text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
     write_atomically(folder / "comparison.json", text + "\n")
-    plot_compared(found).savefig(folder / "comparison.png", dpi=150)
+    drawing = Drawing("comparison", "Models over records", "", plot_compared(found).figure)
+    save_picture(picture_of(drawing), folder)
 
 
 def _between(models: Iterable[Estimate | TransferFunction]) -> Intersample:

@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tridentify.judgement.comparison import Comparison
-from tridentify.plots.fit import draw_recorded
+from tridentify.plots.fit import draw_recorded, draw_response, is_ink
 from tridentify.plots.style import (
     DASHES,
     Panels,
     checked,
     columns_for,
-    course,
     cycle_colour,
     dress,
     labelled,
@@ -71,16 +70,14 @@ def plot_compared(comparison: Comparison, *, axes: Sequence[Axes] | Axes | None 
     drawn = make_axes(axes, [2.1 + 0.22 * _legend_rows(comparison)] * len(panels))
     for ax, (i, r, y) in zip(drawn, panels, strict=True):
         record, output = comparison.records[r], comparison.output_names[i]
-        draw_recorded(ax, record.t, y)
-        for k, name in enumerate(comparison.names):
+        courses = [row[r][:, i] for row in comparison.responses]
+        inked = is_ink(record.t, courses)
+        draw_recorded(ax, record.t, y, inked)
+        for k, (name, response) in enumerate(zip(comparison.names, courses, strict=True)):
             fit = float(comparison.fits[k, r, i])
             label = f"{short(name, IN_PICTURES)}: " + (f"{fit:.1f} %" if np.isfinite(fit) else "-")
-            response = comparison.responses[k][r][:, i]
-            dash = DASHES[k % len(DASHES)]
-            ax.plot(
-                *course(record.t, response), color=cycle_colour(k), linestyle=dash, linewidth=1.2,
-                label=literal(label),
-            )  # fmt: skip
+            how = (cycle_colour(k), DASHES[k % len(DASHES)], label)
+            draw_response(ax, record.t, response, how, inked)
         several = len(comparison.records) > 1 or record.name
         title = literal(short(comparison.record_names[r], IN_PICTURES)) if several else ""
         dress(ax, title=title, ylabel=labelled(output, comparison.units))

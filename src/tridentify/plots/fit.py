@@ -102,8 +102,8 @@ def plot_fit(
         courses = [response[:, i] for response in responses]
         inked = is_ink(record.t, courses)
         draw_recorded(drawn[i], record.t, record.y[:, i], inked)
-        for line, one in zip(lines, courses, strict=True):
-            draw_response(drawn[i], record.t, one, (line.colour, line.dash, line.label), inked)
+        for line, response in zip(lines, courses, strict=True):
+            draw_response(drawn[i], record.t, response, (line.colour, line.dash, line.label), inked)
         dress(drawn[i], ylabel=labelled(name, record.units))
     title = [literal(record.name), _held(found, record, experiment)]
     drawn[0].set_title("\n".join(text for text in title if text), loc="left", fontsize=10)
@@ -197,9 +197,7 @@ def draw_recorded(ax: Axes, t: Array, y: Array, inked: bool) -> None:
     )
 
 
-def draw_response(
-    ax: Axes, t: Array, y: Array, how: tuple[str, str, str], inked: bool
-) -> None:
+def draw_response(ax: Axes, t: Array, y: Array, how: tuple[str, str, str], inked: bool) -> None:
     """A model's output: colour, kind of line and label; thin upon a record that is ink."""
     colour, dash, label = how
     ax.plot(

@@ -366,7 +366,7 @@ def _draw_selection(selection: Selection) -> list[Drawing]:
     ]
     if selection.hankel is not None:
         values = Sheet([VALUES])
-        plot_hankel(selection, ax=values.axes[0])
+        plot_hankel(selection, axes=values.axes[0])
         found.append(
             Drawing(
                 "hankel",
