@@ -19,11 +19,10 @@ from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity, show, show_json
-from tridentify.cli.validate_command import Held, Inputs, Outputs
-from tridentify.errors import ChannelNameError, OptionError, shown
+from tridentify.cli.validate_command import Held, Inputs, Outputs, columns_of, renamed
+from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison import Comparison, compare
-from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.files import write_atomically
 
@@ -69,15 +68,15 @@ def compare_models(
     columns = [_columns(models.values(), kind) for kind in ("input", "output")]
     source = reading.source(
         tables,
-        _given("input", inputs, columns[0]),
-        _given("output", outputs, columns[1]),
+        columns_of("input", inputs, columns[0], "models"),
+        columns_of("output", outputs, columns[1], "models"),
         _between(models.values()) if reading.intersample is None else None,
     )
     written: Sequence[Path] = ()
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
-        records = [_under_names(record, *columns) for record in load(source, activity)]
+        records = [renamed(record, *columns) for record in load(source, activity)]
         load_sample_loop(activity)
         activity.stage("simulating the models")
         found = compare(models, records)
@@ -125,28 +124,6 @@ def _columns(models: Iterable[Estimate | TransferFunction], kind: str) -> tuple[
     """Channels of all models, each once."""
     rows = [one.input_names if kind == "input" else one.output_names for one in models]
     return tuple(dict.fromkeys(name for row in rows for name in row))
-
-
-def _given(what: str, given: Sequence[str] | None, names: tuple[str, ...]) -> tuple[str, ...]:
-    if not given:
-        return names
-    if len(given) != len(names):
-        raise ChannelNameError(
-            f"found {len(given)} --{what} for models with {len(names)} ({', '.join(names)}); "
-            "expected one for each, in that order; name them all or none"
-        )
-    return tuple(given)
-
-
-def _under_names(record: Record, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Record:
-    """The same record under the names of the models' channels."""
-    old = (*record.input_names, *record.output_names)
-    units = {
-        b: record.units[a]
-        for a, b in zip(old, (*inputs, *outputs), strict=True)
-        if a in record.units
-    }
-    return record._derive(input_names=inputs, output_names=outputs, units=units)
 
 
 def _write(found: Comparison, folder: Path) -> None:

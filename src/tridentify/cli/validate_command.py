@@ -116,15 +116,18 @@ def validate(
     estimate = Estimate.load(model)
     source = reading.source(
         files,
-        _columns("input", inputs, estimate.input_names),
-        _columns("output", outputs, estimate.output_names),
+        columns_of("input", inputs, estimate.input_names),
+        columns_of("output", outputs, estimate.output_names),
         cast("Intersample", estimate.intersample) if reading.intersample is None else None,
     )
     written: Sequence[Path] = ()
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
-        records = [_renamed(record, estimate) for record in load(source, activity)]
+        records = [
+            renamed(record, estimate.input_names, estimate.output_names)
+            for record in load(source, activity)
+        ]
         load_sample_loop(activity)
         activity.stage("testing the residual")
         which = _experiment(estimate, records, experiment)
@@ -140,22 +143,30 @@ def validate(
         raise typer.Exit(NOT_TRUSTED)
 
 
-def _columns(what: str, given: Sequence[str] | None, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Columns of the channels, in the order of the model's."""
+def columns_of(
+    what: str, given: Sequence[str] | None, names: Sequence[str], whose: str = "a model"
+) -> tuple[str, ...]:
+    """Columns of the channels, in the order of the model's.
+
+    Raises
+    ------
+    ChannelNameError
+        They are not as many.
+    """
     if not given:
-        return names
+        return tuple(names)
     if len(given) != len(names):
         raise ChannelNameError(
-            f"found {len(given)} --{what} for a model with {len(names)} ({', '.join(names)}); "
+            f"found {len(given)} --{what} for {whose} with {len(names)} ({', '.join(names)}); "
             "expected one for each, in that order; name them all or none"
         )
     return tuple(given)
 
 
-def _renamed(record: Record, estimate: Estimate) -> Record:
-    """The same record under the names of the model's channels."""
+def renamed(record: Record, inputs: Sequence[str], outputs: Sequence[str]) -> Record:
+    """The same record under the names of a model's channels."""
     old = (*record.input_names, *record.output_names)
-    new = (*estimate.input_names, *estimate.output_names)
+    new = (*inputs, *outputs)
     if old == new:
         return record
     units = {b: record.units[a] for a, b in zip(old, new, strict=True) if a in record.units}
@@ -167,8 +178,8 @@ def _renamed(record: Record, estimate: Estimate) -> Record:
         record.y,
         **cast("dict[str, Any]", sampling),
         intersample=record.intersample,
-        input_names=estimate.input_names,
-        output_names=estimate.output_names,
+        input_names=inputs,
+        output_names=outputs,
         units=units,
         name=record.name,
     )
