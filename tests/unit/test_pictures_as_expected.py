@@ -213,6 +213,7 @@ def test_a_fit_on_another_record_says_what_is_held(single):
         lambda e, r: plots.plot_frequency_response(r),
         lambda e, r: plots.plot_excitation(e),
         lambda e, r: plots.plot_spectrum(e),
+        lambda e, r: plots.plot_excitation(tridentify.excitation.doublet(0.1, 0.5, dt=0.1), r),
         lambda e, r: plots.plot_trajectory(e),
         lambda e, r: plots.plot_comparison(r),
         lambda e, r: plots.plot_comparison([e, r]),

@@ -9,6 +9,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.excitation import Excitation, Spectrum
+from tridentify.judgement.comparison.entries import entries_of
 from tridentify.numerics.arrays import Array
 from tridentify.plots.style import (
     BLUE,
@@ -66,7 +67,7 @@ def plot_excitation(
     ['time [s]', 'angular frequency [rad/s]']
     """
     checked(excitation, Excitation, "plot_excitation(excitation)")
-    plant = model.model if isinstance(model, Estimate) else model
+    plant = None if model is None else _plant(model)
     drawn = make_axes(axes, [1.6, 2.2] * excitation.n_inputs)
     omega, lines = excitation.spectrum()
     units = excitation.units or {}
@@ -116,7 +117,7 @@ def plot_spectrum(
     if isinstance(spectrum, Excitation):
         return plot_excitation(spectrum, model, axes=axes)
     checked(spectrum, Spectrum, "plot_spectrum(optimal_spectrum(model))")
-    plant = model.model if isinstance(model, Estimate) else model or spectrum.model
+    plant = spectrum.model if model is None else _plant(model)
     inputs = spectrum.power.shape[1]
     drawn = make_axes(axes, [2.1, 1.5] * inputs)
     wanted = ", ".join(spectrum.coefficients)
@@ -147,6 +148,11 @@ def plot_spectrum(
             ylabel="slope\n(optimal: at most 1)",
         )
     return drawn
+
+
+def _plant(model: TransferFunction | Estimate) -> TransferFunction:
+    (entry,) = entries_of([model], example="plot_excitation(excitation, model)")
+    return entry.model
 
 
 def _draw_course(ax: Axes, excitation: Excitation, j: int) -> None:
