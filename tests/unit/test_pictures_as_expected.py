@@ -173,6 +173,21 @@ def test_models_of_different_channels_are_refused(single, double):
     plots.plot_bode([single.estimate, TransferFunction([1.0], [1.0, 1.0])])
 
 
+@pytest.mark.parametrize("name", ["bode", "step", "impulse"])
+def test_a_second_call_on_the_same_axes_overlays(single, name):
+    draw, _ = SEVERAL[name]
+    axes = draw(single.estimate, names=["found"])
+    before = axes[0].get_ylim()
+    draw(of(single), names=["stiff"], axes=axes)
+    handles, labels = axes[0].get_legend_handles_labels()
+    colours = {label: handle.get_color() for handle, label in zip(handles, labels, strict=True)
+               if label in ("found", "stiff")}  # fmt: skip
+    assert len(set(colours.values())) == 2
+    assert axes[0].get_ylim()[0] <= before[0]
+    assert axes[0].get_ylim()[1] >= before[1]
+    assert len(plt.get_fignums()) == 1
+
+
 def test_phases_of_a_negative_gain_begin_alike(double):
     for _, phase in np.reshape(list(plots.plot_bode(double.estimate)), (2, 2)):
         start = phase.get_lines()[0].get_ydata()[0]

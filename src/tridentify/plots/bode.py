@@ -88,7 +88,7 @@ def plot_bode(
     >>> [line.get_label() for line in magnitude.lines]
     ['stiff', 'soft']
     """
-    lines = lines_of(models, names, "plot_bode(estimate) or plot_bode([one, other])")
+    lines = lines_of(models, names, "plot_bode(estimate) or plot_bode([one, other])", axes)
     grid = default_frequencies(*lines) if omega is None else numbers("omega", omega, EXAMPLE)
     bands = [_band(line, grid, level) for line in lines]
     named = named_first(lines)
@@ -271,7 +271,7 @@ def _draw(
     least_reach: float,
 ) -> None:
     """Lines and bands of all models, on a scale that shows every line."""
-    ends = []
+    ends, sides = ([ax.get_ylim()], [ax.get_xlim()]) if ax.lines else ([], [])
     for own, course in zip(lines, courses, strict=True):
         line, low, high = (np.where(np.isfinite(part), part, np.nan) for part in course)
         if np.any(np.isfinite(low)):
@@ -287,7 +287,8 @@ def _draw(
             ends.append(_scale(line, low, high, least_reach))
     ax.set_xscale("log")
     if omega[0] < omega[-1]:
-        ax.set_xlim(omega[0], omega[-1])
+        sides.append((float(omega[0]), float(omega[-1])))
+        ax.set_xlim(min(left for left, _ in sides), max(right for _, right in sides))
     if ends:
         ax.set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
 

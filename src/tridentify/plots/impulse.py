@@ -64,7 +64,7 @@ def plot_impulse(
     A channel with as many zeros as poles passes the impulse on at once; the weight of that is
     written into the picture, and the curve is the rest.
     """
-    times, courses = courses_of(models, names, t, level, IMPULSE)
+    times, courses = courses_of(models, names, t, level, IMPULSE, axes)
     lines = [course.line for course in courses]
     n_outputs, n_inputs = lines[0].model.n_outputs, lines[0].model.n_inputs
     drawn = make_axes(axes, [2.1] * (n_outputs * n_inputs))

@@ -12,7 +12,7 @@ from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison.entries import Entry, Models, entries_of, same_channels
 from tridentify.numerics.arrays import Array
-from tridentify.plots.style import DASHES, cycle_colour
+from tridentify.plots.style import CYCLE, DASHES, cycle_colour
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
 
@@ -31,11 +31,17 @@ class Line:
         Its place among the models.
     together : int
         How many models there are.
+    after : int
+        How many stand on the axes already.
+    named : bool
+        Whether the user gave its name.
     """
 
     entry: Entry
     number: int
     together: int
+    after: int = 0
+    named: bool = False
 
     @property
     def model(self) -> TransferFunction:
@@ -75,17 +81,17 @@ class Line:
     @property
     def label(self) -> str:
         """In the legend."""
-        return "model" if self.together == 1 else self.entry.name
+        return self.entry.name if self.named or self.together > 1 else "model"
 
     @property
     def colour(self) -> str:
         """Of the house's palette."""
-        return cycle_colour(self.number)
+        return cycle_colour(self.after + self.number)
 
     @property
     def dash(self) -> str:
         """Kind of line."""
-        return DASHES[self.number % len(DASHES)]
+        return DASHES[(self.after + self.number) % len(DASHES)]
 
     @property
     def opacity(self) -> float:
@@ -93,7 +99,12 @@ class Line:
         return 0.25 if self.together == 1 else 0.15
 
 
-def lines_of(models: Models, names: Sequence[str] | None, example: str) -> tuple[Line, ...]:
+def lines_of(
+    models: Models,
+    names: Sequence[str] | None,
+    example: str,
+    axes: Sequence[Axes] | Axes | None = None,
+) -> tuple[Line, ...]:
     """Every model with its line.
 
     Parameters
@@ -102,6 +113,8 @@ def lines_of(models: Models, names: Sequence[str] | None, example: str) -> tuple
     names : sequence of str, optional
     example : str
         How one writes the call.
+    axes : sequence of matplotlib Axes, or one, optional
+        Where they will be drawn: colours that stand there are passed over.
 
     Raises
     ------
@@ -110,7 +123,11 @@ def lines_of(models: Models, names: Sequence[str] | None, example: str) -> tuple
     """
     entries = entries_of(models, names, example=example)
     same_channels(entries, "picture")
-    return tuple(Line(entry, k, len(entries)) for k, entry in enumerate(entries))
+    first = next(iter(np.ravel(np.asarray(axes, dtype=object))), None)
+    taken = {line.get_color() for line in getattr(first, "lines", ())}
+    after = max((k + 1 for k, colour in enumerate(CYCLE) if colour in taken), default=0)
+    named = names is not None or isinstance(models, Mapping)
+    return tuple(Line(entry, k, len(entries), after, named) for k, entry in enumerate(entries))
 
 
 def band_label(ax: Axes, level: float) -> str | None:

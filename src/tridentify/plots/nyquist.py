@@ -96,7 +96,7 @@ def plot_nyquist(
     may leave the frame.
     """
     checked_level(level)
-    lines = lines_of(models, names, "plot_nyquist(estimate) or plot_nyquist([one, other])")
+    lines = lines_of(models, names, "plot_nyquist(estimate) or plot_nyquist([one, other])", axes)
     grid = _frequencies(lines) if omega is None else numbers("omega", omega, EXAMPLE)
     named = named_first(lines)
     n_outputs, n_inputs = len(named.output_names), len(named.input_names)

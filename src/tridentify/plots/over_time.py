@@ -158,9 +158,11 @@ def courses_of(
     t: npt.ArrayLike | None,
     level: float,
     reply: Reply,
+    axes: Sequence[Axes] | Axes | None,
 ) -> tuple[Array, list[Course]]:
     """Times and responses of every model, by default until all have settled."""
-    lines = lines_of(models, names, f"{reply.name}(estimate) or {reply.name}([one, other])")
+    example = f"{reply.name}(estimate) or {reply.name}([one, other])"
+    lines = lines_of(models, names, example, axes)
     checked_level(level)
     if t is not None:
         times = checked_times(numbers("t", t, f"{reply.name}([one, other], t)"))
@@ -216,9 +218,11 @@ def draw_courses(
     n_inputs = len(named.input_names)
     for k, ax in enumerate(drawn):
         i, j = divmod(k, n_inputs)
+        limits = [(ax.get_xlim(), ax.get_ylim())] if ax.lines else []
         ends = [_draw_course(ax, t, course, (i, j), level) for course in courses]
         ax.axhline(0.0, color="black", linewidth=0.6)
-        ax.set_xlim(t[0], t[-1])
+        ax.set_xlim(t[0], max([t[-1], *(x[1] for x, _ in limits)]))
+        ends += [y for _, y in limits]
         ax.set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
         name_channel(ax, named, i, j, power)
 

@@ -63,7 +63,7 @@ def plot_step(
     -----
     The dashed line is the static gain, where the model has one.
     """
-    times, courses = courses_of(models, names, t, level, STEP)
+    times, courses = courses_of(models, names, t, level, STEP, axes)
     lines = [course.line for course in courses]
     gains = [line.model.dc_gain for line in lines]
     n_outputs, n_inputs = gains[0].shape
