@@ -146,7 +146,7 @@ def main() -> None:
     )
     run = online.run(method, record, structure)
     axes = plot_trajectory(run, coefficients(run.time))
-    axes[0].figure.savefig(given.out / "changing_plant.png", dpi=130)
+    axes.savefig(given.out / "changing_plant.png", dpi=130)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import hypothesis
@@ -46,6 +47,15 @@ def shared_data() -> Path:
             pytest.fail(f"TRIDENTIFY_SHARED_DATA names {named}, which is not a folder")
         pytest.skip("no ../shared/data beside the repository; TRIDENTIFY_SHARED_DATA may name it")
     return folder
+
+
+@pytest.fixture(autouse=True)
+def _no_figure_stays() -> Iterator[None]:
+    """Close what a test left open in pyplot, as the end of a cell does in a notebook."""
+    yield
+    pyplot = sys.modules.get("matplotlib.pyplot")
+    if pyplot is not None:
+        pyplot.close("all")
 
 
 def _of_the_method(estimate: Estimate, *_: object) -> Sequence[Finding]:

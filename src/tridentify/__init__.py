@@ -15,7 +15,8 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tridentify import online
+    # report, which asks here for the version, is a room too
+    from tridentify import excitation, export, online, physical, plots, studies, uncertainty
     from tridentify.errors import (
         ConvergenceError,
         DataError,
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from tridentify.estimation.methods.three_model import ThreeModel
     from tridentify.identify import METHODS, identify
     from tridentify.judgement.advice import Advice, FrequencyResponse, advise, frequency_response
+    from tridentify.judgement.comparison import Comparison, compare
     from tridentify.judgement.selection import Selection, select_structure
     from tridentify.judgement.validation import Validation, validate
     from tridentify.record.formats.frames import frame_from_record, record_from_frame
@@ -57,6 +59,7 @@ __all__ = [
     "METHODS",
     "Advice",
     "BiasCompensatedLeastSquares",
+    "Comparison",
     "ConvergenceError",
     "DataError",
     "Estimate",
@@ -83,15 +86,23 @@ __all__ = [
     "__version__",
     "advise",
     "asymptotic_bias",
+    "compare",
+    "excitation",
+    "export",
     "frame_from_record",
     "frequency_response",
     "identify",
     "list_channels",
     "online",
+    "physical",
+    "plots",
     "read_record",
     "record_from_frame",
+    "report",
     "select_structure",
     "simulate",
+    "studies",
+    "uncertainty",
     "validate",
 ]
 
@@ -99,6 +110,7 @@ _HOME = {
     "METHODS": "identify",
     "Advice": "judgement.advice",
     "BiasCompensatedLeastSquares": "estimation.methods.filtered.bias_compensated_least_squares",
+    "Comparison": "judgement.comparison",
     "ConvergenceError": "errors",
     "DataError": "errors",
     "Estimate": "estimation.answer.estimate",
@@ -124,11 +136,11 @@ _HOME = {
     "Validation": "judgement.validation",
     "advise": "judgement.advice",
     "asymptotic_bias": "estimation.methods.filtered.asymptotic_bias",
+    "compare": "judgement.comparison",
     "frame_from_record": "record.formats.frames",
     "frequency_response": "judgement.advice",
     "identify": "identify",
     "list_channels": "record.formats.read",
-    "online": "online",
     "read_record": "record.formats.read",
     "select_structure": "judgement.selection",
     "record_from_frame": "record.formats.frames",
@@ -136,13 +148,18 @@ _HOME = {
     "validate": "judgement.validation",
 }
 
+_ROOMS = frozenset(
+    ("excitation", "export", "online", "physical", "plots", "report", "studies", "uncertainty")
+)
+"""Rooms that are reached from here: ``tridentify.plots`` needs no import of its own."""
+
 
 def __getattr__(name: str) -> Any:
-    home = _HOME.get(name)
+    home = name if name in _ROOMS else _HOME.get(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f"{__name__}.{home}")
-    value = module if home == name == "online" else getattr(module, name)
+    value = module if name in _ROOMS else getattr(module, name)
     globals()[name] = value
     return value
 
@@ -159,7 +176,7 @@ class _Package(ModuleType):
     """
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name == "online" or not (name in _HOME and isinstance(value, ModuleType)):
+        if not (name in _HOME and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 from tridentify.errors import (
     ConvergenceError,
@@ -88,17 +88,8 @@ def identify(
     >>> identify(Record(u, y, dt=0.02), poles=1, zeros=0).names
     ('a0', 'b0')
     """
-    given = listed(records)
     wanted = _wanted(structure, poles, zeros)
-    chosen = checked_method(method)
-    with one_blas_thread():
-        if isinstance(wanted, AutoStructure):
-            estimate = _of_chosen_order(given, wanted, chosen, progress)
-        else:
-            estimate, seen, between, told = with_behaviour(chosen, given, wanted, progress)
-            if progress is not None:
-                progress("testing the residual")
-            estimate = with_judgement(estimate, seen, chosen, between, told)
+    estimate = search(records, wanted, method, progress).judged()
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
         raise UnsupportedOrderError(
             f"found a pole that runs away from the record with {estimate.structure.poles} poles: "
@@ -106,11 +97,73 @@ def identify(
             f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
         )
     if throw and not estimate.status.ok:
+        name = checked_method(method).name
         raise ConvergenceError(
-            f"{chosen.name} ended without a usable estimate: {estimate.status.message}; "
+            f"{name} ended without a usable estimate: {estimate.status.message}; "
             f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
         )
     return estimate
+
+
+@dataclass(frozen=True, eq=False)
+class Searched:
+    """What a search ended with, before it is judged.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        Without findings.
+    records : tuple of Record
+        As they were used: with the behaviour of their inputs.
+    judged : callable
+        Gives the estimate with all that is to be said of it; it takes longer than the search.
+    """
+
+    estimate: Estimate
+    records: tuple[Record, ...]
+    judged: Callable[[], Estimate]
+
+
+def search(
+    records: Record | Sequence[Record],
+    wanted: Structure | AutoStructure,
+    method: Method | None = None,
+    progress: Progress | None = None,
+) -> Searched:
+    """The first half of `identify`, for who has something to do while the second lasts.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+    wanted : Structure or AutoStructure
+    method : Method, optional
+    progress : callable, optional
+
+    Returns
+    -------
+    Searched
+
+    Raises
+    ------
+    DataError, StructureError, IdentifiabilityError, OptionError
+        As `identify`.
+    """
+    given = listed(records)
+    chosen = checked_method(method)
+    with one_blas_thread():
+        if isinstance(wanted, AutoStructure):
+            estimate = _of_chosen_order(given, wanted, chosen, progress)
+            used = tuple(record.settled(estimate.intersample) for record in given)
+            return Searched(estimate, used, lambda: estimate)
+        found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+
+    def judged() -> Estimate:
+        if progress is not None:
+            progress("testing the residual")
+        with one_blas_thread():
+            return with_judgement(found, seen, chosen, between, told)
+
+    return Searched(found, tuple(seen), judged)
 
 
 def _wanted(structure: object, poles: object, zeros: object) -> Structure | AutoStructure:

@@ -11,7 +11,13 @@ import numpy as np
 import scipy.linalg
 
 from tridentify.checks.samples import typical_step
-from tridentify.errors import ChannelCountError, ScaleError, TridentifyError
+from tridentify.errors import (
+    ChannelCountError,
+    SampleTypeError,
+    ScaleError,
+    TridentifyError,
+    shown,
+)
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import cascade, monomials, sort_poles
 from tridentify.numerics.sampled import Sampled, States
@@ -33,6 +39,7 @@ def simulate(
     Parameters
     ----------
     model : TransferFunction
+        Or an estimate: its model is taken, without the offset and the start of its record.
     record : Record
         Only its input, time and intersample behaviour are used. Before its first sample the input
         counts as zero.
@@ -54,6 +61,8 @@ def simulate(
         If the numbers of inputs differ.
     ScaleError
         If the output leaves the range of a float, as that of an unstable model does in the end.
+    SampleTypeError
+        If they are no model and no record, or the other way round.
 
     Examples
     --------
@@ -64,6 +73,14 @@ def simulate(
     >>> simulate(TransferFunction([1.0], [1.0, 1.0], delay=1.5), uneven)[:, 0].round(4).tolist()
     [0.0, 0.0, 0.3935, 0.6321]
     """
+    # an estimate stands floors above
+    model = getattr(model, "model", model)
+    if not (isinstance(model, TransferFunction) and isinstance(record, Record)):
+        found = ", ".join(shown(type(one).__name__) for one in (model, record))
+        raise SampleTypeError(
+            f"found {found}; expected a TransferFunction and a Record; write simulate(model, "
+            "record)"
+        )
     if record.n_inputs != model.n_inputs:
         raise ChannelCountError(
             f"found a record with {record.n_inputs} inputs; expected {model.n_inputs} as in the "
@@ -80,6 +97,42 @@ def simulate(
     if not np.isfinite(result).all():
         raise _no_room(model, record)
     return result
+
+
+def free_responses(den: Array, record: Record, after: float = 0.0) -> Array:
+    """Whatever a denominator may still do by itself, at the samples of a record.
+
+    Parameters
+    ----------
+    den : (n + 1,) array
+        Descending powers.
+    record : Record
+        Only its time is used.
+    after : float
+        When it begins, after the first sample [s]; at a sample.
+
+    Returns
+    -------
+    (n_samples, n) array
+        Responses ``p^k / a(p) delta(t - t0 - after)``, which span those to any initial state.
+
+    Examples
+    --------
+    >>> record = Record(np.zeros(3), np.ones(3), dt=1.0)
+    >>> free_responses(np.array([1.0, 2.0]), record)[:, 0].round(4).tolist()
+    [1.0, 0.1353, 0.0183]
+    """
+    n = den.size - 1
+    names = [f"x{k}" for k in range(n)]
+    still = Record(
+        np.zeros(record.n_samples),
+        np.zeros((record.n_samples, n)),
+        output_names=names,
+        intersample=record.behaviour,
+        t=record.t,
+    )
+    model = TransferFunction([[[0.0]]] * n, den, output_names=names)
+    return simulate(model, still, free_response=np.eye(n), free_after=after)
 
 
 def _no_room(model: TransferFunction, record: Record) -> ScaleError:

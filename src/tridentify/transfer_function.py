@@ -32,6 +32,8 @@ from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.rational import rational_response, scaled_roots
 from tridentify.writing import interop
 from tridentify.writing.layout import format_polynomial
+from tridentify.writing.notebook import fraction
+from tridentify.writing.views import ModelViews
 
 __all__ = ["TransferFunction"]
 
@@ -39,7 +41,7 @@ Polynomials = tuple[tuple[Array, ...], ...]
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class TransferFunction:
+class TransferFunction(ModelViews):
     """A matrix of proper rational transfer functions with delays.
 
     Parameters
@@ -399,6 +401,16 @@ class TransferFunction:
             fraction = _fraction_text(self.num[i][j], self.den[i][j], float(self.delay[i, j]))
             blocks.append(f"{label}:\n{fraction}" if label else fraction)
         return "\n\n".join(blocks)
+
+    def _repr_html_(self) -> str:
+        """Every channel as MathML."""
+        found = []
+        for i, j, label in self._channels():
+            top, below = ([(c, 0.0) for c in p.tolist()] for p in (self.num[i][j], self.den[i][j]))
+            late = float(self.delay[i, j])
+            left = label or f"{self.output_names[i]} <- {self.input_names[j]}"
+            found.append(fraction(left, top, below, f"exp(-{late:.6g} s) " if late else ""))
+        return "".join(found)
 
     def __repr__(self) -> str:
         content = self.to_dict()

@@ -36,6 +36,12 @@ WriteTable = Callable[[str, Columns], Path]
 TableAt = Callable[[Path, Columns], Path]
 
 
+@pytest.fixture(autouse=True)
+def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures are drawn in this process: to start another one takes longer than to draw them."""
+    monkeypatch.setattr("tridentify.cli.artist.worth_it", lambda: False)
+
+
 @pytest.fixture
 def run(capsys: pytest.CaptureFixture[str]) -> Run:
     """Call the command line with arguments of any type."""

@@ -36,7 +36,7 @@ def test_json_and_files(run, flight, tmp_path):
     assert document["ok"] is False
     stored = json.loads((tmp_path / "a" / "advice.json").read_text())
     assert stored["frequency"]["omega"] == document["frequency"]["omega"]
-    assert (tmp_path / "a" / "frequency-response.png").stat().st_size > 1000
+    assert (tmp_path / "a" / "frequency-response.svg").stat().st_size > 1000
     assert len(document["files"]) == 2
 
 

@@ -156,7 +156,7 @@ def test_every_number_of_the_comparison_is_printed(document, printed):
 def test_the_folder_holds_report_model_figures_and_record(place, document):
     folder = place / "tridentify-demo"
     names = {path.name for path in folder.iterdir()}
-    assert {"report.html", "model.json", "fit.png", "bode.png", "short_period.csv"} <= names
+    assert {"report.html", "model.json", "fit.svg", "bode.svg", "short_period.csv"} <= names
     assert [Path(name).name for name in document["files"]] == ["short_period.csv"]
     estimate = Estimate.load(folder / "model.json")
     assert estimate.output_names == ("alpha", "q")

@@ -317,6 +317,7 @@ def test_a_folder_in_the_place_of_a_file_undoes_what_was_moved(
     [
         (["identify"], "FILE"),
         (["validate"], "MODEL"),
+        (["compare"], "MODEL"),
         (["identify", "x.csv", "--offset", "perhaps"], "--offset"),
         (["identify", "x.csv", "--colour", "red"], "--colour"),
         (["--colour"], "--colour"),

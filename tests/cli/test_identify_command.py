@@ -24,7 +24,7 @@ from tridentify.numerics import propagate
 DT = 0.02
 DEN = (1.0, 3.0, 9.0)
 TRUTH = {"a1": 3.0, "a0": 9.0, "b1": 2.0, "b0": 3.0}
-FIGURES = {"record", "fit", "residual", "bode", "step", "pole-zero", "convergence"}
+FIGURES = {"fit", "residual-tests", "bode", "step", "pole-zero", "convergence"}
 
 
 def answers(text: str) -> dict[str, Any]:
@@ -309,7 +309,7 @@ def test_out_writes_everything_and_keeps_what_is_there(run, tmp_path, noisy, que
         "identify", noisy, *question, "--out", folder, "--title", "Pitch <rate>", "--json"
     )
     assert outcome.code == 0
-    written = {f"{name}.png" for name in FIGURES} | {"model.json", "report.html"}
+    written = {f"{name}.svg" for name in FIGURES} | {"model.json", "report.html"}
     assert {path.name for path in folder.iterdir()} == written | {"notes.txt"}
     assert (folder / "notes.txt").read_text() == "mine"
     assert {Path(name).name for name in answers(outcome.out)["files"]} == written
@@ -445,13 +445,13 @@ def test_an_interrupt_leaves_nothing_behind(run, tmp_path, noisy, question, monk
 
 
 def test_a_failure_while_writing_leaves_nothing_behind(run, tmp_path, noisy, question, monkeypatch):
-    import tridentify.report as report
+    import tridentify.report.html as report
 
-    def full(_estimate: object, _record: object, page: Path, **_options: object) -> None:
-        assert (page.parent / "model.json").exists()
-        raise OSError(28, "No space left on device", str(page.parent / "fit.png"))
+    def full(_page: object, path: Path, _figures: Path) -> None:
+        assert (path.parent / "model.json").exists()
+        raise OSError(28, "No space left on device", str(path.parent / "fit.svg"))
 
-    monkeypatch.setattr(report, "write_report", full)
+    monkeypatch.setattr(report, "write_page", full)
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / "model.json").write_text("old")
     outcome = run("identify", noisy, *question, "--out", tmp_path / "out")

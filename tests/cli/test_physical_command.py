@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -137,7 +138,15 @@ def test_the_folder_holds_parameters_coefficients_and_report(run, flight, tmp_pa
         run, flight, *options, "--output", "q", "--output", "alpha", "--out", tmp_path / "out"
     )
     names = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"physical.json", "model.json", "report.html", "fit.png"} <= names
+    assert {"physical.json", "model.json", "report.html", "fit.svg"} <= names
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    for item in document["parameters"]:
+        row = page[page.index(f'<td class="text">{item["name"]}</td>') :]
+        shown = float(re.findall(r"<td[^>]*>(.*?)</td>", row)[1])
+        assert shown == pytest.approx(item["value"], abs=0.6 * item["std"])
+    for words in ("What speaks against the map", "Correlations", "static stability"):
+        assert words in page
+    assert page.index("<dt>Z_alpha</dt>") < page.index("<nav")
     kept = PhysicalEstimate.load(tmp_path / "out" / "physical.json")
     assert dict(zip(kept.names, kept.values.tolist(), strict=True)) == values(document)
 

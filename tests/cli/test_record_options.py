@@ -68,7 +68,7 @@ def test_tables_and_folder_name_the_experiments(run, two_files, question, tmp_pa
     assert "experiment 1, first: q from elevator; 600 samples" in text
     assert "experiment 2, second: q from elevator; 400 samples" in text
     written = {path.name for path in (tmp_path / "out").iterdir()}
-    assert {"fit-1.png", "fit-2.png", "residual-1.png", "residual-2.png"} <= written
+    assert {"fit-1.svg", "fit-2.svg", "residual-tests.svg"} <= written
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert "first: 0 s to 11.98 s (600 samples)" in page
     assert "second: 0 s to 7.98 s (400 samples)" in page

@@ -36,7 +36,12 @@ def test_json_and_a_folder_hold_the_same(run, short, tmp_path):
         "model.json",
         "selection.svg",
         "hankel.svg",
+        "fit.svg",
+        "report.html",
     }
+    page = (folder / "report.html").read_text("utf-8")
+    assert "Recommended: 2 poles and 1 zero" in page
+    assert "Hankel singular values" in page
     stored = json.loads((folder / "selection.json").read_text("utf-8"))
     assert stored["reason"] == document["reason"]
     model = Estimate.load(folder / "model.json")

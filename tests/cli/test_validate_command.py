@@ -75,7 +75,7 @@ def test_columns_may_be_called_otherwise_in_another_file(run, write_table, held,
 def test_the_folder_gets_the_figure_and_the_numbers(run, flight, models, tmp_path):
     outcome = run("validate", models / "right.json", flight, "--out", tmp_path / "v", "--json")
     files = sorted(path.name for path in (tmp_path / "v").iterdir())
-    assert files == ["residual-tests.png", "validation.json"]
+    assert files == ["fit.svg", "report.html", "residual-tests.svg", "validation.json"]
     kept = json.loads((tmp_path / "v" / "validation.json").read_text())
     shown = json.loads(outcome.out)
     assert [test["p_value"] for test in kept["tests"]] == [t["p_value"] for t in shown["tests"]]

@@ -19,7 +19,12 @@ ROOMS = (
     *("online", "physical", "plots", "report", "studies", "uncertainty", "errors"),
     *("excitation", "export"),
 )
-JUDGEMENT = ("judgement.advice", "judgement.selection", "judgement.validation")
+JUDGEMENT = (
+    "judgement.advice",
+    "judgement.selection",
+    "judgement.validation",
+    "judgement.comparison",
+)
 
 
 def blocks(text: str) -> list[tuple[int, str]]:

@@ -184,3 +184,46 @@ def test_a_broken_contract_would_be_found(
     broken = [line for line in done.stdout.splitlines() if " BROKEN" in line]
     assert done.returncode != 0
     assert any(contract in line for line in broken), done.stdout + done.stderr
+
+
+# --------------------------------------------------------------------------- imports by name
+BY_NAME = {"import_module", "__import__", "importlib.import_module", "importlib.__import__"}
+MAY_IMPORT_BY_NAME = {
+    "tridentify",  # the names of the front door, when they are first used
+    "tridentify.record.formats.isolated",  # a reader of its own room
+    "tridentify.writing.views",  # what an estimate shows of itself: the one way up
+}
+MAY_IMPORT_THE_DOOR = ("tridentify.cli", "tridentify.report.settings", "tridentify.__main__")
+"""For the version, and for the code that does it again."""
+
+
+def imports_by_name(tree: ast.Module) -> bool:
+    """Whether a module loads another one by its name in a string."""
+    calls = {ast.unparse(node.func) for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    return bool(calls & BY_NAME)
+
+
+def test_nothing_else_reaches_a_room_by_name(
+    modules: dict[str, tuple[bool, ast.Module]],
+) -> None:
+    """An import by name is seen by no contract; the front door leads into every room."""
+    found = {name for name, (_, tree) in modules.items() if imports_by_name(tree)}
+    assert found == MAY_IMPORT_BY_NAME
+    rooms = {name.split(".")[1] for name in modules if name.count(".")} - {"errors"}
+    through_the_door = [
+        name
+        for name, (is_package, tree) in modules.items()
+        if not name.startswith(MAY_IMPORT_THE_DOOR) and name != PACKAGE
+        for base, inner in imported_names(name, is_package, tree)
+        if base == PACKAGE and inner not in {"errors"} and (not inner or inner not in rooms)
+    ]
+    assert through_the_door == []
+
+
+def test_an_import_by_name_would_be_found() -> None:
+    for statement in (
+        "import importlib\nimportlib.import_module('tridentify.plots')",
+        "from importlib import import_module\ndef f():\n    return import_module('x')",
+        "__import__('tridentify.plots')",
+    ):
+        assert imports_by_name(ast.parse(statement))

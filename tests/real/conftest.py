@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify import Record, TransferFunction, simulate
-from tridentify.physical.profile import free_responses
+from tridentify.simulate import free_responses
 
 
 @pytest.fixture(scope="session")

@@ -34,7 +34,10 @@ def test_each_test_has_its_axes_and_labels(validation):
     assert len(axes) == 5
     assert all(ax.get_xlabel() and ax.get_ylabel() for ax in axes)
     assert "[m]" in axes[-1].get_ylabel()
-    assert "one experiment after the other" in axes[-1].get_xlabel()
+    # the experiments stand side by side, each with its own time
+    assert axes[-1].get_xlabel() == "time in each experiment [s]"
+    assert [t.get_text() for t in axes[-1].texts] == ["experiment 1", "experiment 2"]
+    assert [t.get_text() for t in axes[-1].get_xticklabels()].count("0") == 2
     assert axes[0].get_title(loc="left").startswith("y with itself")
 
 

@@ -84,11 +84,11 @@ def test_given_axes_are_used(table):
     with pytest.raises(ValueError, match="expected 3 for this picture"):
         plot_selection(table, axes=given[:2])
     ax = Figure().subplots()
-    assert plot_hankel(table, ax=ax) is ax
+    assert plot_hankel(table, axes=ax) == [ax]
 
 
 def test_hankel_values_above_the_floor_are_filled(table):
-    ax = plot_hankel(table)
+    (ax,) = plot_hankel(table)
     ax.figure.canvas.draw()
     assert ax.get_yscale() == "log"
     assert "2 values above the noise" in ax.get_title(loc="left")

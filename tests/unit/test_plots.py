@@ -1,4 +1,4 @@
-"""Pictures: what is drawn, on which axes, with which labels; no display, no global state."""
+"""Pictures: what is drawn, on which axes, with which labels."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_a_picture_draws_on_given_axes(double, name):
         PICTURES[name](double, given[:1])
 
 
-def test_pictures_leave_pyplot_alone():
+def test_a_plotting_library_is_loaded_by_the_first_picture():
     code = "import sys, tridentify.plots, tridentify.report; assert 'matplotlib' not in sys.modules"
     subprocess.run([sys.executable, "-c", code], check=True)
 
@@ -107,6 +107,46 @@ def test_bode_shows_response_in_decibels_and_degrees(double):
     assert magnitude.get_ylabel() == "magnitude\n[dB re 1/s]"
 
 
+def test_phases_of_one_figure_are_on_one_branch(single):
+    """A negative gain begins at -180 degrees wherever unwrapping left it, a positive one at 0."""
+    den = [[1.0, 1.0, 3.0]]
+    starts = []
+    for gains in ([0.5], [-0.5], [-0.5, -0.01], [0.5, 0.0], [-0.5, 0.0]):
+        model = TransferFunction(gains, den[0])
+        estimate = dataclasses.replace(single.estimate, model=model, theta=np.array(den[0]))
+        axes = plots.plot_bode(dataclasses.replace(estimate, cov=np.full((3, 3), np.nan)))
+        starts.append(axes[1].get_lines()[0].get_ydata()[0])
+    assert starts == pytest.approx([0.0, -180.0, -180.0, 90.0, -90.0], abs=8.0)
+
+
+def test_a_lightly_damped_plant_fills_the_map(single):
+    """To scale its poles would be dots on the axis; a zero far outside is pointed at."""
+    model = TransferFunction([0.01, 40.0], [1.0, 0.02, 100.0])
+    bare = dataclasses.replace(single.estimate, model=model, cov=np.full((3, 3), np.nan))
+    (ax,) = plots.plot_pole_zero(bare)
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    assert ax.get_aspect() == "auto"
+    assert right - left < 0.1 < 20.0 < top - bottom
+    assert "scales differ" in ax.get_xlabel()
+    assert "outside the frame" in ax.get_xlabel()
+    arrow = next(line for line in ax.get_lines() if line.get_marker() == "<")
+    assert arrow.get_xdata()[0] == pytest.approx(left)
+
+
+def test_the_model_lies_thin_upon_a_long_record(single):
+    long = Record(
+        np.tile(single.record.u, (8, 1)),
+        np.tile(single.record.y, (8, 1)),
+        dt=0.02,
+        input_names=["elevator"],
+        output_names=["q"],
+    )
+    for record, thinner in ((single.record, False), (long, True)):
+        recorded, model = plots.plot_fit(single.estimate, record)[0].get_lines()[:2]
+        assert (model.get_linewidth() < recorded.get_linewidth()) == thinner
+        assert (recorded.get_marker() == ".") != thinner
+
+
 def test_bode_scale_follows_the_line_and_not_a_wild_band(single):
     wild = dataclasses.replace(single.estimate, cov=np.eye(3) * 1e6)
     for ax, wildest in zip(plots.plot_bode(wild), (200.0, 720.0), strict=True):
@@ -135,11 +175,11 @@ def test_integrators_and_repeated_poles_can_be_drawn(single, den):
         cov=np.eye(n + 1) * 1e-4,
     )
     _rendered(plots.plot_bode(estimate)[0])
-    _rendered(plots.plot_pole_zero(estimate))
+    _rendered(plots.plot_pole_zero(estimate)[0])
 
 
 def test_pole_zero_map_marks_every_near_root(double):
-    ax = plots.plot_pole_zero(double.estimate)
+    (ax,) = plots.plot_pole_zero(double.estimate)
     _rendered(ax)
     crosses, *rest = (line for line in ax.get_lines() if line.get_marker() == "x")
     assert not rest  # a shared denominator is drawn once
@@ -160,7 +200,7 @@ def test_tick_labels_of_the_map_do_not_overlap(single, factor):
         theta=np.array([6.5, 4.1, 3.0]) * scale,
         cov=1e-4 * np.diag(scale**2),
     )
-    ax = plots.plot_pole_zero(estimate)
+    (ax,) = plots.plot_pole_zero(estimate)
     ax.figure.draw_without_rendering()
     low, high = ax.get_xlim()
     shown = [k for k, at in enumerate(ax.get_xticks()) if low <= at <= high]
@@ -170,7 +210,7 @@ def test_tick_labels_of_the_map_do_not_overlap(single, factor):
 
 def test_ellipse_on_the_map_has_the_size_of_its_uncertainty(single):
     estimate = dataclasses.replace(single.estimate, cov=np.diag([0.04, 0.0, 0.0]))
-    ax = plots.plot_pole_zero(estimate)
+    (ax,) = plots.plot_pole_zero(estimate)
     real = [line.get_xdata() for line in ax.get_lines() if len(line.get_xdata()) == 73]
     # d Re(pole) / d a1 = -1/2, so its std is 0.1; 2.4477 is the radius of 95 % in the plane
     assert np.ptp(real[0]) / 2 == pytest.approx(2.4477 * 0.1, rel=1e-3)
@@ -242,6 +282,6 @@ def test_dollar_signs_in_names_are_no_mathematics(single):
         plots.plot_fit(estimate, record),
         plots.plot_residual(estimate, record),
         plots.plot_bode(estimate),
-        [plots.plot_pole_zero(estimate)],
+        plots.plot_pole_zero(estimate),
     ):
         _rendered(axes[0])

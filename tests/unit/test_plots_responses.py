@@ -326,9 +326,9 @@ def renamed(case):
         plots.plot_fit,
         plots.plot_residual,
         lambda estimate, record: plots.plot_bode(estimate),
-        lambda estimate, record: [plots.plot_pole_zero(estimate)],
+        lambda estimate, record: plots.plot_pole_zero(estimate),
         lambda estimate, record: plots.plot_convergence(estimate),
-        lambda estimate, record: [plots.plot_comparison([estimate])],
+        lambda estimate, record: plots.plot_comparison([estimate]),
     ],
 )
 def test_long_names_neither_overlap_nor_leave_any_picture(double, draw):
@@ -361,7 +361,7 @@ def bars(ax):
 def test_comparison_draws_relative_differences_with_intervals(single):
     first = single.estimate
     other = dataclasses.replace(first, theta=first.theta * 1.1, cov=4 * first.cov)
-    ax = plots.plot_comparison([first, other], ["one", "two"])
+    (ax,) = plots.plot_comparison([first, other], ["one", "two"])
     points = {line.get_label(): line.get_xdata() for line in ax.get_lines()}
     assert points["one"] == pytest.approx(np.zeros(3))
     assert points["two"] == pytest.approx(np.full(3, 10.0))
@@ -374,29 +374,43 @@ def test_comparison_draws_relative_differences_with_intervals(single):
 
 def test_comparison_counts_from_the_truth(single):
     truth = dict(zip(single.estimate.names, single.truth, strict=True))
-    ax = plots.plot_comparison([single.estimate], truth=truth)
+    (ax,) = plots.plot_comparison([single.estimate], truth=truth)
     (line,) = (one for one in ax.get_lines() if one.get_label() == "ThreeModel")
     assert line.get_xdata() == pytest.approx(100 * (single.estimate.theta / single.truth - 1))
     assert "from the truth" in ax.get_xlabel()
 
 
-def test_comparison_of_other_orders_missing_errors_and_a_zero(single):
-    third = with_model(single, [1.0, 0.0], [1.0, 2.0, 3.0, 4.0])
+def test_comparison_of_missing_errors_and_a_zero(single):
     bare = dataclasses.replace(single.estimate, cov=np.full((3, 3), np.nan))
-    ax = plots.plot_comparison([single.estimate, third, bare])
-    assert [text.get_text().split(" ")[0].split("\n")[0] for text in ax.get_yticklabels()] == [
-        "a1", "a0", "b0", "a2", "b1",
-    ]  # fmt: skip
+    (ax,) = plots.plot_comparison([single.estimate, single.estimate, bare])
+    assert [text.get_text().split(" ")[0] for text in ax.get_yticklabels()] == ["a1", "a0", "b0"]
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
     assert labels == ["ThreeModel 1", "ThreeModel 2", "ThreeModel 3"]
     assert overlaps(ax.figure) == []
-    zero = plots.plot_comparison([with_model(single, [0.0], [1.0, 2.0])])
+    (zero,) = plots.plot_comparison([with_model(single, [0.0], [1.0, 2.0])])
     assert "b0 = 0\n100 % = 1" in [text.get_text() for text in zero.get_yticklabels()]
+
+
+def test_comparison_across_orders_shows_poles_gains_and_responses(single):
+    """The coefficient a1 of two poles has nothing to do with that of three."""
+    first = single.estimate.model
+    third = TransferFunction(
+        20.0 * first.num[0][0], np.polymul(first.den[0][0], [1.0, 20.0]),
+        input_names=first.input_names, output_names=first.output_names,
+    )  # fmt: skip
+    numbers, magnitudes = plots.plot_comparison({"two": single.estimate, "three": third})
+    rows = [text.get_text().replace("\n", " = ").split(" = ")[0]
+            for text in numbers.get_yticklabels()]  # fmt: skip
+    assert rows == ["natural frequency", "damping", "real pole", "dc gain"]
+    of_third = next(one for one in numbers.get_lines() if one.get_label() == "three")
+    assert np.nan_to_num(of_third.get_xdata()) == pytest.approx(np.zeros(4), abs=1e-6)
+    assert [line.get_label() for line in magnitudes.get_lines()] == ["two", "three"]
+    assert overlaps(numbers.figure) == []
 
 
 def test_comparison_cuts_an_interval_that_would_squeeze_the_others(single):
     wild = dataclasses.replace(single.estimate, cov=1e8 * single.estimate.cov)
-    ax = plots.plot_comparison([single.estimate] * 4 + [wild])
+    (ax,) = plots.plot_comparison([single.estimate] * 4 + [wild])
     reach = ax.get_xlim()[1]
     assert reach < 10 * 100 * 1.96 * np.max(single.estimate.std / np.abs(single.estimate.theta))
     assert {line.get_marker() for line in ax.get_lines() if len(line.get_xdata()) == 3} >= {
@@ -408,8 +422,8 @@ def test_comparison_cuts_an_interval_that_would_squeeze_the_others(single):
 @pytest.mark.parametrize(
     ("count", "names", "truth", "message"),
     [
-        (0, None, None, "found no estimate"),
-        (2, ["one"], None, "found 1 names for 2 estimates"),
+        (0, None, None, "found no model"),
+        (2, ["one"], None, "found 1 names for 2 models"),
         (1, None, {"c7": 1.0}, "found a truth for 'c7'"),
     ],
 )

@@ -11,7 +11,7 @@ from tridentify import Record, Structure, ThreeModel, TransferFunction, identify
 from tridentify.estimation.answer.estimate import Status
 from tridentify.plots.style import MAX_POINTS, course
 from tridentify.report import write_report
-from tridentify.report.html import settings_table
+from tridentify.report.settings import settings_table
 from tridentify.uncertainty import derived, sample, sampled_derived, sampled_response_band
 
 DT = 0.02
@@ -138,7 +138,7 @@ def test_figures_of_a_posterior_mean_show_its_draws(vague):
     band = plots.plot_bode(estimate, omega=omega)[0].collections[0].get_paths()[0].vertices
     expected = sampled_response_band(sample(estimate), omega).magnitude_high[:, 0, 0]
     assert set((20 * np.log10(expected)).round(9)) <= set(band[:, 1].round(9))
-    ax = plots.plot_pole_zero(estimate)
+    (ax,) = plots.plot_pole_zero(estimate)
     assert max(len(line.get_xdata()) for line in ax.get_lines()) >= 500
     assert not ax.patches[:-1]  # no ellipse, only the grey half-plane
 
@@ -148,7 +148,7 @@ def test_ellipses_lie_within_the_frame_of_poles_and_zeros():
     y = simulate(TransferFunction([3.0], [1.0, 1.0, 3.0]), Record(u, u, dt=0.1))
     y = y + 0.3 * np.random.default_rng(0).standard_normal(y.shape)
     estimate = identify(Record(u, y, dt=0.1), Structure(2, 0), ThreeModel(finish="likelihood"))
-    ax = plots.plot_pole_zero(estimate)
+    (ax,) = plots.plot_pole_zero(estimate)
     low, high = ax.get_ylim()
     ellipses = [line.get_ydata() for line in ax.get_lines() if len(line.get_xdata()) > 50]
     assert len(ellipses) == 2
@@ -176,8 +176,9 @@ def test_settings_name_loss_outliers_experiments_and_channels(spiky, tmp_path):
     assert rows["fixed"] == "a0 = 9"
     assert rows["bounds"] == "b1 <= 1.8"
     page = write_report(both, records, tmp_path / "report.html").read_text(encoding="utf-8")
-    assert "<h1>run 400, run 300</h1>" in page
-    assert "700 samples in 2 experiments" in page
+    assert "<h1>q from elevator</h1>" in page
+    assert "run 400, run 300" in page
+    assert "2 experiments \N{MIDDLE DOT} 700 samples every 0.02 s" in page
     for said in ("fixed", "at bound"):
         assert f"<td>{said}</td>" in page
         assert re.search(rf"\s{said}\s", both.summary())
@@ -198,7 +199,7 @@ def test_orders_of_each_channel_are_named():
 def test_passes_before_a_delay_is_estimated_along_are_drawn_and_listed(gapped):
     from dataclasses import replace
 
-    from tridentify.report.html import course_tables
+    from tridentify.report.tables import course_tables
 
     _, estimate = gapped
     last = estimate.trace.passes[-1]

@@ -6,6 +6,7 @@ import base64
 import dataclasses
 import hashlib
 import html
+import itertools
 import re
 from html.parser import HTMLParser
 from xml.etree import ElementTree
@@ -19,9 +20,13 @@ from tridentify.estimation.answer.estimate import Status, Trace
 from tridentify.judgement.cautions import judged
 from tridentify.record.record import Record
 from tridentify.report import save_figures, write_report
-from tridentify.report.html import settings_table
+from tridentify.report.figures import draw_figures, draw_fit
+from tridentify.report.page import beside
+from tridentify.report.pictures import Picture
+from tridentify.report.settings import settings_table
+from tridentify.report.tables import result_tables, validation_tables
 
-FIGURES = ("record", "fit", "residual", "bode", "step", "pole-zero", "convergence")
+FIGURES = ("fit", "bode", "step", "pole-zero", "convergence", "residual-tests")
 
 
 class _Page(HTMLParser):
@@ -63,7 +68,8 @@ def page(double, tmp_path_factory):
 @pytest.fixture
 def no_figures(monkeypatch):
     """Pages whose figures do not matter are quicker without."""
-    monkeypatch.setattr("tridentify.report.html.draw_figures", lambda *_, **__: iter(()))
+    for name in ("model_pictures", "tests_pictures"):
+        monkeypatch.setattr(f"tridentify.report.figures.{name}", lambda *_: [])
 
 
 def test_page_is_well_formed_and_needs_nothing_from_outside(page):
@@ -82,15 +88,15 @@ def test_page_is_well_formed_and_needs_nothing_from_outside(page):
 
 def test_page_has_every_section(page):
     headings = _Page(page).headings
-    assert headings[0] == "short period"
+    assert headings[0] == "q, alpha from elevator"
     for wanted in (
         "Coefficients",
         "Natural frequency, damping, gain",
         "Estimated along",
         "Fit",
-        "Record and model response",
+        "Measured against model",
         "Tests of the residual",
-        "Residual and its tests",
+        "Residual of alpha and its tests",
         "Step response",
         "Step 1: the parallel model",
         "Step 3: the series model",
@@ -104,7 +110,40 @@ def test_page_has_every_section(page):
         "Settings and data",
     ):
         assert wanted in headings
-    assert page.index("Usable: converged") < page.index("Coefficients")
+    order = (
+        "Usable: a model",
+        "Measured against model",
+        "fit of q / alpha",
+        "<h2>Model",
+        "<h2>How it",
+    )
+    places = [page.index(words) for words in order]
+    assert places == sorted(places)
+
+
+def test_the_first_screen_says_what_was_found_and_how_far_to_trust_it(page):
+    first = page[: page.index("<nav")]
+    assert "2 poles and 1 zero fits 93.2 % of q, 93.2 % of alpha." in first
+    assert "Nothing speaks against it" in first
+    assert re.search(r"short period . 600 samples every 0.02 s, 11.98 s . \d+ \w+ \d{4}", first)
+    assert len(re.findall("<dt>", first)) == 4
+    for label in ("fit of q / alpha", "natural frequency", "damping", "dc gain[q,elevator]"):
+        assert f"<dt>{label}</dt>" in first
+    assert "stationary point" not in first
+
+
+def test_how_the_algorithm_went_is_folded(page):
+    folded = page[page.index('<details class="course">') :]
+    folded = folded[: folded.index("</details>")]
+    for words in ("Convergence of the passes", "Step 1: the parallel model", "Starts tried"):
+        assert page.count(words) == folded.count(words) > 0
+
+
+def test_formulas_are_those_of_the_notebook(page, double):
+    assert page.count("<mfrac>") == 2
+    assert double.estimate.model_mathml() in page
+    # to be copied as text
+    assert html.escape(double.estimate.model_text()) in page
 
 
 def test_page_states_the_numbers(page, double):
@@ -121,7 +160,7 @@ def test_page_states_the_numbers(page, double):
 
 def test_every_inline_figure_is_valid_svg_that_scales(page):
     drawings = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
-    assert len(drawings) == 6 + 4
+    assert len(drawings) == 7 + 4
     clips = []
     for drawing in drawings:
         root = ElementTree.fromstring(drawing)
@@ -221,9 +260,9 @@ def test_several_experiments_each_get_their_figures(single, tmp_path):
     estimate = dataclasses.replace(single.estimate, nuisance=single.estimate.nuisance * 2)
     records = [single.record, single.record]
     text = write_report(estimate, records, tmp_path / "r.html").read_text()
-    assert "Record and model response, experiment 2" in _Page(text).headings
+    assert "Measured against model, experiment 2: doublet" in _Page(text).headings
     names = {path.name for path in save_figures(estimate, records, tmp_path / "figures")}
-    assert {"fit-1.png", "fit-2.png", "bode.png"} < names
+    assert {"fit-1.svg", "fit-2.svg", "bode.svg"} < names
 
 
 def test_estimate_without_trace_or_covariance_has_a_report(single, tmp_path):
@@ -266,12 +305,12 @@ def test_page_and_figures_together_are_those_apart_and_drawn_once(single, tmp_pa
     )
     headings = re.findall(r"<figcaption>.*?</figcaption>", apart, re.DOTALL)
     assert re.findall(r"<figcaption>.*?</figcaption>", page.read_text(), re.DOTALL) == headings
-    assert sorted(path.name for path in folder.glob("*.png")) == sorted(
-        f"{stem}.png" for stem in FIGURES
+    assert sorted(path.name for path in folder.glob("*.svg")) == sorted(
+        f"{stem}.svg" for stem in FIGURES
     )
     # no places are worked out while a figure is saved
     assert {engine for _, engine in drawn} == {None}
-    assert len({number for number, _ in drawn}) < len(drawn)
+    assert len({number for number, _ in drawn}) == len(drawn) == len(FIGURES)
     assert stages == ["testing the residual", "writing the report and the figures"]
 
 
@@ -312,3 +351,62 @@ def test_equalities_are_written_as_one_writes_them():
     structure = Structure(1, 0, equalities=[({"b0": 1.0, "a0": -1.0}, 0.0)])
     rows = dict(settings_table(identify(record, structure), [record]))
     assert rows["equalities"] == "b0 - a0 = 0"
+
+
+def test_numbers_that_say_nothing_have_few_digits(single):
+    cov = np.diag([400.0, 1e-4, 1e-6])
+    vague = dataclasses.replace(single.estimate, cov=cov)
+    cells = {row[0]: row for table in result_tables(vague) for row in table.rows}
+    assert cells["a1"][3] == "not determined"
+    assert cells["a0"][3] == "0.33 %"
+    checked = validate(single.estimate, single.record)
+    surely = [dataclasses.replace(test, p_value=7e-205, rejected=True) for test in checked.tests]
+    table = validation_tables(dataclasses.replace(checked, tests=tuple(surely)))[0]
+    assert {row[1] for row in table.rows} == {"< 0.001 *"}
+    assert table.marked == tuple(range(len(table.rows)))
+    assert all(row[-1] for row in table.rows)
+    missing = [dataclasses.replace(test, p_value=float("nan")) for test in checked.tests]
+    table = validation_tables(dataclasses.replace(checked, tests=tuple(missing)))[0]
+    assert {row[1] for row in table.rows} == {"-"}
+    assert "A dash" in table.note
+
+
+def test_columns_of_figures_are_of_like_height():
+    heights = (6.0, 2.0, 2.0, 2.0, 3.0)
+    pictures = [Picture(f"{h}", "", "", "response", "<svg", 5.6, h) for h in heights]
+    wide = dataclasses.replace(pictures[0], width=11.2)
+    first, alone, second = beside([*pictures[:4], wide, pictures[4]])
+    assert [sum(p.height for p in column) for column in first.columns] == [6.0, 6.0]
+    assert alone.wide is wide
+    assert second.columns == ((pictures[4],),)
+
+
+def test_a_sheet_leaves_room_for_all_that_stands_around_its_axes(double, single):
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    case = Record(
+        single.record.u,
+        1e-5 * np.asarray(single.record.y),
+        dt=0.02,
+        input_names=["a name of an input that is rather long"],
+        output_names=["q"],
+        units={"q": "rad/s"},
+    )
+    checked = validate(double.estimate, double.record)
+    drawings = [
+        *draw_figures(double.estimate, [double.record], checked),
+        draw_fit(case, np.asarray(case.y)),
+    ]
+    for drawing in drawings:
+        figure = drawing.figure
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        figure.draw_without_rendering()
+        width, height = figure.bbox.width, figure.bbox.height
+        boxes = [ax.get_tightbbox(renderer) for ax in figure.axes if ax.axison]
+        for box in boxes:
+            assert -1.0 <= box.x0 < box.x1 <= width + 1.0, drawing.stem
+            assert -1.0 <= box.y0 < box.y1 <= height + 1.0, drawing.stem
+        for one, other in itertools.combinations(boxes, 2):
+            wide = min(one.x1, other.x1) - max(one.x0, other.x0)
+            high = min(one.y1, other.y1) - max(one.y0, other.y0)
+            assert min(wide, high) < 4.0, drawing.stem

@@ -234,3 +234,10 @@ def test_python_control_takes_names_with_dots():
     pytest.importorskip("control")
     model = TransferFunction([[[1.0], [2.0]]], [1.0, 3.0], input_names=["q.x", "q_x"])
     assert model.to_control().input_labels == ["q_x_2", "q_x"]
+
+
+def test_a_notebook_shows_every_channel_as_a_fraction() -> None:
+    shown = TransferFunction([2.0], [1.0, 3.0], delay=0.5)._repr_html_()
+    assert shown.count("<mfrac>") == 1
+    assert "exp(-0.5 s)" in shown
+    assert TransferFunction([[[1.0]], [[2.0]]], [1.0, 3.0])._repr_html_().count("<mfrac>") == 2

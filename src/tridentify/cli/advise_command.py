@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Out = Annotated[
     Path | None,
     options.result_option(
-        metavar="DIR", help="Write advice.json and frequency-response.png into this folder."
+        metavar="DIR", help="Write advice.json and frequency-response.svg into this folder."
     ),
 ]
 
@@ -75,7 +75,7 @@ def _write(found: Advice, folder: Path, activity: Activity) -> None:
     if found.frequency is not None:
         figure = plot_frequency_response(found.frequency)[0].get_figure(root=True)
         assert figure is not None
-        figure.savefig(folder / "frequency-response.png", dpi=150)
+        figure.savefig(folder / "frequency-response.svg")
 
 
 def _show(found: Advice, records: Sequence[Record], written: Sequence[Path]) -> None:

@@ -15,6 +15,7 @@ from typer.main import get_command
 from tridentify.cli import (
     advise_command,
     channels_command,
+    compare_command,
     demo_command,
     excite_command,
     export_command,
@@ -33,6 +34,7 @@ from tridentify.errors import (
     IdentifiabilityError,
     TridentifyError,
 )
+from tridentify.writing.views import unseen
 
 EXIT_CODES = (
     "Exit codes: 0 done; 1 the data do not allow an answer; 2 bad input or usage; 70 a fault of "
@@ -59,6 +61,7 @@ app.command("study")(study_command.study)
 app.command("excite")(excite_command.excite)
 app.command("export")(export_command.export)
 app.command("validate")(with_groups(validate_command.validate))
+app.command("compare")(with_groups(compare_command.compare_models))
 
 
 def _show_version(asked: bool) -> None:
@@ -110,7 +113,7 @@ def run(arguments: Sequence[str]) -> int:
     debug = "--debug" in options
     if debug:
         given.remove("--debug")
-    with terminal.patient_streams(), _termination_as_interrupt():
+    with terminal.patient_streams(), _termination_as_interrupt(), unseen():
         try:
             terminal.check_output()
             code = get_command(app).main(given, prog_name=terminal.PROGRAM, standalone_mode=False)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tridentify.cli import options, tables
 from tridentify.cli.ask import chooses_orders, nested_poles, nested_zeros
@@ -16,6 +17,9 @@ from tridentify.cli.run import estimate_model, load_sample_loop, show_estimate, 
 from tridentify.cli.terminal import Activity, show_json
 from tridentify.estimation.methods.base import Method
 from tridentify.structure import AutoStructure, Structure
+
+if TYPE_CHECKING:
+    from tridentify.cli.artist import Beside
 
 
 def identify(
@@ -56,6 +60,13 @@ def identify(
     _answer(source, structure, way.chosen(loss), out, title, as_json)
 
 
+def drawn_beside() -> AbstractContextManager[Beside | None]:
+    """Another process for the figures, where there is a processor for it."""
+    from tridentify.cli.artist import hired
+
+    return hired()
+
+
 def _answer(
     source: RecordSource,
     structure: Structure | AutoStructure,
@@ -70,10 +81,11 @@ def _answer(
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
         records = load(source, activity)
+        artist = None if results is None else stack.enter_context(drawn_beside())
         load_sample_loop(activity)
-        estimate = estimate_model(records, structure, method, activity.stage)
+        estimate = estimate_model(records, structure, method, activity.stage, artist)
         if results is not None:
-            write_results(estimate, records, results.draft, activity, title)
+            write_results(estimate, records, results.draft, activity, title, artist)
             written = results.publish()
     if as_json:
         document = tables.estimate_document(estimate, records)

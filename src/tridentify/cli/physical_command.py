@@ -25,7 +25,7 @@ from tridentify.cli.physical_models import (
     show_models,
 )
 from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_sample_loop, write_results
+from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.terminal import Activity, listed, paragraph, show, show_json
 from tridentify.errors import (
     MissingColumnError,
@@ -138,15 +138,32 @@ def _answer(
         )
         _refuse_silence(found)
         if results is not None:
-            found.save(results.draft / "physical.json")
             chosen = [record.select(*_order(model, named)) for record in records]
-            write_results(found.estimate, chosen, results.draft, activity, title)
+            _write(found, chosen, results.draft, activity, title)
             written = results.publish()
     if as_json:
         files = {"files": [str(path) for path in written]}
         show_json(physical_document(found, records, named) | files)
     else:
         show(*_account(found, records, named), *describe_files(written))
+
+
+def _write(
+    found: PhysicalEstimate,
+    records: Sequence[Record],
+    folder: Path,
+    activity: Activity,
+    title: str | None,
+) -> None:
+    """Write physical.json, model.json of the free coefficients, the page and the figures."""
+    from tridentify.report import write_physical_report
+
+    found.save(folder / "physical.json")
+    found.estimate.save(folder / "model.json")
+    page = folder / "report.html"
+    write_physical_report(
+        found, records, page, title=title, figures=folder, progress=activity.stage
+    )
 
 
 def _names_in(record: Record, channels: Mapping[str, str]) -> dict[str, str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tridentify.cli import tables
 from tridentify.cli.terminal import Activity, paragraph, show
@@ -12,6 +13,9 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure
+
+if TYPE_CHECKING:
+    from tridentify.cli.artist import Beside
 
 
 def load_sample_loop(activity: Activity) -> None:
@@ -28,8 +32,18 @@ def estimate_model(
     structure: Structure | AutoStructure,
     method: Method | None = None,
     progress: Callable[[str], None] | None = None,
+    artist: Beside | None = None,
 ) -> Estimate:
     """Identify one model from all records.
+
+    Parameters
+    ----------
+    records : Record or sequence of Record
+    structure : Structure or AutoStructure
+    method : Method, optional
+    progress : callable, optional
+    artist : Beside, optional
+        Draws the model while it is judged.
 
     Raises
     ------
@@ -38,9 +52,12 @@ def estimate_model(
     ConvergenceError
         The method ended without a usable estimate.
     """
-    from tridentify.identify import identify
+    from tridentify.identify import search
 
-    estimate = identify(records, structure, method, throw=False, progress=progress)
+    found = search(records, structure, method, progress)
+    if artist is not None and found.estimate.status.ok:
+        artist.begin(found.estimate, found.records)
+    estimate = found.judged()
     if not estimate.status.ok:
         raise ConvergenceError(
             f"found no usable estimate: {estimate.status.message}; expected a minimum that the "
@@ -55,13 +72,16 @@ def write_results(
     folder: Path,
     activity: Activity,
     title: str | None,
+    artist: Beside | None = None,
 ) -> None:
     """Write model.json, report.html and the figures into a folder."""
-    from tridentify.report import write_report
+    from tridentify.report.html import report_page, settled, write_page
 
     estimate.save(folder / "model.json")
-    page = folder / "report.html"
-    write_report(estimate, records, page, title=title, figures=folder, progress=activity.stage)
+    page = report_page(
+        estimate, settled(estimate, records), title=title, progress=activity.stage, artist=artist
+    )
+    write_page(page, folder / "report.html", folder)
 
 
 def show_estimate(estimate: Estimate, records: Sequence[Record], written: Sequence[Path]) -> None:

@@ -60,8 +60,8 @@ Out = Annotated[
     Path | None,
     options.result_option(
         metavar="DIR",
-        help="Write selection.json, model.json of the recommended row, and the pictures into this "
-        "folder.",
+        help="Write report.html, selection.json, model.json of the recommended row, and the "
+        "pictures into this folder.",
     ),
 ]
 
@@ -101,7 +101,7 @@ def select(
         load_sample_loop(activity)
         selection = _selected(records, unseen, candidates, chosen, jobs, activity)
         if results is not None:
-            _write(selection, results.draft, activity)
+            _write(selection, records, results.draft, activity)
             written = results.publish()
     _show(selection, records, written, as_json)
 
@@ -180,19 +180,17 @@ def _selected(
         )
 
 
-def _write(selection: Selection, folder: Path, activity: Activity) -> None:
-    """Write selection.json, the recommended model and the pictures."""
-    from tridentify.plots import plot_hankel, plot_selection
+def _write(
+    selection: Selection, records: Sequence[Record], folder: Path, activity: Activity
+) -> None:
+    """Write selection.json, the recommended model, the page and the pictures."""
+    from tridentify.report import write_selection_report
 
-    activity.stage("drawing the pictures")
+    activity.stage("writing the report and the figures")
     selection.save(folder / "selection.json")
     if selection.recommended is not None and selection.recommended.estimate is not None:
         selection.recommended.estimate.save(folder / "model.json")
-    figure: Any = plot_selection(selection)[0].figure
-    figure.savefig(folder / "selection.svg")
-    if selection.hankel is not None:
-        figure = plot_hankel(selection).figure
-        figure.savefig(folder / "hankel.svg")
+    write_selection_report(selection, records, folder / "report.html", figures=folder)
 
 
 def _show(

@@ -302,6 +302,7 @@ class Activity:
             counted = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Elapsed()
             self._counted = counted
         self._tenths = 0
+        self._named = ""
         self._since = time.monotonic()
 
     def __enter__(self) -> Activity:
@@ -319,7 +320,10 @@ class Activity:
             self._bar.stop()
 
     def stage(self, text: str) -> None:
-        """Name what is done now."""
+        """Name what is done now; what goes on is not named again."""
+        if text == self._named:
+            return
+        self._named = text
         if self._bar is not None:
             self._bar.update(self._task, description=printable(text))
         else:

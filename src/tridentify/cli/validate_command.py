@@ -23,6 +23,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import Validation
 from tridentify.record.record import Record
 from tridentify.writing.files import write_atomically
+from tridentify.writing.layout import format_p
 
 NOT_TRUSTED = 1
 
@@ -77,7 +78,7 @@ Level = Annotated[
 Out = Annotated[
     Path | None,
     options.result_option(
-        metavar="DIR", help="Write validation.json and residual-tests.png into this folder."
+        metavar="DIR", help="Write report.html, validation.json and the pictures into this folder."
     ),
 ]
 Check = Annotated[
@@ -115,20 +116,24 @@ def validate(
     estimate = Estimate.load(model)
     source = reading.source(
         files,
-        _columns("input", inputs, estimate.input_names),
-        _columns("output", outputs, estimate.output_names),
+        columns_of("input", inputs, estimate.input_names),
+        columns_of("output", outputs, estimate.output_names),
         cast("Intersample", estimate.intersample) if reading.intersample is None else None,
     )
     written: Sequence[Path] = ()
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
-        records = [_renamed(record, estimate) for record in load(source, activity)]
+        records = [
+            renamed(record, estimate.input_names, estimate.output_names)
+            for record in load(source, activity)
+        ]
         load_sample_loop(activity)
         activity.stage("testing the residual")
-        found = _validation(estimate, records, experiment, level)
+        which = _experiment(estimate, records, experiment)
+        found = _validation(estimate, records, which, level)
         if results is not None:
-            _write(found, results.draft, activity)
+            _write(estimate, found, records, which, results.draft, activity)
             written = results.publish()
     if as_json:
         show_json(found.to_dict() | {"files": [str(path) for path in written]})
@@ -138,22 +143,30 @@ def validate(
         raise typer.Exit(NOT_TRUSTED)
 
 
-def _columns(what: str, given: Sequence[str] | None, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Columns of the channels, in the order of the model's."""
+def columns_of(
+    what: str, given: Sequence[str] | None, names: Sequence[str], whose: str = "a model"
+) -> tuple[str, ...]:
+    """Columns of the channels, in the order of the model's.
+
+    Raises
+    ------
+    ChannelNameError
+        They are not as many.
+    """
     if not given:
-        return names
+        return tuple(names)
     if len(given) != len(names):
         raise ChannelNameError(
-            f"found {len(given)} --{what} for a model with {len(names)} ({', '.join(names)}); "
+            f"found {len(given)} --{what} for {whose} with {len(names)} ({', '.join(names)}); "
             "expected one for each, in that order; name them all or none"
         )
     return tuple(given)
 
 
-def _renamed(record: Record, estimate: Estimate) -> Record:
-    """The same record under the names of the model's channels."""
+def renamed(record: Record, inputs: Sequence[str], outputs: Sequence[str]) -> Record:
+    """The same record under the names of a model's channels."""
     old = (*record.input_names, *record.output_names)
-    new = (*estimate.input_names, *estimate.output_names)
+    new = (*inputs, *outputs)
     if old == new:
         return record
     units = {b: record.units[a] for a, b in zip(old, new, strict=True) if a in record.units}
@@ -165,18 +178,23 @@ def _renamed(record: Record, estimate: Estimate) -> Record:
         record.y,
         **cast("dict[str, Any]", sampling),
         intersample=record.intersample,
-        input_names=estimate.input_names,
-        output_names=estimate.output_names,
+        input_names=inputs,
+        output_names=outputs,
         units=units,
         name=record.name,
     )
 
 
-def _validation(
-    estimate: Estimate, records: Sequence[Record], experiment: int | None, level: float
-) -> Validation:
-    from tridentify.judgement.validation import validate as judge
+def _experiment(
+    estimate: Estimate, records: Sequence[Record], experiment: int | None
+) -> int | None:
+    """Position of the experiment that was named.
 
+    Raises
+    ------
+    DataError
+        There is no such experiment, or there are several files.
+    """
     most = len(estimate.nuisance)
     if experiment is not None and (len(records) > 1 or not 1 <= experiment <= most):
         many = "1 file" if len(records) == 1 else f"{len(records)} files"
@@ -185,21 +203,34 @@ def _validation(
             f"found --experiment {experiment} with {many}; expected {wanted}, the experiments of "
             "the model, and a single file; correct it, or leave it out to fit a start of its own"
         )
-    which = None if experiment is None else experiment - 1
+    return None if experiment is None else experiment - 1
+
+
+def _validation(
+    estimate: Estimate, records: Sequence[Record], which: int | None, level: float
+) -> Validation:
+    from tridentify.judgement.validation import validate as judge
+
     return judge(estimate, records, experiment=which, level=level)
 
 
-def _write(found: Validation, folder: Path, activity: Activity) -> None:
+def _write(
+    estimate: Estimate,
+    found: Validation,
+    records: Sequence[Record],
+    which: int | None,
+    folder: Path,
+    activity: Activity,
+) -> None:
     import json
 
-    from tridentify.plots import plot_residual_tests
+    from tridentify.report import write_validation_report
 
-    activity.stage("writing the figure")
+    activity.stage("writing the report and the figures")
     text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
     write_atomically(folder / "validation.json", text + "\n")
-    figure = plot_residual_tests(found)[0].get_figure(root=True)
-    assert figure is not None
-    figure.savefig(folder / "residual-tests.png", dpi=150)
+    page = folder / "report.html"
+    write_validation_report(estimate, found, records, page, experiment=which, figures=folder)
 
 
 def _show(found: Validation, records: Sequence[Record], written: Sequence[Path]) -> None:
@@ -214,13 +245,13 @@ def _show(found: Validation, records: Sequence[Record], written: Sequence[Path])
     if found.transfer is not None:
         expected = [f"{fit:.2f}" for fit in found.transfer.expected_fit]
     fits = [
-        (name, f"{fit:.2f}", best, f"{r2:.6f}")
+        (name, f"{fit:.2f}", best, f"{r2:.4f}")
         for name, fit, best, r2 in zip(
             found.output_names, found.fit, expected, found.r2, strict=True
         )
     ]
     tests = [
-        (f"{test.name} ({test.output})", f"{test.p_value:.2g}", "rejected" * test.rejected)
+        (f"{test.name} ({test.output})", format_p(test.p_value), "rejected" * test.rejected)
         for test in found.tests
     ]
     show(

@@ -24,7 +24,7 @@ from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import solve
 from tridentify.physical.model import model_of
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
+from tridentify.simulate import free_responses, simulate
 from tridentify.transfer_function import TransferFunction
 
 
@@ -159,21 +159,6 @@ class Profile:
             time = record.t - record.t[0]
             found.append((time / time[-1])[:, None])
         return np.hstack(found) if found else np.zeros((record.n_samples, 0))
-
-
-def free_responses(den: Array, record: Record, after: float = 0.0) -> Array:
-    """(n_samples, n) responses ``p^k / a(p) delta(t - t0 - after)`` at the samples."""
-    n = den.size - 1
-    names = [f"x{k}" for k in range(n)]
-    still = Record(
-        np.zeros(record.n_samples),
-        np.zeros((record.n_samples, n)),
-        output_names=names,
-        intersample=record.behaviour,
-        t=record.t,
-    )
-    model = TransferFunction([[[0.0]]] * n, den, output_names=names)
-    return simulate(model, still, free_response=np.eye(n), free_after=after)
 
 
 def _distinct(model: TransferFunction, output: int) -> list[Array]:

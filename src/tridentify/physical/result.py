@@ -25,7 +25,7 @@ from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
 from tridentify.physical.model import PhysicalParameter, model_of
 from tridentify.transfer_function import TransferFunction
-from tridentify.writing.layout import format_std, format_table, format_value, html_table
+from tridentify.writing.layout import format_std, format_table, format_value, html_table, p_in_words
 
 SCHEMA = 1
 _WIDTH = 78
@@ -177,8 +177,9 @@ class PhysicalEstimate:
             else "the coefficients contradict the map: it, the noise or the record is not as stated"
         )
         return (
-            f"restrictions of the map: chi-square {self.statistic:.3g} with {self.freedom} degrees "
-            f"of freedom, p = {self.p_value:.2g}; {verdict}"
+            f"restrictions of the map: chi-square {self.statistic:.3g} with {self.freedom} "
+            f"degree{'' if self.freedom == 1 else 's'} of freedom, {p_in_words(self.p_value)}; "
+            f"{verdict}"
         )
 
     def _row(self, parameter: Parameter) -> tuple[str, ...]:

@@ -1,12 +1,15 @@
-"""Pictures of records and estimates, one a file.
+"""Pictures of records and models, one a file.
 
-Every function takes the axes to draw on (or makes a figure of its own), returns the axes, and never
-shows anything. Figures are made without pyplot, so that they need no display and leave no state.
+Every function draws on the ``axes`` that it is given, or makes a figure that pyplot knows of: a
+notebook shows it, ``plt.show()`` too, and ``plt.savefig`` saves it. What comes back are `Panels`,
+the list of its axes, with ``.figure`` and ``.savefig``. Wherever it makes sense several models are
+taken, as a list or a mapping of names to them.
 """
 
 from __future__ import annotations
 
 from tridentify.plots.bode import plot_bode
+from tridentify.plots.compared import plot_compared
 from tridentify.plots.comparison import plot_comparison
 from tridentify.plots.convergence import plot_convergence
 from tridentify.plots.cost_surface import plot_cost_surface
@@ -22,10 +25,13 @@ from tridentify.plots.residual_tests import plot_residual_tests
 from tridentify.plots.selection import plot_selection
 from tridentify.plots.spectrum import plot_excitation, plot_spectrum
 from tridentify.plots.step import plot_step
+from tridentify.plots.style import Panels
 from tridentify.plots.trajectory import plot_trajectory
 
 __all__ = [
+    "Panels",
     "plot_bode",
+    "plot_compared",
     "plot_comparison",
     "plot_convergence",
     "plot_excitation",

@@ -8,35 +8,54 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse
+from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array
-from tridentify.plots.measured import draw_measured
+from tridentify.plots.lines import Line, band_label, lines_of, named_first, numbers
+from tridentify.plots.measured import draw_measured, whole_turns
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import BLUE, channel, dress, legend, literal, make_axes
-from tridentify.uncertainty import response_band, sample, sampled_response_band
+from tridentify.plots.style import (
+    Panels,
+    Shown,
+    channel,
+    dress,
+    legend,
+    legend_columns,
+    literal,
+    make_axes,
+)
+from tridentify.uncertainty import ResponseBand, response_band, sample, sampled_response_band
+from tridentify.uncertainty.checks import checked_level
 from tridentify.writing.layout import IN_PICTURES, short, unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Parts = tuple[Array, Array, Array]
+"""A line with the lower and the upper end of its band."""
+
 
 def plot_bode(
-    estimate: Estimate,
-    *,
+    models: Models,
     omega: npt.ArrayLike | None = None,
+    *,
+    names: Sequence[str] | None = None,
     level: float = 0.95,
     measured: FrequencyResponse | None = None,
     axes: Sequence[Axes] | None = None,
-) -> list[Axes]:
+) -> Panels:
     """Draw magnitude and phase of every channel with a pointwise confidence band.
 
     Parameters
     ----------
-    estimate : Estimate
+    models : Estimate, TransferFunction, sequence of these, or mapping of names to them
+        Of the same channels. A transfer function has no band.
     omega : array_like, shape (n_omega,), optional
         Angular frequencies [rad/s]; by default around the poles and zeros, up to the Nyquist
         frequency of the record.
+    names : sequence of str, optional
+        One a model, for the legend; by default the keys of a mapping, the orders where they differ,
+        else the methods.
     level : float
         Probability that the band holds at each frequency. Of a posterior mean the band lies
         between quantiles of its draws.
@@ -50,48 +69,129 @@ def plot_bode(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
+
+    Raises
+    ------
+    SampleTypeError, ChannelNameError
+        Something is no model, or the models have different channels.
+    OptionError
+        The level is no probability, ``omega`` no frequencies, or there are not as many axes.
+
+    Examples
+    --------
+    >>> from tridentify import TransferFunction
+    >>> pair = {"stiff": TransferFunction([9.0], [1.0, 1.0, 9.0]),
+    ...         "soft": TransferFunction([4.0], [1.0, 1.0, 4.0])}
+    >>> magnitude, phase = plot_bode(pair)
+    >>> [line.get_label() for line in magnitude.lines]
+    ['stiff', 'soft']
     """
-    grid = default_frequencies(estimate) if omega is None else np.asarray(omega, dtype=np.float64)
-    band = (
-        sampled_response_band(sample(estimate), grid, level=level)
-        if len(estimate.draws)
-        else response_band(estimate, grid, level=level)
-    )
-    known = bool(len(estimate.draws)) or bool(np.all(np.isfinite(estimate.cov)))
-    n_outputs, n_inputs = len(estimate.output_names), len(estimate.input_names)
+    lines = lines_of(models, names, "plot_bode(estimate) or plot_bode([one, other])", axes)
+    grid = default_frequencies(*lines) if omega is None else numbers("omega", omega, EXAMPLE)
+    bands = [_band(line, grid, level) for line in lines]
+    named = named_first(lines)
+    n_outputs, n_inputs = len(named.output_names), len(named.input_names)
     drawn = make_axes(axes, [1.7, 1.4] * (n_outputs * n_inputs), sharex=True)
     for k in range(n_outputs * n_inputs):
         i, j = divmod(k, n_inputs)
-        output, input_ = estimate.output_names[i], estimate.input_names[j]
-        with np.errstate(divide="ignore"):
-            decibels = [
-                20 * np.log10(part[:, i, j])
-                for part in (band.magnitude, band.magnitude_low, band.magnitude_high)
-            ]
-        degrees = [
-            np.degrees(part[:, i, j]) for part in (band.phase, band.phase_low, band.phase_high)
-        ]
         magnitude, phase = drawn[2 * k : 2 * k + 2]
-        _draw(magnitude, grid, decibels, level, least_reach=10.0, known=known)
-        _draw(phase, grid, degrees, level, least_reach=45.0, known=known)
+        degrees = _on_one_branch([_degrees(band, (i, j)) for band in bands])
+        decibels = [_decibels(band, (i, j)) for band in bands]
+        _draw(magnitude, grid, lines, decibels, level, least_reach=10.0)
+        _draw(phase, grid, lines, degrees, level, least_reach=45.0)
         if measured is not None:
-            _draw_behind(magnitude, phase, measured, (i, j), grid, degrees[0])
-        unit = ""
-        if output in estimate.units and input_ in estimate.units:
-            unit = unit_ratio(estimate.units[output], estimate.units[input_])
-        reference = f" re {short(unit, IN_PICTURES)}" if unit not in ("", "-") else ""
-        dress(
-            magnitude,
-            title=literal(wrapped(channel(estimate, i, j))),
-            ylabel=literal(f"magnitude\n[dB{reference}]"),
-        )
+            _draw_behind(magnitude, phase, measured, (i, j), grid, degrees[0][0])
+        _name_magnitude(magnitude, named, (i, j))
         _degree_ticks(phase)
         dress(phase, ylabel="phase [deg]")
-        if k == 0:
-            legend(magnitude)
+    legend(drawn[0], columns=legend_columns(drawn[0]))
     drawn[-1].set_xlabel("angular frequency [rad/s]", fontsize=9)
     return drawn
+
+
+EXAMPLE = "plot_bode([one, other], omega)"
+
+
+def draw_magnitudes(
+    ax: Axes, lines: Sequence[Line], grid: Array, channel_: tuple[int, int], level: float
+) -> None:
+    """Magnitudes of one channel of several models, with their bands, by themselves.
+
+    Parameters
+    ----------
+    ax : matplotlib Axes
+    lines : sequence of Line
+    grid : ndarray, shape (n_omega,)
+        [rad/s].
+    channel_ : (int, int)
+        Output and input.
+    level : float
+        Of the bands.
+    """
+    decibels = [_decibels(_band(line, grid, level), channel_) for line in lines]
+    _draw(ax, grid, lines, decibels, level, least_reach=10.0)
+    _name_magnitude(ax, named_first(lines), channel_)
+
+
+def _decibels(band: ResponseBand, channel_: tuple[int, int]) -> Parts:
+    own = (slice(None), *channel_)
+    with np.errstate(divide="ignore"):
+        return (
+            20 * np.log10(band.magnitude[own]),
+            20 * np.log10(band.magnitude_low[own]),
+            20 * np.log10(band.magnitude_high[own]),
+        )
+
+
+def _degrees(band: ResponseBand, channel_: tuple[int, int]) -> Parts:
+    own = (slice(None), *channel_)
+    return (
+        np.degrees(band.phase[own]),
+        np.degrees(band.phase_low[own]),
+        np.degrees(band.phase_high[own]),
+    )
+
+
+def _band(line: Line, grid: Array, level: float) -> ResponseBand:
+    """Response with its band; nan for the band of a model without standard errors."""
+    estimate = line.estimate
+    if estimate is not None and len(line.draws):
+        return sampled_response_band(sample(estimate), grid, level=level)
+    if estimate is not None and np.all(np.isfinite(estimate.cov)):
+        return response_band(estimate, grid, level=level)
+    checked_level(level)
+    response = line.model.frequency_response(grid)
+    nothing = np.full(response.shape, np.nan)
+    phase = np.unwrap(np.angle(response), axis=0)
+    return ResponseBand(grid, np.abs(response), nothing, nothing, phase, nothing, nothing, level)
+
+
+def _on_one_branch(degrees: Sequence[Parts]) -> list[Parts]:
+    """Phases of the first model on the branch of all channels, the others near it."""
+    found: list[Parts] = []
+    for line, low, high in degrees:
+        turned = whole_turns(line)
+        if found:
+            apart = found[0][0] - line
+            apart = apart[np.isfinite(apart)]
+            turned = 360.0 * float(np.round(np.median(apart) / 360.0)) if apart.size else 0.0
+        found.append((line + turned, low + turned, high + turned))
+    return found
+
+
+def _name_magnitude(magnitude: Axes, named: Line, channel_: tuple[int, int]) -> None:
+    output, input_ = named.output_names[channel_[0]], named.input_names[channel_[1]]
+    unit = ""
+    if output in named.units and input_ in named.units:
+        unit = unit_ratio(named.units[output], named.units[input_])
+    reference = f" re {short(unit, IN_PICTURES)}" if unit not in ("", "-") else ""
+    dress(
+        magnitude,
+        title=literal(wrapped(channel(named, *channel_))),
+        ylabel=literal(f"magnitude\n[dB{reference}]"),
+    )
 
 
 def _draw_behind(
@@ -128,12 +228,12 @@ def _draw_behind(
         ax.set_ylim(bottom - margin * (bottom < low), top + margin * (top > high))
 
 
-def default_frequencies(estimate: Estimate, n_points: int = 240) -> Array:
-    """Logarithmic grid around poles and zeros, finer at resonances.
+def default_frequencies(*models: Shown, n_points: int = 240) -> Array:
+    """Logarithmic grid around poles and zeros of all models, finer at resonances.
 
     Parameters
     ----------
-    estimate : Estimate
+    *models : Estimate or Line
     n_points : int
         Size of the logarithmic part.
 
@@ -142,12 +242,13 @@ def default_frequencies(estimate: Estimate, n_points: int = 240) -> Array:
     ndarray
         Increasing angular frequencies [rad/s].
     """
-    rows = zip(estimate.model.num, estimate.model.den, strict=True)
-    pairs = [pair for nums, dens in rows for pair in zip(nums, dens, strict=True)]
-    roots = np.concatenate([np.roots(part) for pair in pairs for part in pair])
+    parts = [
+        p for one in models for rows in (one.model.num, one.model.den) for r in rows for p in r
+    ]
+    roots = np.concatenate([np.roots(part) for part in parts])
     sizes = np.abs(roots)
     sizes = sizes[sizes > 1e-9 * np.max(sizes, initial=0.0)]
-    nyquist = np.pi / estimate.dt if estimate.dt else np.inf
+    nyquist = max(np.pi / one.dt if one.dt else np.inf for one in models)
     centre = np.median(sizes) if sizes.size else 1.0
     low, high = np.min(sizes, initial=centre) / 10, np.max(sizes, initial=centre) * 10
     high = max(min(high, nyquist), low * 100)
@@ -163,30 +264,44 @@ def default_frequencies(estimate: Estimate, n_points: int = 240) -> Array:
 def _draw(
     ax: Axes,
     omega: Array,
-    parts: list[Array],
+    lines: Sequence[Line],
+    courses: Sequence[Parts],
     level: float,
     *,
     least_reach: float,
-    known: bool = True,
 ) -> None:
-    """Line and band; the scale follows the line, so that a wide band does not flatten it."""
-    line, low, high = (np.where(np.isfinite(part), part, np.nan) for part in parts)
-    if known:
-        label = f"{100 * level:.3g} % band"
-        ax.fill_between(omega, low, high, color=BLUE, alpha=0.25, linewidth=0, label=label)
-    else:
-        low, high = line, line
-    ax.plot(omega, line, color=BLUE, linewidth=1.5, label="model")
+    """Lines and bands of all models, on a scale that shows every line."""
+    ends, sides = ([ax.get_ylim()], [ax.get_xlim()]) if ax.lines else ([], [])
+    for own, course in zip(lines, courses, strict=True):
+        line, low, high = (np.where(np.isfinite(part), part, np.nan) for part in course)
+        if np.any(np.isfinite(low)):
+            ax.fill_between(
+                omega, low, high, color=own.colour, alpha=own.opacity, linewidth=0,
+                label=band_label(ax, level),
+            )  # fmt: skip
+        ax.plot(
+            omega, line, color=own.colour, linestyle=own.dash, linewidth=1.5,
+            label=literal(own.label),
+        )  # fmt: skip
+        if np.any(np.isfinite(line)):
+            ends.append(_scale(line, low, high, least_reach))
     ax.set_xscale("log")
-    ax.set_xlim(omega[0], omega[-1])
-    if np.any(np.isfinite(line)):
-        bottom, top = np.nanmin(line), np.nanmax(line)
-        reach = max(0.5 * (top - bottom), least_reach)
-        lowest = np.nanmin(low) if np.any(np.isfinite(low)) else bottom
-        highest = np.nanmax(high) if np.any(np.isfinite(high)) else top
-        margin = max(0.06 * (top - bottom), 0.1 * least_reach)
-        floor, ceiling = max(lowest, bottom - reach), min(highest, top + reach)
-        ax.set_ylim(floor - margin, ceiling + margin)
+    if omega[0] < omega[-1]:
+        sides.append((float(omega[0]), float(omega[-1])))
+        ax.set_xlim(min(left for left, _ in sides), max(right for _, right in sides))
+    if ends:
+        ax.set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
+
+
+def _scale(line: Array, low: Array, high: Array, least_reach: float) -> tuple[float, float]:
+    """Ends that follow the line, so that a wide band does not flatten it."""
+    bottom, top = np.nanmin(line), np.nanmax(line)
+    reach = max(0.5 * (top - bottom), least_reach)
+    lowest = np.nanmin(low) if np.any(np.isfinite(low)) else bottom
+    highest = np.nanmax(high) if np.any(np.isfinite(high)) else top
+    margin = max(0.06 * (top - bottom), 0.1 * least_reach)
+    floor, ceiling = max(lowest, bottom - reach), min(highest, top + reach)
+    return float(floor - margin), float(ceiling + margin)
 
 
 def _degree_ticks(ax: Axes) -> None:

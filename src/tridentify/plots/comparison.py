@@ -1,128 +1,164 @@
-"""Picture of several estimates side by side: every coefficient with its 95 % interval."""
+"""Picture of several models side by side: their numbers with 95 % intervals."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tridentify.errors import OptionError, shown
-from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.parameter import Parameter
+from tridentify.judgement.comparison.entries import Models
+from tridentify.judgement.comparison.quantities import Quantity, quantities
 from tridentify.numerics.arrays import Array
+from tridentify.plots.bode import default_frequencies, draw_magnitudes
+from tridentify.plots.lines import Line, lines_of, named_first
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import BLACK, CYCLE, dress, literal, make_axes
+from tridentify.plots.style import BLACK, Panels, cycle_colour, dress, literal, make_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
 MARKERS = "osD^vP*X"
+MAGNITUDE = 1.9
+"""Height of a frequency response below the numbers [inch]."""
+NARROW = 54
+"""Characters of the legend beside each other: the names of the numbers take a part of the width."""
+LEVEL = 0.95
+"""Of the intervals and bands."""
 FAR_END = 3.0
 """Intervals that reach further than so many times the typical one are cut."""
 
 
 def plot_comparison(
-    estimates: Sequence[Estimate],
+    models: Models,
     names: Sequence[str] | None = None,
     *,
     truth: Mapping[str, float] | None = None,
-    ax: Axes | None = None,
-) -> Axes:
-    """Draw the coefficients of several estimates with their 95 % intervals, relative to one value.
+    axes: Sequence[Axes] | Axes | None = None,
+) -> Panels:
+    """Draw what several models say, each number with its 95 % interval, relative to one value.
+
+    Models of the same orders are compared coefficient by coefficient. The coefficients of models of
+    different orders have nothing to do with each other: then natural frequencies, dampings, real
+    poles and static gains stand there, those of one mode beside each other, and below them the
+    magnitudes of the frequency responses.
 
     Parameters
     ----------
-    estimates : sequence of Estimate
-        Of the same system; a coefficient that only some of them have is drawn of those.
+    models : Estimate, TransferFunction, sequence of these, or mapping of names to them
+        Of the same system; a number that only some of them have is drawn of those.
     names : sequence of str, optional
-        One an estimate, for the legend; by default the methods' names.
+        One a model, for the legend; by default the keys of a mapping, the orders where they differ,
+        else the methods.
     truth : mapping of str to float, optional
-        What is known of the coefficients, by name. Differences count from it where it is given,
-        else from the first estimate that has the coefficient.
-    ax : matplotlib Axes, optional
-        A figure is made when left out.
+        What is known of the numbers, by name. Differences count from it where it is given, else
+        from the first model that has the number.
+    axes : sequence of matplotlib Axes, or one, optional
+        One for the numbers, and across orders one more per channel. A figure is made when left out.
 
     Returns
     -------
-    matplotlib Axes
+    Panels
+        The axes.
 
     Raises
     ------
+    SampleTypeError, ChannelNameError
+        Something is no model, or their channels differ.
     OptionError
-        There is no estimate, the names are not as many, or a truth is no coefficient's.
+        There is no model, the names are not as many, or a truth is of no number that is shown.
 
     Notes
     -----
-    The scale is relative: 10 % is a tenth of the value that stands beside the coefficient's name.
-    Where that value is smaller than its standard error, as of a coefficient that is zero, 100 % is
-    the standard error, and the name says so. Intervals that would squeeze all others are cut at
-    the frame, which an arrow marks.
+    The scale is relative: 10 % is a tenth of the value that stands beside the name. Where that
+    value is smaller than its standard error, as of a coefficient that is zero, 100 % is the
+    standard error, and the name says so. Intervals that would squeeze all others are cut at the
+    frame, which an arrow marks.
     """
-    if not estimates:
-        raise OptionError("found no estimate; expected at least one; give a sequence of estimates")
-    labels = _labels(estimates, names)
-    rows = list(dict.fromkeys(name for one in estimates for name in one.names))
+    lines = lines_of(models, names, "plot_comparison([one, other])")
+    labels = [line.entry.name for line in lines]
+    across = _across_orders(lines)
+    if across:
+        found = quantities([line.entry for line in lines])
+        rows, columns = [row.name for row in found], _columns(found, len(lines))
+    else:
+        columns = [line.estimate.parameters for line in lines if line.estimate is not None]
+        rows = list(dict.fromkeys(name for column in columns for name in column))
     strangers = [name for name in truth or {} if name not in rows]
     if strangers:
         raise OptionError(
-            f"found a truth for {shown(strangers[0])}; expected names of the coefficients "
+            f"found a truth for {shown(strangers[0])}; expected names of the "
+            f"{'poles and gains' if across else 'coefficients'} "
             f"({', '.join(rows[:6])}{', ...' if len(rows) > 6 else ''}); correct the name"
         )
-    origins = [_origin(name, estimates, truth or {}) for name in rows]
+    origins = [_origin(name, columns, truth or {}) for name in rows]
     texts = [_row(name, *origin) for name, origin in zip(rows, origins, strict=True)]
-    lines = max(text.count("\n") + 1 for text in texts)
-    height = 0.9 + len(rows) * max(0.18 + 0.16 * lines, 0.16 * len(estimates) + 0.1)
-    drawn = make_axes(None if ax is None else [ax], [height])[0]
-    centre, half = _relative(estimates, rows, origins)
-    reach = _reach(centre, half)
-    drawn.set_xlim(-reach, reach)
-    drawn.axvline(0.0, color=BLACK, linewidth=0.9, linestyle="--")
-    for k, label in enumerate(labels):
-        offset = 0.76 * ((k + 0.5) / len(labels) - 0.5)
-        _draw(
-            drawn,
-            offset + np.arange(len(rows), dtype=np.float64),
-            centre[k],
-            half[k],
-            k,
-            label,
-            reach,
-        )
-    for y in range(1, len(rows)):
-        drawn.axhline(y - 0.5, color="#d8d8d8", linewidth=0.6)
+    tall = max(text.count("\n") + 1 for text in texts)
+    height = 0.9 + len(rows) * max(0.18 + 0.16 * tall, 0.16 * len(lines) + 0.1)
+    named = named_first(lines)
+    channels = list(product(range(len(named.output_names)), range(len(named.input_names))))
+    drawn = make_axes(axes, [height, *([MAGNITUDE] * len(channels) if across else [])])
+    centre, half = _relative(columns, rows, origins)
+    _draw_numbers(drawn[0], labels, centre, half, texts)
     start = "the truth" if truth else "the first"
-    dress(drawn, xlabel=f"difference from {start}, relative [%], with 95 % intervals")
-    drawn.set_ylim(len(rows) - 0.5, -0.5)
-    drawn.xaxis.get_offset_text().set_fontsize(8)
-    drawn.set_yticks(range(len(rows)), texts, fontsize=9)
-    drawn.tick_params(axis="y", length=0)
-    drawn.grid(False, axis="y")
-    _legend(drawn, labels)
+    drawn[0].set_xlabel(f"difference from {start}, relative [%], with 95 % intervals", fontsize=9)
+    if across:
+        grid = default_frequencies(*lines)
+        for ax, place in zip(drawn[1:], channels, strict=True):
+            draw_magnitudes(ax, lines, grid, place, LEVEL)
+        drawn[-1].set_xlabel("angular frequency [rad/s]", fontsize=9)
     return drawn
 
 
-def _labels(estimates: Sequence[Estimate], names: Sequence[str] | None) -> list[str]:
-    if names is not None:
-        if len(names) != len(estimates):
-            raise OptionError(
-                f"found {len(names)} names for {len(estimates)} estimates; expected one each; "
-                "give as many"
-            )
-        return [str(name) for name in names]
-    methods = [one.method for one in estimates]
+def _across_orders(lines: Sequence[Line]) -> bool:
+    """Whether coefficients of one name are something else in some models."""
+    orders = {
+        tuple((den.size, num.size) for nums, dens in zip(m.num, m.den, strict=True)
+              for num, den in zip(nums, dens, strict=True))
+        for m in (line.model for line in lines)
+    }  # fmt: skip
+    return len(orders) > 1 or any(line.estimate is None for line in lines)
+
+
+def _columns(found: Sequence[Quantity], count: int) -> list[Mapping[str, Parameter]]:
+    """Poles and gains of every model, by the names that they share."""
     return [
-        f"{method} {methods[: k + 1].count(method)}" if methods.count(method) > 1 else method
-        for k, method in enumerate(methods)
+        {row.name: value for row in found if (value := row.values[k]) is not None}
+        for k in range(count)
     ]
 
 
+def _draw_numbers(
+    ax: Axes, labels: Sequence[str], centre: Array, half: Array, texts: Sequence[str]
+) -> None:
+    reach = _reach(centre, half)
+    ax.set_xlim(-reach, reach)
+    ax.axvline(0.0, color=BLACK, linewidth=0.9, linestyle="--")
+    places = np.arange(len(texts), dtype=np.float64)
+    for k, label in enumerate(labels):
+        offset = 0.76 * ((k + 0.5) / len(labels) - 0.5)
+        _draw(ax, offset + places, centre[k], half[k], k, label, reach)
+    for y in range(1, len(texts)):
+        ax.axhline(y - 0.5, color="#d8d8d8", linewidth=0.6)
+    dress(ax)
+    ax.set_ylim(len(texts) - 0.5, -0.5)
+    ax.xaxis.get_offset_text().set_fontsize(8)
+    ax.set_yticks(range(len(texts)), list(texts), fontsize=9)
+    ax.tick_params(axis="y", length=0)
+    ax.grid(False, axis="y")
+    _legend(ax, labels)
+
+
 def _origin(
-    name: str, estimates: Sequence[Estimate], truth: Mapping[str, float]
+    name: str, columns: Sequence[Mapping[str, Parameter]], truth: Mapping[str, float]
 ) -> tuple[float, float, bool]:
-    """Where differences of a coefficient count from, what is 100 %, and whether that is it."""
-    holders = [one.parameters[name] for one in estimates if name in one.names]
+    """Where differences of a number count from, what is 100 %, and whether that is it."""
+    holders = [column[name] for column in columns if name in column]
     value = float(truth.get(name, holders[0].value))
     spread = [p.std for p in holders if math.isfinite(p.std) and p.std > 0]
     size = spread[0] if spread else 0.0
@@ -134,16 +170,17 @@ def _origin(
 
 
 def _relative(
-    estimates: Sequence[Estimate], rows: Sequence[str], origins: Sequence[tuple[float, float, bool]]
+    columns: Sequence[Mapping[str, Parameter]],
+    rows: Sequence[str],
+    origins: Sequence[tuple[float, float, bool]],
 ) -> tuple[Array, Array]:
-    """Differences and half widths [%], shape (n_estimates, n_rows, ...); nan where there is none.
+    """Differences and half widths [%], shape (n_models, n_rows, ...); nan where there is none.
 
     The half widths are (below, above), since those of a posterior mean are not symmetric.
     """
-    centre = np.full((len(estimates), len(rows)), np.nan)
-    half = np.full((len(estimates), len(rows), 2), np.nan)
-    for k, one in enumerate(estimates):
-        parameters = one.parameters
+    centre = np.full((len(columns), len(rows)), np.nan)
+    half = np.full((len(columns), len(rows), 2), np.nan)
+    for k, parameters in enumerate(columns):
         for r, name in enumerate(rows):
             if name not in parameters:
                 continue
@@ -171,7 +208,7 @@ def _reach(centre: Array, half: Array) -> float:
 
 
 def _draw(ax: Axes, y: Array, centre: Array, half: Array, k: int, label: str, reach: float) -> None:
-    colour, marker = CYCLE[k % len(CYCLE)], MARKERS[(k + k // len(CYCLE)) % len(MARKERS)]
+    colour, marker = cycle_colour(k), MARKERS[k % len(MARKERS)]
     low, high = centre - half[:, 0], centre + half[:, 1]
     known = np.isfinite(low) & np.isfinite(high)
     ax.hlines(
@@ -206,7 +243,7 @@ def _row(name: str, value: float, size: float, relative: bool) -> str:
 def _legend(ax: Axes, labels: Sequence[str]) -> None:
     """Above the axes, in as many columns as fit."""
     longest = max(len(label) for label in labels)
-    columns = max(1, min(len(labels), 66 // (longest + 6)))
+    columns = max(1, min(len(labels), NARROW // (longest + 6)))
     ax.legend(
         loc="lower left",
         bbox_to_anchor=(0.0, 1.0),

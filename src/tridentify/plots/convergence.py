@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.plots.style import BLUE, CYCLE, GREEN, ORANGE, dress, literal, make_axes
+from tridentify.plots.style import (
+    BLUE,
+    CYCLE,
+    GREEN,
+    ORANGE,
+    Panels,
+    checked,
+    dress,
+    literal,
+    make_axes,
+)
 from tridentify.writing.layout import short
 
 if TYPE_CHECKING:
@@ -21,7 +31,7 @@ LONGEST_NAME = 18
 """Name of a coefficient in it, in characters."""
 
 
-def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) -> list[Axes]:
+def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw how coefficients, cost and stop measures went from pass to pass.
 
     Parameters
@@ -33,10 +43,12 @@ def plot_convergence(estimate: Estimate, *, axes: Sequence[Axes] | None = None) 
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
     """
     from matplotlib.ticker import NullFormatter
 
+    checked(estimate, Estimate, "plot_convergence(estimate)")
     rows = -(-len(estimate.names) // COLUMNS)
     drawn = make_axes(axes, [2.0 + 0.18 * rows, 1.3, 1.6], sharex=True)
     passes = estimate.trace.passes

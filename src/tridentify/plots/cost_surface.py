@@ -10,7 +10,16 @@ import numpy as np
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
-from tridentify.plots.style import BLACK, ORANGE, dress, labelled, make_axes
+from tridentify.plots.style import (
+    BLACK,
+    ORANGE,
+    Panels,
+    checked,
+    dress,
+    labelled,
+    make_axes,
+    new_figure,
+)
 from tridentify.record.record import Record
 from tridentify.uncertainty.checks import checked_count
 from tridentify.uncertainty.cost_surface import Bowl, CostSurface, cost_surface, step_2_bowl
@@ -42,7 +51,7 @@ def plot_cost_surface(
     ranges: tuple[Range, Range] | None = None,
     n_points: int = 33,
     axes: Sequence[Axes] | None = None,
-) -> list[Axes]:
+) -> Panels:
     """Draw the output-error cost over two coefficients beside the quadratic that Step 2 solves.
 
     Parameters
@@ -66,15 +75,14 @@ def plot_cost_surface(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Raises
     ------
     OptionError
         The coefficients are not two of the estimate's, there is no such pass, or the ranges are no
         rising numbers.
-    ValueError
-        Not two axes.
 
     Notes
     -----
@@ -84,6 +92,7 @@ def plot_cost_surface(
     ratio. On the right is the mean square of the equation error of Step 2, exactly quadratic, whose
     minimum (star) is where a pass of `ThreeModel` goes next. Grey: unstable models.
     """
+    checked(estimate, Estimate, "plot_cost_surface(estimate, record)")
     names = _default(estimate) if coefficients is None else coefficients
     count = checked_count("n_points", n_points, 5)
     theta = _filter_of(estimate, pass_number)
@@ -201,13 +210,10 @@ def _spans(
     return found
 
 
-def _axes(axes: Sequence[Axes] | None) -> list[Axes]:
+def _axes(axes: Sequence[Axes] | None) -> Panels:
     if axes is not None:
         return make_axes(axes, [HIGH, HIGH])
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDE, HIGH), layout="constrained")
-    return list(figure.subplots(1, 2))
+    return Panels(new_figure(WIDE, HIGH).subplots(1, 2))
 
 
 def _filled(ax: Axes, x: Array, y: Array, cost: Array) -> None:

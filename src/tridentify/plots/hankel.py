@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tridentify.errors import UnsupportedError
 from tridentify.judgement.selection import Hankel, Selection
-from tridentify.plots.style import BLUE, GREY, ORANGE, dress, make_axes
+from tridentify.plots.style import BLUE, GREY, ORANGE, Panels, checked, dress, make_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -16,23 +18,28 @@ DECADES_BELOW = 4.0
 """Values farther than this below the floor are drawn at the foot: they are rounding."""
 
 
-def plot_hankel(selection: Selection | Hankel, *, ax: Axes | None = None) -> Axes:
+def plot_hankel(
+    selection: Selection | Hankel, *, axes: Sequence[Axes] | Axes | None = None
+) -> Panels:
     """Draw Hankel singular values on a logarithmic scale with the noise's floor.
 
     Parameters
     ----------
     selection : Selection or Hankel
-    ax : matplotlib Axes, optional
+    axes : matplotlib Axes, optional
         A figure is made when left out.
 
     Returns
     -------
-    matplotlib Axes
+    Panels
+        The axes.
 
     Raises
     ------
-    ValueError
+    UnsupportedError
         The selection has no parallel model.
+    SampleTypeError
+        It is no selection.
 
     Notes
     -----
@@ -40,10 +47,16 @@ def plot_hankel(selection: Selection | Hankel, *, ax: Axes | None = None) -> Axe
     filled marks is a lower bound of the number of poles. The line shows what noise alone gives
     value by value.
     """
+    if not isinstance(selection, Hankel):
+        selection = checked(selection, Selection, "plot_hankel(select_structure(record))")
     hankel = selection.hankel if isinstance(selection, Selection) else selection
     if hankel is None:
-        raise ValueError("found a selection without a parallel model; expected one to draw")
-    (ax,) = make_axes(None if ax is None else [ax], [2.6])
+        raise UnsupportedError(
+            "found a selection without a parallel model; expected one to draw; select from other "
+            "candidates or a longer record"
+        )
+    drawn = make_axes(axes, [2.6])
+    ax = drawn[0]
     numbers = np.arange(1, hankel.values.size + 1)
     largest = max(float(hankel.values.max()), hankel.floor)
     foot = (hankel.floor if hankel.floor > 0 else largest * 1e-12) / 10.0**DECADES_BELOW
@@ -87,4 +100,4 @@ def plot_hankel(selection: Selection | Hankel, *, ax: Axes | None = None) -> Axe
     )
     # the values fall from the left, so the upper right is free
     ax.legend(fontsize=8, loc="upper right", framealpha=0.9, edgecolor="none")
-    return ax
+    return drawn

@@ -5,33 +5,41 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimation.answer.estimate import Estimate
-from tridentify.plots.over_time import default_times, draw_band, name_channel, trimmed
-from tridentify.plots.style import legend, make_axes
-from tridentify.uncertainty import ImpulseBand, impulse_band, sample, sampled_impulse_band
-from tridentify.uncertainty.checks import checked_times
+from tridentify.judgement.comparison.entries import Models
+from tridentify.numerics import delta_method
+from tridentify.plots.lines import Line
+from tridentify.plots.over_time import Reply, courses_of, draw_courses
+from tridentify.plots.style import Panels, legend, legend_columns, literal, make_axes
+from tridentify.uncertainty import impulse_band, sampled_impulse_band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+IMPULSE = Reply("plot_impulse", delta_method.impulse_response, impulse_band, sampled_impulse_band)
+
+
 def plot_impulse(
-    estimate: Estimate,
-    *,
+    models: Models,
     t: npt.ArrayLike | None = None,
+    *,
+    names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> list[Axes]:
+) -> Panels:
     """Draw the response to a unit impulse of each input, with a pointwise confidence band.
 
     Parameters
     ----------
-    estimate : Estimate
+    models : Estimate, TransferFunction, sequence of these, or mapping of names to them
+        Of the same channels. A transfer function has no band.
     t : array_like, shape (n_times,), optional
         Rising times [s]; the impulse comes at zero. By default until the model has settled.
+    names : sequence of str, optional
+        One a model, for the legend; by default the keys of a mapping, the orders where they differ,
+        else the methods.
     level : float
         Probability that the band holds at each time. Of a posterior mean the band lies between
         quantiles of its draws.
@@ -40,47 +48,50 @@ def plot_impulse(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Raises
     ------
     OptionError
-        The level is no probability, or the times do not rise.
-    ValueError
-        Not as many axes as there are channels.
+        The level is no probability, the times do not rise, or there are not as many axes as
+        channels.
+    SampleTypeError, ChannelNameError
+        Something is no model, or the models have different channels.
 
     Notes
     -----
     A channel with as many zeros as poles passes the impulse on at once; the weight of that is
     written into the picture, and the curve is the rest.
     """
-    band = _band(estimate, default_times(estimate) if t is None else checked_times(t), level)
-    seen = trimmed(band.t, band.response) if t is None else band.t.size
-    n_outputs, n_inputs = len(estimate.output_names), len(estimate.input_names)
+    times, courses = courses_of(models, names, t, level, IMPULSE, axes)
+    lines = [course.line for course in courses]
+    n_outputs, n_inputs = lines[0].model.n_outputs, lines[0].model.n_inputs
     drawn = make_axes(axes, [2.1] * (n_outputs * n_inputs))
+    draw_courses(drawn, times, courses, level, 1)
     for k, ax in enumerate(drawn):
-        i, j = divmod(k, n_inputs)
-        line, low, high = (part[:seen, i, j] for part in (band.response, band.low, band.high))
-        draw_band(ax, band.t[:seen], line, low, high, level)
-        name_channel(ax, estimate, i, j, 1)
-        if band.direct[i, j]:
-            ax.text(
-                0.985,
-                0.95,
-                f"and an impulse of weight {band.direct[i, j]:.4g} at once",
-                transform=ax.transAxes,
-                fontsize=9,
-                ha="right",
-                va="top",
-                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
-            )
-        if k == 0:
-            legend(ax)
+        _tell_direct(ax, lines, *divmod(k, n_inputs))
+    legend(drawn[0], columns=legend_columns(drawn[0]))
     drawn[-1].set_xlabel("time after the impulse [s]", fontsize=9)
     return drawn
 
 
-def _band(estimate: Estimate, t: npt.NDArray[np.float64], level: float) -> ImpulseBand:
-    if len(estimate.draws) and not any(name.startswith("delay") for name in estimate.names):
-        return sampled_impulse_band(sample(estimate), t, level)
-    return impulse_band(estimate, t, level)
+def _tell_direct(ax: Axes, lines: Sequence[Line], output: int, input_: int) -> None:
+    """Weights of the impulses that are passed on at once, in the corner."""
+    told = []
+    for line in lines:
+        num, den = line.model.num[output][input_], line.model.den[output][input_]
+        if num.size == den.size and num[0]:
+            whose = "" if line.together == 1 else f" ({line.label})"
+            told.append(f"and an impulse of weight {num[0]:.4g} at once{whose}")
+    if told:
+        ax.text(
+            0.985,
+            0.95,
+            literal("\n".join(told)),
+            transform=ax.transAxes,
+            fontsize=9,
+            ha="right",
+            va="top",
+            bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
+        )

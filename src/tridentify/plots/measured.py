@@ -10,7 +10,17 @@ import numpy as np
 from tridentify.judgement.advice import FrequencyResponse
 from tridentify.numerics.arrays import Array
 from tridentify.plots.over_time import wrapped
-from tridentify.plots.style import GREY, ORANGE, SKY, dress, legend, literal, make_axes
+from tridentify.plots.style import (
+    GREY,
+    ORANGE,
+    SKY,
+    Panels,
+    checked,
+    dress,
+    legend,
+    literal,
+    make_axes,
+)
 from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:
@@ -26,7 +36,7 @@ LONGEST_BAR = 20.0, 90.0
 
 def plot_frequency_response(
     measured: FrequencyResponse, *, axes: Sequence[Axes] | None = None
-) -> list[Axes]:
+) -> Panels:
     """Draw magnitude, phase and coherence of every channel as measured.
 
     Parameters
@@ -38,13 +48,15 @@ def plot_frequency_response(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Notes
     -----
     Points of good coherence have 95 % error bars; the others are faded. The shaded band is the
     one that the input excites.
     """
+    checked(measured, FrequencyResponse, "plot_frequency_response(frequency_response(record))")
     n_outputs, n_inputs = len(measured.output_names), len(measured.input_names)
     drawn = make_axes(axes, [1.7, 1.4, 1.0] * (n_outputs * n_inputs), sharex=True)
     for k in range(n_outputs * n_inputs):
@@ -54,6 +66,7 @@ def plot_frequency_response(
         unwrapped = np.full(response.size, np.nan)
         seen = np.isfinite(response)
         unwrapped[seen] = np.degrees(np.unwrap(np.angle(response[seen])))
+        unwrapped += whole_turns(unwrapped[measured.good[:, i, j] & seen])
         draw_measured(magnitude, phase, measured, i, j, unwrapped)
         for ax in (magnitude, phase):
             _fit_to(ax, measured, i, j)
@@ -115,6 +128,31 @@ def draw_measured(
             label="measured" if np.any(good) else None,
         )  # fmt: skip
     shade_excited([magnitude, phase], measured, input_)
+
+
+def whole_turns(degrees: Array) -> float:
+    """What brings phases to the branch that all channels are drawn on.
+
+    Parameters
+    ----------
+    degrees : ndarray, shape (n_omega,)
+        Unwrapped [deg].
+
+    Returns
+    -------
+    float
+        A multiple of 360 [deg], so that the first phase lies from -225 to below 135: a gain that is
+        negative begins at -180 in every channel, a differentiator at 90.
+
+    Examples
+    --------
+    >>> whole_turns(np.array([179.0, 90.0])), whole_turns(np.array([-181.0])), whole_turns(
+    ...     np.array([90.0])
+    ... )
+    (-360.0, 0.0, 0.0)
+    """
+    seen = degrees[np.isfinite(degrees)]
+    return -360.0 * float(np.floor((seen[0] + 225.0) / 360.0)) if seen.size else 0.0
 
 
 def shade_excited(axes: Sequence[Axes], measured: FrequencyResponse, input_: int) -> None:

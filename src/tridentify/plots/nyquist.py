@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.delta_method import confidence_ellipse
 from tridentify.plots.bode import default_frequencies
+from tridentify.plots.lines import Line, lines_of, named_first, numbers
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import (
     BLACK,
-    BLUE,
     ORANGE,
     WIDTH,
+    Panels,
+    Shown,
     channel,
     dress,
     in_brackets,
@@ -44,24 +46,30 @@ CURVES = 60
 """Curves drawn of a posterior mean."""
 FAR_POINT = 8.0
 """How many times the typical gain an unbounded curve is followed."""
-PALE = "#cfe2f0"
+SHADE = 0.19
+"""Share of a colour in the ellipses of its curve."""
 
 
 def plot_nyquist(
-    estimate: Estimate,
-    *,
+    models: Models,
     omega: npt.ArrayLike | None = None,
+    *,
+    names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> list[Axes]:
+) -> Panels:
     """Draw the frequency response of every channel in the complex plane.
 
     Parameters
     ----------
-    estimate : Estimate
+    models : Estimate, TransferFunction, sequence of these, or mapping of names to them
+        Of the same channels. A transfer function has no ellipses.
     omega : array_like, shape (n_omega,), optional
         Increasing angular frequencies [rad/s]; by default around the poles and zeros, up to the
         Nyquist frequency of the record.
+    names : sequence of str, optional
+        One a model, for the legend; by default the keys of a mapping, the orders where they differ,
+        else the methods.
     level : float
         Probability that an ellipse holds at its frequency, to first order. Of a posterior mean,
         curves of its draws stand in place of ellipses.
@@ -70,14 +78,15 @@ def plot_nyquist(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Raises
     ------
+    SampleTypeError, ChannelNameError
+        Something is no model, or the models have different channels.
     OptionError
-        The level is no probability.
-    ValueError
-        Not as many axes as there are channels.
+        The level is no probability, ``omega`` no frequencies, or there are not as many axes.
 
     Notes
     -----
@@ -87,48 +96,56 @@ def plot_nyquist(
     may leave the frame.
     """
     checked_level(level)
-    grid = _frequencies(estimate) if omega is None else np.asarray(omega, dtype=np.float64)
-    response = estimate.model.frequency_response(grid)
-    n_outputs, n_inputs = len(estimate.output_names), len(estimate.input_names)
+    lines = lines_of(models, names, "plot_nyquist(estimate) or plot_nyquist([one, other])", axes)
+    grid = _frequencies(lines) if omega is None else numbers("omega", omega, EXAMPLE)
+    named = named_first(lines)
+    n_outputs, n_inputs = len(named.output_names), len(named.input_names)
     drawn = make_axes(axes, [WIDTH / ASPECT] * (n_outputs * n_inputs))
-    cov = response_covariance(estimate, grid)
+    responses = [line.model.frequency_response(grid) for line in lines]
     # powers of ten in the numbers of fast and slow systems would cover each other
-    exponent = 3 * math.floor(math.log10(float(np.median(grid))) / 3)
+    exponent = 3 * math.floor(math.log10(float(np.median(grid)) or 1.0) / 3)
     exponent = 0 if -3 <= exponent <= 3 else exponent
-    draws = estimate.draws[:: max(len(estimate.draws) // CURVES, 1)]
-    clouds = frequency_values(estimate, draws, grid) if len(draws) else None
+    around = [_uncertain(line, grid) for line in lines]
     for k, ax in enumerate(drawn):
         i, j = divmod(k, n_inputs)
-        curve = response[:, i, j]
-        half = _frame(ax, curve)
-        if clouds is None:
-            _draw_ellipses(ax, grid, curve, cov[:, i, j], level, half)
-        else:
-            _draw_cloud(ax, clouds[:, :, i, j])
-        _draw_curve(ax, grid / 10.0**exponent, curve, half)
+        curves = [response[:, i, j] for response in responses]
+        half = _frame(ax, curves)
+        for line, curve, (cov, clouds) in zip(lines, curves, around, strict=True):
+            if cov is not None:
+                _draw_ellipses(ax, grid, curve, cov[:, i, j], level, half, line)
+            elif clouds is not None:
+                _draw_cloud(ax, clouds[:, :, i, j], line)
+            _draw_curve(ax, grid / 10.0**exponent, curve, half, line)
         _draw_critical(ax, half)
-        _name(ax, estimate, i, j, exponent)
+        _name(ax, named, i, j, exponent)
         _legend(ax)
     return drawn
 
 
-def _frequencies(estimate: Estimate) -> Array:
+EXAMPLE = "plot_nyquist([one, other], omega)"
+
+
+def _uncertain(line: Line, grid: Array) -> tuple[Array | None, Complex | None]:
+    """Covariances for ellipses, or curves of the draws of a posterior mean."""
+    if line.estimate is None:
+        return None, None
+    draws = line.draws[:: max(len(line.draws) // CURVES, 1)]
+    if len(draws):
+        return None, frequency_values(line.estimate, draws, grid)
+    return response_covariance(line.estimate, grid), None
+
+
+def _frequencies(lines: Sequence[Line]) -> Array:
     """Those of a Bode plot and slower ones, so that the curve begins at the static gain."""
-    grid = default_frequencies(estimate, 480)
+    grid = default_frequencies(*lines, n_points=480)
     return np.concatenate([np.geomspace(grid[0] / 100, grid[0], 40, endpoint=False), grid])
 
 
-def _frame(ax: Axes, curve: Complex) -> float:
-    """Scale both axes alike; half the height of the frame."""
-    sizes = np.abs(curve[np.isfinite(curve)])
-    limit = FAR_POINT * float(np.median(sizes)) if sizes.size else 1.0
-    bounded = sizes.size == curve.size and (
-        sizes[0] < 4.0 * np.median(sizes) or sizes[0] < 1.2 * sizes[min(20, sizes.size - 1)]
-    )
-    inside = curve[np.isfinite(curve) & (np.abs(curve) <= (np.inf if bounded else limit))]
-    parts = np.concatenate([inside.real, [0.0]]) if inside.size else np.array([0.0, 1.0])
-    left, right = float(parts.min()), float(parts.max())
-    height = float(np.max(np.abs(inside.imag), initial=0.0))
+def _frame(ax: Axes, curves: Sequence[Complex]) -> float:
+    """Scale both axes alike around all curves; half the height of the frame."""
+    extents = [_extent(curve) for curve in curves]
+    left, right = min(one[0] for one in extents), max(one[1] for one in extents)
+    height = max(one[2] for one in extents)
     reach = max(right - left, 2 * height) or 1.0
     if 0.0 < left + 1.0 < 1.2 * reach:
         left = -1.0
@@ -141,8 +158,21 @@ def _frame(ax: Axes, curve: Complex) -> float:
     return half
 
 
+def _extent(curve: Complex) -> tuple[float, float, float]:
+    """Least and largest real part, with zero, and largest imaginary part, as far as drawn."""
+    sizes = np.abs(curve[np.isfinite(curve)])
+    limit = FAR_POINT * float(np.median(sizes)) if sizes.size else 1.0
+    bounded = sizes.size == curve.size and (
+        sizes[0] < 4.0 * np.median(sizes) or sizes[0] < 1.2 * sizes[min(20, sizes.size - 1)]
+    )
+    inside = curve[np.isfinite(curve) & (np.abs(curve) <= (np.inf if bounded else limit))]
+    parts = np.concatenate([inside.real, [0.0]]) if inside.size else np.array([0.0, 1.0])
+    height = float(np.max(np.abs(inside.imag), initial=0.0))
+    return float(parts.min()), float(parts.max()), height
+
+
 def _draw_ellipses(
-    ax: Axes, omega: Array, curve: Complex, cov: Array, level: float, half: float
+    ax: Axes, omega: Array, curve: Complex, cov: Array, level: float, half: float, line: Line
 ) -> None:
     """A band of many ellipses, and a few of them outlined."""
     from matplotlib.collections import PolyCollection
@@ -164,29 +194,43 @@ def _draw_ellipses(
             around = confidence_ellipse((1 - share) * cov_1 + share * cov_2, level, 37)
             polygons.append(around + np.array([at.real, at.imag]))
     # opaque, so that they do not darken where they overlap
+    pale = _paler(line.colour)
     ax.add_collection(
-        PolyCollection(polygons, facecolor=PALE, edgecolor=PALE, linewidth=0.6, zorder=1),
+        PolyCollection(polygons, facecolor=pale, edgecolor=pale, linewidth=0.6, zorder=1),
         autolim=False,
     )
-    ax.fill([], [], facecolor=PALE, label=f"{100 * level:.3g} % ellipses")
+    label = f"{100 * level:.3g} % ellipses"
+    if label not in ax.get_legend_handles_labels()[1]:
+        ax.fill([], [], facecolor=pale, label=label)
     for k in _spaced(ax, curve, MARKED, 0.0):
         if sound[k]:
             around = confidence_ellipse(cov[k], level) + np.array([curve[k].real, curve[k].imag])
-            ax.plot(around[:, 0], around[:, 1], color=BLUE, linewidth=0.9, zorder=2.5)
+            ax.plot(around[:, 0], around[:, 1], color=line.colour, linewidth=0.9, zorder=2.5)
 
 
-def _draw_cloud(ax: Axes, curves: Complex) -> None:
+def _paler(colour: str) -> tuple[float, float, float]:
+    """The colour on white, as its band would be."""
+    from matplotlib.colors import to_rgb
+
+    red, green, blue = (1.0 - SHADE * (1.0 - part) for part in to_rgb(colour))
+    return red, green, blue
+
+
+def _draw_cloud(ax: Axes, curves: Complex, line: Line) -> None:
     """Curves of the draws of a posterior mean."""
     for k, one in enumerate(curves):
         one = np.where(np.isfinite(one), one, np.nan)
         label = None if k else "as likely"
-        ax.plot(one.real, one.imag, color=BLUE, alpha=0.25, linewidth=0.6, zorder=1, label=label)
+        ax.plot(
+            one.real, one.imag, color=line.colour, alpha=0.25, linewidth=0.6, zorder=1, label=label
+        )
 
 
-def _draw_curve(ax: Axes, omega: Array, curve: Complex, half: float) -> None:
-    line = np.where(np.isfinite(curve), curve, np.nan)
-    ax.plot(line.real, -line.imag, color=BLUE, linewidth=0.9, linestyle="--", zorder=2)
-    ax.plot(line.real, line.imag, color=BLUE, linewidth=1.6, label="model", zorder=3)
+def _draw_curve(ax: Axes, omega: Array, curve: Complex, half: float, line: Line) -> None:
+    shown, colour = np.where(np.isfinite(curve), curve, np.nan), line.colour
+    ax.plot(shown.real, -shown.imag, color=colour, linewidth=0.9, linestyle="--", zorder=2)
+    label = literal(line.label)
+    ax.plot(shown.real, shown.imag, color=colour, linewidth=1.6, label=label, zorder=3)
     marked = _spaced(ax, curve, MARKED, 0.0)
     ax.plot(
         curve[marked].real,
@@ -194,7 +238,7 @@ def _draw_curve(ax: Axes, omega: Array, curve: Complex, half: float) -> None:
         linestyle="none",
         marker="o",
         markersize=3.5,
-        color=BLUE,
+        color=colour,
         zorder=4,
     )
     for k in _spaced(ax, curve, 3, 0.35):
@@ -205,10 +249,11 @@ def _draw_curve(ax: Axes, omega: Array, curve: Complex, half: float) -> None:
                 "",
                 xy=(curve[k].real, curve[k].imag),
                 xytext=(start.real, start.imag),
-                arrowprops={"arrowstyle": "-|>", "color": BLUE, "mutation_scale": 13},
+                arrowprops={"arrowstyle": "-|>", "color": colour, "mutation_scale": 13},
                 zorder=4,
             )
-    _name_frequencies(ax, omega, curve, marked)
+    if not line.number:
+        _name_frequencies(ax, omega, curve, marked)
 
 
 def _name_frequencies(ax: Axes, omega: Array, curve: Complex, marked: Sequence[int]) -> None:
@@ -285,7 +330,7 @@ def _draw_critical(ax: Axes, half: float) -> None:
         ax.text(0.01, 0.02, f"-1 lies {where}", transform=ax.transAxes, fontsize=8, color=BLACK)
 
 
-def _name(ax: Axes, estimate: Estimate, output: int, input_: int, exponent: int) -> None:
+def _name(ax: Axes, estimate: Shown, output: int, input_: int, exponent: int) -> None:
     names = estimate.output_names[output], estimate.input_names[input_]
     unit = ""
     if all(name in estimate.units for name in names):

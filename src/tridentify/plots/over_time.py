@@ -3,20 +3,30 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array
-from tridentify.plots.style import BLUE, channel, dress, in_brackets, literal
+from tridentify.plots.lines import Line, band_label, lines_of, named_first, numbers
+from tridentify.plots.style import Shown, channel, dress, in_brackets, literal
+from tridentify.transfer_function import TransferFunction
+from tridentify.uncertainty import ImpulseBand, StepBand, sample
+from tridentify.uncertainty.checks import checked_level, checked_times
+from tridentify.uncertainty.step import powers_of
 from tridentify.writing.layout import unit_ratio
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+AT_ZERO = 1e-9
+"""Of the largest pole, below which another is one at zero."""
 SETTLE = 6.0
 """Time constants after which nothing moves any more."""
 PERIODS = 12.0
@@ -30,23 +40,24 @@ AIR = 0.6
 """How far a band may reach beyond the line, as a share of the line's range."""
 
 
-def default_times(estimate: Estimate) -> Array:
-    """Times over which the model settles, finer at the beginning where it has fast modes.
+def default_times(*shown: Shown) -> Array:
+    """Times over which all models settle, finer at the beginning where one has fast modes.
 
     Parameters
     ----------
-    estimate : Estimate
+    *shown : Estimate or Line
 
     Returns
     -------
     ndarray
         Rising from zero [s]; of a few different steps only.
     """
-    poles = np.concatenate([np.roots(den) for row in estimate.model.den for den in row])
-    late = float(np.max(estimate.model.delay, initial=0.0))
-    ends = np.sort([_shown(pole) for pole in poles[np.abs(poles) > 1e-9 * np.abs(poles).max()]])
-    whole = (estimate.dt or 1.0) * estimate.n_samples / max(len(estimate.nuisance), 1)
-    horizon = float(ends[-1]) if ends.size else whole
+    dens = [den for one in shown for row in one.model.den for den in row]
+    poles = np.concatenate([np.roots(den) for den in dens])
+    late = max(float(np.max(one.model.delay, initial=0.0)) for one in shown)
+    far = AT_ZERO * np.abs(poles).max(initial=0.0)
+    ends = np.sort([_shown(pole) for pole in poles[np.abs(poles) > far]])
+    horizon = float(ends[-1]) if ends.size else max(map(_length, shown))
     edges, steps = [0.0], [_step(poles, 0.0, horizon)]
     for end in ends[:-1]:
         if end > 4.0 * edges[-1] and horizon > 4.0 * end:
@@ -62,11 +73,19 @@ def default_times(estimate: Estimate) -> Array:
     return np.concatenate([np.linspace(0.0, late, 20, endpoint=False), late + grid])
 
 
+def _length(one: Shown) -> float:
+    """Mean length of the experiments, where they are known [s]."""
+    estimate = one if isinstance(one, Estimate) else getattr(one, "estimate", None)
+    if estimate is None:
+        return 1.0
+    return float((estimate.dt or 1.0) * estimate.n_samples / max(len(estimate.nuisance), 1))
+
+
 def _shown(pole: complex) -> float:
     """How long a mode is worth looking at [s]."""
     decay = abs(pole.real)
     enough = PERIODS * 2 * np.pi / abs(pole.imag) if pole.imag else np.inf
-    wanted = (GROW if pole.real > 0 else SETTLE) / decay if decay > 1e-9 * abs(pole) else np.inf
+    wanted = (GROW if pole.real > 0 else SETTLE) / decay if decay > AT_ZERO * abs(pole) else np.inf
     return float(min(enough, wanted))
 
 
@@ -100,32 +119,146 @@ def trimmed(t: Array, response: Array, share: float = 0.004) -> int:
     return min(int(np.searchsorted(t, 1.35 * t[last])) + 2, t.size) if last else t.size
 
 
-def draw_band(ax: Axes, t: Array, line: Array, low: Array, high: Array, level: float) -> None:
-    """Line and band; the scale follows the line, so that a wide band does not flatten it."""
+@dataclass(frozen=True, eq=False)
+class Course:
+    """Responses of one model over time, shape (n_times, n_outputs, n_inputs), with their band.
+
+    ``low`` and ``high`` are nan for a model without standard errors.
+    """
+
+    line: Line
+    response: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True)
+class Reply:
+    """What kind of response is drawn, and who works it out.
+
+    Attributes
+    ----------
+    name : str
+        ``plot_step`` or ``plot_impulse``, for messages.
+    formula : callable
+        As of `tridentify.uncertainty.step.over_time`: a model without standard errors.
+    linear, sampled : callable
+        The band of an estimate to first order, and from the draws of a posterior mean.
+    """
+
+    name: str
+    formula: Callable[..., tuple[Array, Array]]
+    linear: Callable[..., StepBand | ImpulseBand]
+    sampled: Callable[..., StepBand | ImpulseBand]
+
+
+def courses_of(
+    models: Models,
+    names: Sequence[str] | None,
+    t: npt.ArrayLike | None,
+    level: float,
+    reply: Reply,
+    axes: Sequence[Axes] | Axes | None,
+) -> tuple[Array, list[Course]]:
+    """Times and responses of every model, by default until all have settled."""
+    example = f"{reply.name}(estimate) or {reply.name}([one, other])"
+    lines = lines_of(models, names, example, axes)
+    checked_level(level)
+    if t is not None:
+        times = checked_times(numbers("t", t, f"{reply.name}([one, other], t)"))
+        return times, [_course(line, times, level, reply) for line in lines]
+    times = default_times(*lines)
+    found = [_course(line, times, level, reply) for line in lines]
+    stop = max(trimmed(times, one.response) for one in found)
+    return times[:stop], [
+        Course(one.line, one.response[:stop], one.low[:stop], one.high[:stop]) for one in found
+    ]
+
+
+def _course(line: Line, t: Array, level: float, reply: Reply) -> Course:
+    if line.estimate is None:
+        response = _response(line.model, t, reply.formula)
+        nothing = np.full_like(response, np.nan)
+        return Course(line, response, nothing, nothing)
+    free = any(name.startswith("delay") for name in line.estimate.names)
+    if len(line.draws) and not free:
+        band = reply.sampled(sample(line.estimate), t, level)
+    else:
+        band = reply.linear(line.estimate, t, level)
+    return Course(line, band.response, band.low, band.high)
+
+
+def _response(model: TransferFunction, t: Array, formula: Callable[..., Any]) -> Array:
+    """Responses of a model that has no standard errors, (n_times, n_outputs, n_inputs)."""
+    response = np.empty((t.size, model.n_outputs, model.n_inputs))
+    for i in range(model.n_outputs):
+        for j in range(model.n_inputs):
+            num, den = model.num[i][j], model.den[i][j]
+            response[:, i, j] = formula(num, den, powers_of(den), t - model.delay[i, j])[0]
+    return response
+
+
+def draw_courses(
+    drawn: Sequence[Axes], t: Array, courses: Sequence[Course], level: float, power: int
+) -> None:
+    """Draw every channel with the lines and bands of all models.
+
+    Parameters
+    ----------
+    drawn : sequence of matplotlib Axes
+        One a channel, outputs in the outer loop.
+    t : ndarray, shape (n_times,)
+    courses : sequence of Course
+    level : float
+        Of the bands.
+    power : int
+        Seconds in the unit's denominator.
+    """
+    named = named_first([course.line for course in courses])
+    n_inputs = len(named.input_names)
+    for k, ax in enumerate(drawn):
+        i, j = divmod(k, n_inputs)
+        limits = [(ax.get_xlim(), ax.get_ylim())] if ax.lines else []
+        ends = [_draw_course(ax, t, course, (i, j), level) for course in courses]
+        ax.axhline(0.0, color="black", linewidth=0.6)
+        ax.set_xlim(t[0], max([t[-1], *(x[1] for x, _ in limits)]))
+        ends += [y for _, y in limits]
+        ax.set_ylim(min(low for low, _ in ends), max(high for _, high in ends))
+        name_channel(ax, named, i, j, power)
+
+
+def _draw_course(
+    ax: Axes, t: Array, course: Course, channel_: tuple[int, int], level: float
+) -> tuple[float, float]:
+    """Line and band of one model; the scale that it wants, so that a wide band does not flatten."""
+    part = (slice(None), *channel_)
+    line, low, high = course.response[part], course.low[part], course.high[part]
+    own = course.line
     sound = np.isfinite(low) & np.isfinite(high)
-    label = f"{100 * level:.3g} % band"
     if np.any(sound):
+        label = band_label(ax, level)
         low, high = np.where(sound, low, np.nan), np.where(sound, high, np.nan)
-        ax.fill_between(t, low, high, color=BLUE, alpha=0.25, linewidth=0, label=label)
-    ax.axhline(0.0, color="black", linewidth=0.6)
-    ax.plot(t, line, color=BLUE, linewidth=1.5, label="model")
-    ax.set_xlim(t[0], t[-1])
+        ax.fill_between(t, low, high, color=own.colour, alpha=own.opacity, linewidth=0, label=label)
+    ax.plot(t, line, color=own.colour, linestyle=own.dash, linewidth=1.5, label=literal(own.label))
     seen = line[np.isfinite(line)]
-    if seen.size:
-        bottom, top = min(float(seen.min()), 0.0), max(float(seen.max()), 0.0)
-        reach = (top - bottom) or 1.0
-        floor = max(bottom - AIR * reach, min(bottom, float(np.nanmin(low, initial=bottom))))
-        ceiling = min(top + AIR * reach, max(top, float(np.nanmax(high, initial=top))))
-        ax.set_ylim(floor - 0.06 * reach, ceiling + 0.06 * reach)
+    if not seen.size:
+        return -1.0, 1.0
+    bottom, top = min(float(seen.min()), 0.0), max(float(seen.max()), 0.0)
+    reach = (top - bottom) or 1.0
+    floor, ceiling = bottom, top
+    if np.any(sound):
+        floor = max(bottom - AIR * reach, min(bottom, float(np.nanmin(low))))
+        ceiling = min(top + AIR * reach, max(top, float(np.nanmax(high))))
+    return floor - 0.06 * reach, ceiling + 0.06 * reach
 
 
-def name_channel(ax: Axes, estimate: Estimate, output: int, input_: int, power: int) -> None:
+def name_channel(ax: Axes, estimate: Shown, output: int, input_: int, power: int) -> None:
     """Title and label of one channel; its unit is that of the output over that of the input.
 
     Parameters
     ----------
     ax : matplotlib Axes
-    estimate : Estimate
+    estimate : Estimate or Line
     output, input_ : int
     power : int
         Seconds in the unit's denominator.

@@ -5,14 +5,25 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from tridentify.plots.style import BLUE, GREEN, course, dress, labelled, literal, make_axes, shorten
+from tridentify.plots.style import (
+    BLUE,
+    GREEN,
+    Panels,
+    checked,
+    course,
+    dress,
+    labelled,
+    literal,
+    make_axes,
+    shorten,
+)
 from tridentify.record.record import Record
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> list[Axes]:
+def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw every channel, outputs first.
 
     Parameters
@@ -23,7 +34,8 @@ def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> list[A
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Examples
     --------
@@ -31,6 +43,7 @@ def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> list[A
     >>> [ax.get_ylabel() for ax in axes]
     ['y', 'u']
     """
+    checked(record, Record, "plot_record(record)")
     heights = [1.5] * record.n_outputs + [1.1] * record.n_inputs
     drawn = make_axes(axes, heights, sharex=True)
     for i, name in enumerate(record.output_names):

@@ -15,6 +15,8 @@ from tridentify.numerics.correlation import autocorrelation
 from tridentify.plots.style import (
     BLUE,
     ORANGE,
+    Panels,
+    checked,
     course,
     dress,
     labelled,
@@ -31,6 +33,7 @@ if TYPE_CHECKING:
 
 
 LEVEL = 0.99
+EXAMPLE = "plot_residual(estimate, record)"
 
 
 def plot_residual(
@@ -40,14 +43,15 @@ def plot_residual(
     experiment: int = 0,
     n_lags: int = 40,
     axes: Sequence[Axes] | None = None,
-) -> list[Axes]:
+) -> Panels:
     """Draw the residual of each output over time, and its autocorrelation with 99 % bounds.
 
     Parameters
     ----------
     estimate : Estimate
     record : Record
-        The identified record, or another one with the same channels.
+        The identified record, or another one with the same channels: offset, drift and initial
+        state are held as they were estimated (`validate` fits them to it).
     experiment : int
         Whose offset, drift and initial state belong to the record.
     n_lags : int
@@ -57,7 +61,8 @@ def plot_residual(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Notes
     -----
@@ -66,6 +71,8 @@ def plot_residual(
     of the response. Outliers of a robust fit stand at the edge, with the rest at full scale, and
     do not count in the autocorrelation.
     """
+    checked(estimate, Estimate, EXAMPLE)
+    checked(record, Record, EXAMPLE)
     drawn = make_axes(axes, [1.5, 1.5] * record.n_outputs)
     residual = estimate.residual(record, experiment=experiment)
     lags = np.arange(min(n_lags, max(record.n_samples - 1, 1)) + 1)

@@ -14,6 +14,8 @@ from tridentify.plots.style import (
     BLUE,
     GREY,
     ORANGE,
+    Panels,
+    checked,
     course,
     dress,
     labelled,
@@ -21,6 +23,7 @@ from tridentify.plots.style import (
     literal,
     make_axes,
 )
+from tridentify.writing.layout import p_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,11 +34,15 @@ WINDOWS = 20
 FEWEST = 9
 MOST_POINTS = 2000
 LONG_NAME = 22
+GAP = 0.06
+"""Between experiments that stand beside each other, as a share of one."""
+MOST_TICKS = 9
+"""Of the time axis, all experiments together."""
+MOST_NUMBERED = 4
+"""Experiments beside each other that leave room for a word."""
 
 
-def plot_residual_tests(
-    validation: Validation, *, axes: Sequence[Axes] | None = None
-) -> list[Axes]:
+def plot_residual_tests(validation: Validation, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw what the verdict on an estimate rests on.
 
     Parameters
@@ -47,11 +54,12 @@ def plot_residual_tests(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Raises
     ------
-    ValueError
+    OptionError
         Not as many axes as the picture needs.
 
     Notes
@@ -60,6 +68,7 @@ def plot_residual_tests(
     correlated with their own past. Among many lags some lie outside by chance: the verdict is that
     of the joint tests (`Validation.tests`).
     """
+    checked(validation, Validation, "plot_residual_tests(validate(estimate, record))")
     n_inputs = len(validation.input_names)
     heights = [HEIGHT, *[HEIGHT] * n_inputs, SQUARE, HEIGHT] * len(validation.output_names)
     drawn = make_axes(axes, heights)
@@ -117,7 +126,7 @@ def _autocorrelation(ax: Axes, validation: Validation, one: Whiteness) -> None:
     _stems(ax, lags, one.autocorrelation, one.bound, validation.level)
     ax.set_xlim(left=0.0)
     dress(ax, xlabel=label, ylabel="correlation [-]")
-    _title(ax, f"{_short(one.output)} with itself, p = {one.p_value:.2g}")
+    _title(ax, f"{_short(one.output)} with itself, {p_in_words(one.p_value)}")
 
 
 def _cross_correlation(ax: Axes, validation: Validation, one: CrossCorrelation) -> None:
@@ -149,14 +158,14 @@ def _quantiles(ax: Axes, validation: Validation, i: int) -> None:
     legend(ax)
     dress(ax, xlabel="Gaussian quantile [standard deviations]", ylabel="residual / std [-]")
     one = validation.normality[i]
-    _title(ax, f"{_short(one.output)}: distribution, p = {one.p_value:.2g}")
+    _title(ax, f"{_short(one.output)}: distribution, {p_in_words(one.p_value)}")
 
 
 def _course(ax: Axes, validation: Validation, i: int, name: str) -> None:
     """The residual over time with its moving level and twice its moving standard deviation."""
-    shift = 0.0
+    starts = _beside(validation)
     for e, (t, residual) in enumerate(zip(validation.times, validation.residual, strict=True)):
-        since = t if len(validation.times) == 1 else t - t[0] + shift
+        since = t - t[0] + starts[e]
         ax.plot(*course(since, residual[:, i]), color=BLUE, linewidth=0.6, alpha=0.8)
         at, level, scale = _moving(since, residual[:, i])
         first = e == 0
@@ -164,14 +173,46 @@ def _course(ax: Axes, validation: Validation, i: int, name: str) -> None:
         band = "± 2 standard deviations" if first else ""
         ax.plot(at, level + 2 * scale, color="black", linewidth=1.0, linestyle="--", label=band)
         ax.plot(at, level - 2 * scale, color="black", linewidth=1.0, linestyle="--")
-        shift = float(since[-1]) + 0.02 * float(t[-1] - t[0])
-        if not first:
-            ax.axvline(float(since[0]), color=GREY, linewidth=0.8)
     legend(ax, columns=2)
-    several = ", one experiment after the other" if len(validation.times) > 1 else ""
+    several = len(validation.times) > 1
+    if several:
+        _own_times(ax, validation, starts)
     unit = labelled("residual", {"residual": validation.units.get(name, "")})
-    dress(ax, xlabel=f"time [s]{several}", ylabel=unit)
+    dress(ax, xlabel="time in each experiment [s]" if several else "time [s]", ylabel=unit)
     _title(ax, f"{_short(name)}: moving level and size")
+
+
+def _beside(validation: Validation) -> list[float]:
+    """Where each experiment begins on the axis [s]: one beside the other, a gap between them."""
+    times = validation.times
+    spans = [float(t[-1] - t[0]) for t in times]
+    gap = GAP * sum(spans) / len(spans)
+    starts = [float(times[0][0])]
+    for span in spans[:-1]:
+        starts.append(starts[-1] + span + gap)
+    return starts
+
+
+def _own_times(ax: Axes, validation: Validation, starts: list[float]) -> None:
+    """Time of its own, and a number, for each experiment."""
+    from matplotlib.ticker import MaxNLocator
+
+    places, labels = [], []
+    each = max(MOST_TICKS // len(starts), 1)
+    for e, (t, start) in enumerate(zip(validation.times, starts, strict=True)):
+        ticks = MaxNLocator(each).tick_values(t[0], t[-1])
+        inside = ticks[(ticks >= t[0]) & (ticks < t[-1] - 0.05 * (t[-1] - t[0]))]
+        places += [float(tick - t[0]) + start for tick in inside]
+        labels += [f"{tick:.6g}" for tick in inside]
+        if len(starts) <= MOST_NUMBERED:
+            ax.text(
+                start, 0.98, f"experiment {e + 1}", transform=ax.get_xaxis_transform(),
+                fontsize=8, va="top", color=GREY,
+            )  # fmt: skip
+        if e:
+            edge = 0.5 * (start + starts[e - 1] + float(np.ptp(validation.times[e - 1])))
+            ax.axvline(edge, color=GREY, linewidth=0.8)
+    ax.set_xticks(places, labels)
 
 
 def _moving(t: Array, values: Array) -> tuple[Array, Array, Array]:

@@ -17,6 +17,8 @@ from tridentify.plots.style import (
     GREY,
     ORANGE,
     PURPLE,
+    Panels,
+    checked,
     dress,
     legend,
     literal,
@@ -33,7 +35,7 @@ LINEAR = 10.0
 CROWDED = 8
 
 
-def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) -> list[Axes]:
+def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw what the candidates of a selection have to say for themselves.
 
     Parameters
@@ -46,7 +48,8 @@ def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) 
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Notes
     -----
@@ -54,6 +57,7 @@ def plot_selection(selection: Selection, *, axes: Sequence[Axes] | None = None) 
     are not; a candidate that failed has a cross at the foot. Of several outputs the worst fit
     counts.
     """
+    checked(selection, Selection, "plot_selection(select_structure(record))")
     drawn = make_axes(axes, [2.4, 1.5, 1.5], sharex=True)
     rows = selection.rows
     places = np.arange(len(rows), dtype=np.float64)

@@ -9,12 +9,15 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.excitation import Excitation, Spectrum
+from tridentify.judgement.comparison.entries import entries_of
 from tridentify.numerics.arrays import Array
 from tridentify.plots.style import (
     BLUE,
     GREEN,
     GREY,
     ORANGE,
+    Panels,
+    checked,
     dress,
     labelled,
     legend,
@@ -39,7 +42,7 @@ def plot_excitation(
     model: TransferFunction | Estimate | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> list[Axes]:
+) -> Panels:
     """Draw every input against time, and its amplitude spectrum.
 
     Parameters
@@ -53,7 +56,8 @@ def plot_excitation(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Examples
     --------
@@ -62,7 +66,8 @@ def plot_excitation(
     >>> [ax.get_xlabel() for ax in axes]
     ['time [s]', 'angular frequency [rad/s]']
     """
-    plant = model.model if isinstance(model, Estimate) else model
+    checked(excitation, Excitation, "plot_excitation(excitation)")
+    plant = None if model is None else _plant(model)
     drawn = make_axes(axes, [1.6, 2.2] * excitation.n_inputs)
     omega, lines = excitation.spectrum()
     units = excitation.units or {}
@@ -84,7 +89,7 @@ def plot_spectrum(
     model: TransferFunction | Estimate | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> list[Axes]:
+) -> Panels:
     """Draw an optimal spectrum: power by line, its certificate, and the plant's response.
 
     Parameters
@@ -99,7 +104,8 @@ def plot_spectrum(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Examples
     --------
@@ -110,7 +116,8 @@ def plot_spectrum(
     """
     if isinstance(spectrum, Excitation):
         return plot_excitation(spectrum, model, axes=axes)
-    plant = model.model if isinstance(model, Estimate) else model or spectrum.model
+    checked(spectrum, Spectrum, "plot_spectrum(optimal_spectrum(model))")
+    plant = spectrum.model if model is None else _plant(model)
     inputs = spectrum.power.shape[1]
     drawn = make_axes(axes, [2.1, 1.5] * inputs)
     wanted = ", ".join(spectrum.coefficients)
@@ -141,6 +148,11 @@ def plot_spectrum(
             ylabel="slope\n(optimal: at most 1)",
         )
     return drawn
+
+
+def _plant(model: TransferFunction | Estimate) -> TransferFunction:
+    (entry,) = entries_of([model], example="plot_excitation(excitation, model)")
+    return entry.model
 
 
 def _draw_course(ax: Axes, excitation: Excitation, j: int) -> None:

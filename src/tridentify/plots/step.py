@@ -8,30 +8,38 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from tridentify.estimation.answer.estimate import Estimate
-from tridentify.plots.over_time import default_times, draw_band, name_channel, trimmed
-from tridentify.plots.style import GREY, legend, make_axes
-from tridentify.uncertainty import StepBand, sample, sampled_step_band, step_band
-from tridentify.uncertainty.checks import checked_times
+from tridentify.judgement.comparison.entries import Models
+from tridentify.numerics import delta_method
+from tridentify.plots.over_time import Reply, courses_of, draw_courses
+from tridentify.plots.style import GREY, Panels, legend, legend_columns, make_axes
+from tridentify.uncertainty import sampled_step_band, step_band
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
+STEP = Reply("plot_step", delta_method.step_response, step_band, sampled_step_band)
+
+
 def plot_step(
-    estimate: Estimate,
-    *,
+    models: Models,
     t: npt.ArrayLike | None = None,
+    *,
+    names: Sequence[str] | None = None,
     level: float = 0.95,
     axes: Sequence[Axes] | Axes | None = None,
-) -> list[Axes]:
+) -> Panels:
     """Draw the response to a unit step of each input, with a pointwise confidence band.
 
     Parameters
     ----------
-    estimate : Estimate
+    models : Estimate, TransferFunction, sequence of these, or mapping of names to them
+        Of the same channels. A transfer function has no band.
     t : array_like, shape (n_times,), optional
         Rising times [s]; the step comes at zero. By default until the model has settled.
+    names : sequence of str, optional
+        One a model, for the legend; by default the keys of a mapping, the orders where they differ,
+        else the methods.
     level : float
         Probability that the band holds at each time. Of a posterior mean the band lies between
         quantiles of its draws.
@@ -40,38 +48,36 @@ def plot_step(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Raises
     ------
     OptionError
-        The level is no probability, or the times do not rise.
-    ValueError
-        Not as many axes as there are channels.
+        The level is no probability, the times do not rise, or there are not as many axes as
+        channels.
+    SampleTypeError, ChannelNameError
+        Something is no model, or the models have different channels.
 
     Notes
     -----
     The dashed line is the static gain, where the model has one.
     """
-    band = _band(estimate, default_times(estimate) if t is None else checked_times(t), level)
-    seen = trimmed(band.t, band.response) if t is None else band.t.size
-    n_outputs, n_inputs = len(estimate.output_names), len(estimate.input_names)
+    times, courses = courses_of(models, names, t, level, STEP, axes)
+    lines = [course.line for course in courses]
+    gains = [line.model.dc_gain for line in lines]
+    n_outputs, n_inputs = gains[0].shape
     drawn = make_axes(axes, [2.1] * (n_outputs * n_inputs))
-    gains = estimate.model.dc_gain
+    draw_courses(drawn, times, courses, level, 0)
     for k, ax in enumerate(drawn):
         i, j = divmod(k, n_inputs)
-        line, low, high = (part[:seen, i, j] for part in (band.response, band.low, band.high))
-        draw_band(ax, band.t[:seen], line, low, high, level)
-        if np.isfinite(gains[i, j]) and np.all(np.roots(estimate.model.den[i][j]).real < 0):
-            ax.axhline(gains[i, j], color=GREY, linewidth=0.9, linestyle="--", label="static gain")
-        name_channel(ax, estimate, i, j, 0)
-        if k == 0:
-            legend(ax)
+        for line, gain in zip(lines, gains, strict=True):
+            stable = np.all(np.roots(line.model.den[i][j]).real < 0)
+            if np.isfinite(gain[i, j]) and stable:
+                label = None if line.number else "static gain"
+                colour = GREY if line.together == 1 else line.colour
+                dash = "--" if line.together == 1 else ":"
+                ax.axhline(gain[i, j], color=colour, linewidth=0.9, linestyle=dash, label=label)
+    legend(drawn[0], columns=legend_columns(drawn[0]))
     drawn[-1].set_xlabel("time after the step [s]", fontsize=9)
     return drawn
-
-
-def _band(estimate: Estimate, t: npt.NDArray[np.float64], level: float) -> StepBand:
-    if len(estimate.draws) and not any(name.startswith("delay") for name in estimate.names):
-        return sampled_step_band(sample(estimate), t, level)
-    return step_band(estimate, t, level)

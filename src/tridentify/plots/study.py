@@ -12,11 +12,13 @@ from tridentify.plots.study_fig6 import plot_noise_levels
 from tridentify.studies.aircraft_result import AircraftResult
 from tridentify.studies.base import StudyResult
 from tridentify.writing.files import write_atomically
+from tridentify.writing.views import unseen
 
 RESOLUTION = 150
 """Of the pixels in saved figures [1/inch]."""
 
 
+@unseen()
 def save_study_figures(result: StudyResult, folder: str | os.PathLike[str]) -> tuple[Path, ...]:
     """Draw what a study found, and write every picture to a file.
 

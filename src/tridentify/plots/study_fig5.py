@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tridentify.numerics.arrays import Array
-from tridentify.plots.style import BLACK, BLUE, GREEN, GREY, ORANGE, dress, legend, make_axes
+from tridentify.plots.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    Panels,
+    dress,
+    legend,
+    make_axes,
+)
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
 from tridentify.studies.aircraft import PLANT
@@ -25,9 +35,7 @@ FINE = 5
 """Points of a drawn response for each sample of the record."""
 
 
-def plot_step_responses(
-    result: AircraftResult, *, axes: Sequence[Axes] | None = None
-) -> list[Axes]:
+def plot_step_responses(result: AircraftResult, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw the truth with one noisy record, what the estimators make of all draws, and the input.
 
     Parameters
@@ -39,7 +47,8 @@ def plot_step_responses(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
     """
     drawn = make_axes(axes, [2.2, 1.35, 1.35, 1.35, 0.9], sharex=True)
     condition = min(result.by_length()[0], key=lambda c: abs(c.ratio - 1.0))

@@ -9,7 +9,7 @@ import numpy as np
 
 from tridentify.numerics.arrays import Array
 from tridentify.plots.study_fig5 import COLOURS
-from tridentify.plots.style import BLACK, dress
+from tridentify.plots.style import BLACK, Panels, dress, make_axes, new_figure
 from tridentify.studies.aircraft_numbers import (
     ESTIMATORS,
     PRINTED,
@@ -29,7 +29,7 @@ SHIFT = 0.05
 """Between the estimators, so that points at one noise level do not hide each other."""
 
 
-def plot_noise_levels(result: AircraftResult, *, axes: Sequence[Axes] | None = None) -> list[Axes]:
+def plot_noise_levels(result: AircraftResult, *, axes: Sequence[Axes] | None = None) -> Panels:
     """Draw medians with 16-84 % bands, the Cramer-Rao bound and the paper's points.
 
     Parameters
@@ -40,11 +40,12 @@ def plot_noise_levels(result: AircraftResult, *, axes: Sequence[Axes] | None = N
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Raises
     ------
-    ValueError
+    OptionError
         Not as many axes as the picture needs.
     """
     groups = result.by_length()
@@ -70,17 +71,12 @@ def plot_noise_levels(result: AircraftResult, *, axes: Sequence[Axes] | None = N
     return drawn
 
 
-def _make_axes(axes: Sequence[Axes] | None, n_lengths: int) -> list[Axes]:
+def _make_axes(axes: Sequence[Axes] | None, n_lengths: int) -> Panels:
     count = len(ROWS) * n_lengths
     if axes is not None:
-        given = list(np.ravel(np.asarray(axes, dtype=object)))
-        if len(given) != count:
-            raise ValueError(f"found {len(given)} axes; expected {count} for this picture")
-        return given
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(max(4.4 * n_lengths, 5.6), 7.2), layout="constrained")
-    return list(figure.subplots(len(ROWS), n_lengths, squeeze=False, sharex=True).flat)
+        return make_axes(axes, [1.0] * count)
+    figure = new_figure(max(4.4 * n_lengths, 5.6), 7.2)
+    return Panels(figure.subplots(len(ROWS), n_lengths, squeeze=False, sharex=True).flat)
 
 
 def _limits(conditions: Sequence[Condition], k: int) -> tuple[float, float]:

@@ -2,27 +2,38 @@
 
 from __future__ import annotations
 
+import io
 import itertools
+import os
 import textwrap
+import threading
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
+from tridentify.transfer_function import TransferFunction
 from tridentify.writing.layout import IN_PICTURES, short
+from tridentify.writing.views import are_unseen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
+
+Kind = TypeVar("Kind")
 
 # Okabe and Ito's palette: told apart with every common kind of colour vision.
 BLUE, ORANGE, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
 SKY, AMBER, BLACK, GREY = "#56B4E9", "#E69F00", "#000000", "#767676"
 CYCLE = (BLUE, ORANGE, GREEN, PURPLE, SKY, AMBER, BLACK)
+DASHES = ("-", "--", "-.", ":")
+"""Kinds of line, one model after the other: two that lie on each other are both seen."""
 
 WIDTH = 5.6
 """Of a figure [inch]: narrow enough for its text to stay readable on a telephone."""
@@ -30,10 +41,85 @@ PER_INCH = 11.0
 """Characters of a title or a legend beside each other."""
 ALONGSIDE = 16.0
 """Characters of a label at the side in each inch of it."""
+LEGEND = 64
+"""Characters, handles included, that stand beside each other above axes of the usual width."""
 HANDLE = 7
 """Characters that a legend's line and the space around it take."""
 MAX_POINTS = 4000
 """Longer series are drawn as the envelope of their stretches."""
+
+
+def cycle_colour(number: int) -> str:
+    """Colour of one of several models; from the eighth on they come again."""
+    return CYCLE[number % len(CYCLE)]
+
+
+class Panels(list["Axes"]):
+    """The axes of one picture, in the order in which its function names them.
+
+    A notebook shows the figure once, and not a list; elsewhere this is the list.
+
+    Examples
+    --------
+    >>> from tridentify import TransferFunction
+    >>> from tridentify.plots import plot_bode
+    >>> picture = plot_bode(TransferFunction([1.0], [1.0, 1.0]))
+    >>> len(picture), picture.figure is picture[0].figure
+    (2, True)
+    """
+
+    @property
+    def figure(self) -> Figure:
+        """The matplotlib figure that holds the axes."""
+        # axes may stand in a subfigure, whose canvas is that of the whole
+        return self[0].figure.canvas.figure
+
+    def savefig(self, path: str | os.PathLike[str], **options: Any) -> None:
+        """Write the figure to a file, as `matplotlib.figure.Figure.savefig`."""
+        self.figure.savefig(path, **options)
+
+    def _ipython_display_(self) -> None:
+        """Show the figure, unless pyplot is about to."""
+        import matplotlib.pyplot as plt
+        from IPython.display import Image, display
+        from matplotlib import get_backend
+
+        number = getattr(self.figure, "number", None)
+        seen = number is not None and plt.fignum_exists(number)
+        if seen and get_backend().lower() not in FILES_ONLY:
+            return
+        buffer = io.BytesIO()
+        self.figure.savefig(buffer, format="png")
+        display(Image(buffer.getvalue()))  # type: ignore[no-untyped-call]
+        if seen:
+            plt.close(self.figure)
+
+
+FILES_ONLY = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
+"""Back ends of matplotlib that have no window and show nothing in a notebook."""
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """A figure that pyplot knows of, so that `plt.show` and `plt.savefig` have it.
+
+    Parameters
+    ----------
+    width, height : float
+        [inch].
+
+    Returns
+    -------
+    matplotlib Figure
+        One by itself, without pyplot, where it is made for a file (`writing.views.unseen`) or in
+        another thread, where a window could not be.
+    """
+    if are_unseen() or threading.current_thread() is not threading.main_thread():
+        from matplotlib.figure import Figure
+
+        return Figure(figsize=(width, height), layout="constrained")
+    import matplotlib.pyplot as plt
+
+    return plt.figure(figsize=(width, height), layout="constrained")
 
 
 def make_axes(
@@ -41,7 +127,7 @@ def make_axes(
     heights: Sequence[float],
     *,
     sharex: bool = False,
-) -> list[Axes]:
+) -> Panels:
     """Check the given axes, or stack new ones in a figure of their own.
 
     Parameters
@@ -54,25 +140,58 @@ def make_axes(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
 
     Raises
     ------
-    ValueError
-        Not as many axes as the picture needs.
+    OptionError
+        Not axes, or not as many as the picture needs.
     """
     if axes is not None:
         given = list(np.ravel(np.asarray(axes, dtype=object)))
+        if not all(hasattr(ax, "get_figure") and hasattr(ax, "plot") for ax in given):
+            raise OptionError(
+                f"found axes={shown(axes)}; expected matplotlib axes, {len(heights)} for this "
+                "picture; make them with plt.subplots"
+            )
         if len(given) != len(heights):
-            raise ValueError(f"found {len(given)} axes; expected {len(heights)} for this picture")
-        return given
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(WIDTH, sum(heights) + 0.3), layout="constrained")
+            raise OptionError(
+                f"found {len(given)} axes; expected {len(heights)} for this picture; make them "
+                f"with plt.subplots({len(heights)})"
+            )
+        return Panels(given)
+    figure = new_figure(WIDTH, sum(heights) + 0.3)
     grid = figure.subplots(
         len(heights), 1, squeeze=False, sharex=sharex, gridspec_kw={"height_ratios": list(heights)}
     )
-    return list(grid[:, 0])
+    return Panels(grid[:, 0])
+
+
+def checked(given: object, kind: type[Kind], example: str) -> Kind:
+    """What was given, if it is of a kind, or one line about it.
+
+    Parameters
+    ----------
+    given : object
+    kind : type
+    example : str
+        How one writes the call.
+
+    Raises
+    ------
+    SampleTypeError
+    """
+    if isinstance(given, kind):
+        return given
+    raise SampleTypeError(
+        f"found {_called(type(given))} in place of {_called(kind)}; expected one {kind.__name__}; "
+        f"write {example}"
+    )
+
+
+def _called(kind: type) -> str:
+    article = "an" if kind.__name__[0] in "AEIO" else "a"
+    return f"{article} {kind.__name__}"
 
 
 def dress(ax: Axes, *, title: str = "", xlabel: str = "", ylabel: str = "") -> None:
@@ -123,6 +242,23 @@ def legend(ax: Axes, *, columns: int = 3) -> None:
         )
 
 
+def legend_columns(ax: Axes) -> int:
+    """Entries of a legend beside each other: as many as fit above a figure of the usual width."""
+    return columns_for(ax.get_legend_handles_labels()[1])
+
+
+def columns_for(labels: Sequence[str]) -> int:
+    """As `legend_columns`, of labels that are not drawn yet.
+
+    Examples
+    --------
+    >>> columns_for(["model", "recorded"]), columns_for(["2 poles, 1 zero: 94.8 %"])
+    (3, 2)
+    """
+    longest = max(map(len, labels), default=0)
+    return max(1, min(3, LEGEND // (longest + HANDLE)))
+
+
 def outliers_of(
     estimate: Estimate, record: Record, experiment: int, output: int
 ) -> npt.NDArray[np.intp]:
@@ -168,12 +304,41 @@ def in_brackets(unit: str) -> str:
     return f" [{short(unit, IN_PICTURES)}]" if unit else ""
 
 
-def channel(estimate: Estimate, output: int, input_: int) -> str:
+class Shown(Protocol):
+    """What a picture has to know of a model: an estimate tells it, and a `plots.lines.Line`."""
+
+    @property
+    def model(self) -> TransferFunction:
+        """The transfer function."""
+        ...
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs."""
+        ...
+
+    @property
+    def output_names(self) -> tuple[str, ...]:
+        """Names of the outputs."""
+        ...
+
+    @property
+    def units(self) -> Mapping[str, str]:
+        """Channel to unit."""
+        ...
+
+    @property
+    def dt(self) -> float | None:
+        """Sampling interval of the record behind it [s]."""
+        ...
+
+
+def channel(estimate: Shown, output: int, input_: int) -> str:
     """Names of an output and an input in a title, long ones without their middles.
 
     Parameters
     ----------
-    estimate : Estimate
+    estimate : Estimate or Line
     output, input_ : int
 
     Returns

@@ -9,13 +9,15 @@ import numpy as np
 import numpy.typing as npt
 
 from tridentify.numerics.arrays import Array
-from tridentify.online import Flag
+from tridentify.online import Flag, Run
 from tridentify.plots.style import (
     BLACK,
     BLUE,
     GREY,
     ORANGE,
     SKY,
+    Panels,
+    checked,
     dress,
     labelled,
     legend,
@@ -25,8 +27,6 @@ from tridentify.plots.style import (
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from tridentify.online import Run
 
 Truth = float | npt.ArrayLike | Callable[[Array], npt.ArrayLike]
 
@@ -42,7 +42,7 @@ def plot_trajectory(
     truth: Mapping[str, Truth] | None = None,
     *,
     axes: Sequence[Axes] | None = None,
-) -> list[Axes]:
+) -> Panels:
     """Draw the coefficients over time with 95 % bands, changes, and flags below.
 
     Parameters
@@ -57,7 +57,8 @@ def plot_trajectory(
 
     Returns
     -------
-    list of matplotlib Axes
+    Panels
+        The axes.
 
     Raises
     ------
@@ -65,6 +66,8 @@ def plot_trajectory(
         Not as many axes as the picture needs, a truth for a name that is no coefficient, or one
         with another number of values than the run has points.
     """
+    if not hasattr(run, "flags"):
+        checked(run, Run, "plot_trajectory(online.run(method, record, structure))")
     known = _known(run, truth or {})
     flagged = _flagged(run)
     heights = [1.3] * len(run.names) + [0.45 + 0.17 * max(len(flagged), 1)]

@@ -1,8 +1,19 @@
-"""The report of an estimation: one self-contained page, and the figures as files."""
+"""Self-contained pages about estimates, selections and validations, and the figures as files."""
 
 from __future__ import annotations
 
 from tridentify.report.figures import save_figures
 from tridentify.report.html import write_report
+from tridentify.report.other_pages import (
+    write_physical_report,
+    write_selection_report,
+    write_validation_report,
+)
 
-__all__ = ["save_figures", "write_report"]
+__all__ = [
+    "save_figures",
+    "write_physical_report",
+    "write_report",
+    "write_selection_report",
+    "write_validation_report",
+]

@@ -1,29 +1,27 @@
-"""The figures of a report, as drawings, as inline SVG, and as files."""
+"""The figures of a report: what each shows, and where it stands."""
 
 from __future__ import annotations
 
-import io
 import os
 import re
-import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Protocol
 
-from tridentify.errors import OptionError, StepNotTakenError, TridentifyError
+import numpy as np
+
+from tridentify.errors import StepNotTakenError, TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse, frequency_response
 from tridentify.judgement.causes.first_samples import beginning
-from tridentify.judgement.validation import Validation
+from tridentify.judgement.validation import Validation, validate
+from tridentify.numerics.arrays import Array
 from tridentify.plots import (
     plot_bode,
     plot_convergence,
-    plot_fit,
     plot_pole_zero,
-    plot_record,
-    plot_residual,
     plot_residual_tests,
     plot_step,
 )
@@ -33,43 +31,36 @@ from tridentify.plots.diagrams import (
     draw_series,
     draw_series_parallel,
 )
+from tridentify.plots.fit import draw_output, draw_residual
+from tridentify.plots.record import draw_inputs
+from tridentify.plots.style import legend, outliers_of
 from tridentify.record.record import Record
-from tridentify.writing.files import write_atomically
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-FORMATS = ("png", "svg", "pdf")
-RESOLUTION = 150
-"""Of the pixels in saved figures [1/inch]."""
+from tridentify.report.pictures import Drawing, Picture, check_formats, picture_of, save_drawing
+from tridentify.report.sheet import Sheet
+from tridentify.writing.layout import IN_PICTURES, short
 
 LONGEST = 20_000
 """Samples of each record that the measured frequency response is made of: below a second."""
 
+MOST_COLUMNS = 3
+"""Channels beside each other; more could not be read."""
 
-@dataclass(frozen=True, eq=False)
-class Drawing:
-    """A figure with the stem of its file name, its heading and what to see in it.
-
-    ``on_page`` and ``is_file`` say where it belongs. Its places are worked out once, when it is
-    made, for all formats it is saved in.
-    """
-
-    stem: str
-    heading: str
-    caption: str
-    figure: Figure
-    on_page: bool = True
-    is_file: bool = True
+OUTPUT, RESIDUAL, INPUT = 1.7, 0.55, 0.8
+"""Heights of axes of a fit [inch]."""
+MAGNITUDE, PHASE, RESPONSE = 1.5, 1.2, 1.6
+"""Heights of axes of responses [inch]."""
+ALONE = 1.3
+"""A single channel has so much more height, beside step response and poles."""
+ROOTS = 2.3
+"""Height of the frame of poles and zeros [inch]."""
+TEST = 1.15
+"""Height of axes of a test [inch]."""
+PASSES = 1.7, 1.0, 1.2
+"""Heights of the axes of the passes [inch]."""
 
 
 def draw_figures(
-    estimate: Estimate,
-    records: Sequence[Record],
-    *,
-    with_record: bool = False,
-    validation: Validation | None = None,
-    with_residual: bool = False,
+    estimate: Estimate, records: Sequence[Record], validation: Validation | None = None
 ) -> Iterator[Drawing]:
     """Draw the figures of a report, one at a time.
 
@@ -78,88 +69,202 @@ def draw_figures(
     estimate : Estimate
     records : sequence of Record
         The experiments, in the order in which they were identified.
-    with_record : bool
-        Also draw the records by themselves.
     validation : Validation, optional
-        Draw its tests in place of the residuals alone.
-    with_residual : bool
-        Draw the residuals alone beside the tests too.
+        Draw its tests too.
 
     Yields
     ------
     Drawing
     """
-    for number, record in enumerate(records):
-        several = len(records) > 1
-        tail, where = (f"-{number + 1}", f", experiment {number + 1}") if several else ("", "")
-        if with_record:
-            yield replace(
-                _drawing(f"record{tail}", f"Record{where}", "", plot_record(record)[0]),
-                on_page=False,
-            )
-        yield _drawing(
-            f"fit{tail}",
-            f"Record and model response{where}",
-            "Recorded output, response of the model to the recorded input with the offset, drift "
-            "and initial state that were estimated along, and the input.",
-            plot_fit(estimate, record, experiment=number)[0],
-        )
-        if validation is not None and not with_residual:
-            continue
-        residual = _drawing(
-            f"residual{tail}",
-            f"Residual{where}",
-            "What the model leaves unexplained. If its autocorrelation leaves the bounds at more "
-            "than a few lags, the noise is coloured or the model misses some of the response, and "
-            "the standard errors are not to be trusted.",
-            plot_residual(estimate, record, experiment=number)[0],
-        )
-        yield replace(residual, on_page=validation is None)
+    yield from draw_model(estimate, records)
     if validation is not None:
-        tests = _drawing(
-            "residual-tests",
-            "Residual and its tests",
-            "What the model leaves unexplained: its course, its autocorrelation, its correlation "
-            "with the inputs, and its distribution. Where the noise has a model, correlations and "
-            "distribution are those of the whitened residual.",
-            plot_residual_tests(validation)[0],
+        yield from draw_tests(validation)
+
+
+def draw_model(estimate: Estimate, records: Sequence[Record]) -> Iterator[Drawing]:
+    """Draw what needs no judgement: fits, responses, poles, passes.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+
+    Yields
+    ------
+    Drawing
+    """
+    yield from _identified(estimate, records)
+    yield _bode(estimate, records)
+    yield _step(estimate)
+    yield _pole_zero(estimate)
+    yield _convergence(estimate)
+
+
+def _identified(estimate: Estimate, records: Sequence[Record]) -> Iterator[Drawing]:
+    for number, record in enumerate(records):
+        response = estimate.predict(record, experiment=number)
+        yield draw_fit(record, response, estimate=estimate, place=(number, len(records)))
+
+
+def identified_fits(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+    """The records that were identified against the model, as SVG."""
+    return [picture_of(drawing) for drawing in _identified(estimate, records)]
+
+
+def model_pictures(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+    """What `draw_model` draws, as SVG."""
+    return [picture_of(drawing) for drawing in draw_model(estimate, records)]
+
+
+def tests_pictures(validation: Validation) -> list[Picture]:
+    """What `draw_tests` draws, as SVG."""
+    return [picture_of(drawing) for drawing in draw_tests(validation)]
+
+
+class Artist(Protocol):
+    """Who draws the figures of a report: this process, or another one beside it."""
+
+    def model(self, estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+        """As `model_pictures`."""
+
+    def tests(self, validation: Validation) -> list[Picture]:
+        """As `tests_pictures`."""
+
+
+class Here:
+    """Draws in this process, when it is asked to."""
+
+    def model(self, estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+        """As `model_pictures`."""
+        return model_pictures(estimate, records)
+
+    def tests(self, validation: Validation) -> list[Picture]:
+        """As `tests_pictures`."""
+        return tests_pictures(validation)
+
+
+def draw_fit(
+    record: Record,
+    response: Array,
+    *,
+    estimate: Estimate | None = None,
+    place: tuple[int, int] = (0, 1),
+) -> Drawing:
+    """Draw measured outputs against the model's, what is left beneath each, and the inputs.
+
+    Parameters
+    ----------
+    record : Record
+    response : ndarray, shape (n_samples, n_outputs)
+    estimate : Estimate, optional
+        Whose outliers are marked.
+    place : (int, int)
+        Position of the experiment, and how many there are.
+
+    Returns
+    -------
+    Drawing
+    """
+    experiment, count = place
+    n = record.n_outputs
+    sheet = Sheet([OUTPUT, RESIDUAL] * n + [INPUT] * record.n_inputs)
+    axes = sheet.axes
+    none = np.zeros(0, dtype=np.intp)
+    for i in range(n):
+        far = none if estimate is None else outliers_of(estimate, record, experiment, i)
+        draw_output(axes[2 * i], record, response[:, i], i, far)
+        draw_residual(axes[2 * i + 1], record, record.y[:, i] - response[:, i], i)
+    legend(axes[0])
+    draw_inputs(record, axes[2 * n :])
+    several = count > 1
+    where = f", experiment {experiment + 1}" if several else ""
+    named = f": {short(record.name, IN_PICTURES)}" if several and record.name else ""
+    return Drawing(
+        f"fit-{experiment + 1}" if several else "fit",
+        f"Measured against model{where}{named}",
+        "Recorded output and response of the model to the recorded input alone, with the offset, "
+        "drift and initial state that were estimated along; beneath, the difference.",
+        sheet.settle(),
+        "fit",
+    )
+
+
+def draw_tests(validation: Validation) -> Iterator[Drawing]:
+    """Draw the tests of the residual, one figure an output.
+
+    Parameters
+    ----------
+    validation : Validation
+
+    Yields
+    ------
+    Drawing
+    """
+    names = validation.output_names
+    several = len(names) > 1
+    for i, name in enumerate(names):
+        count = len(validation.input_names) + 3
+        sheet = Sheet([TEST] * -(-count // 2), 2, share=False)
+        plot_residual_tests(_of_output(validation, i), axes=sheet.axes[:count])
+        where = f" of {short(name, IN_PICTURES)}" if several else ""
+        yield Drawing(
+            f"residual-tests-{i + 1}" if several else "residual-tests",
+            f"Residual{where} and its tests",
+            "What the model leaves unexplained. Of a right model its correlations with itself and "
+            "with the inputs stay in the grey bounds but for a few, its distribution is on the "
+            "line, and neither level nor size changes. Where the noise has a model, correlations "
+            "and distribution are those of what the model of the noise leaves too.",
+            sheet.settle(),
+            "test",
         )
-        yield replace(tests, is_file=False)
-    drawn = bool(len(estimate.draws))
+
+
+def _of_output(validation: Validation, i: int) -> Validation:
+    """The same of one output alone."""
+    tested = bool(validation.whiteness)
+    n_inputs = len(validation.input_names)
+    return replace(
+        validation,
+        output_names=(validation.output_names[i],),
+        whiteness=validation.whiteness[i : i + 1],
+        cross_correlation=validation.cross_correlation[n_inputs * i : n_inputs * (i + 1)],
+        normality=validation.normality[i : i + 1],
+        residual=tuple(np.array(one[:, [i]]) for one in validation.residual),
+        innovations=tuple(np.array(one[:, [i]]) for one in validation.innovations)
+        if tested
+        else validation.innovations,
+    )
+
+
+def _columns(estimate: Estimate) -> int:
+    """Channels beside each other: inputs across, or two outputs of one input."""
+    n_outputs, n_inputs = len(estimate.output_names), len(estimate.input_names)
+    return min(n_inputs, MOST_COLUMNS) if n_inputs > 1 else min(n_outputs, 2)
+
+
+def _bode(estimate: Estimate, records: Sequence[Record]) -> Drawing:
+    count, columns = len(estimate.output_names) * len(estimate.input_names), _columns(estimate)
+    rows = -(-count // columns)
+    taller = ALONE if count == 1 else 1.0
+    sheet = Sheet([taller * MAGNITUDE, taller * PHASE] * rows, columns)
+    cells = [divmod(k, columns) for k in range(count)]
+    axes = [sheet.grid[2 * row + part][column] for row, column in cells for part in (0, 1)]
     measured = _measured(records)
+    plot_bode(estimate, measured=measured, axes=axes)
+    for ax in sheet.grid[-1]:
+        ax.set_xlabel("angular frequency [rad/s]", fontsize=9)
+    drawn = bool(len(estimate.draws))
     origin = (
         "between quantiles of the models that explain the record"
         if drawn
-        else "propagated to first order from the covariance of the coefficients"
+        else "from the covariance of the coefficients"
     )
-    yield _drawing(
+    return Drawing(
         "bode",
         "Frequency response",
-        f"Pointwise 95 % confidence band, {origin}. Beyond the frequencies that the input excites "
-        f"it holds only if the structure is right.{_OF_POINTS if measured else ''}",
-        plot_bode(estimate, measured=measured)[0],
-    )
-    yield _drawing(
-        "step",
-        "Step response",
-        "To a step of one unit of the input, from rest, with its 95 % band.",
-        plot_step(estimate)[0],
-    )
-    yield _drawing(
-        "pole-zero",
-        "Poles and zeros",
-        "Dots: poles of models that explain the record; zeros with 95 % regions to first order. "
-        "The right half-plane is grey."
-        if drawn
-        else "95 % ellipses around complex poles and zeros, 95 % intervals around real ones, "
-        "to first order; the right half-plane is grey.",
-        plot_pole_zero(estimate),
-    )
-    yield _drawing(
-        "convergence",
-        "Convergence of the passes",
-        "A coefficient below the dashed line is closer to its final value than its standard error.",
-        plot_convergence(estimate)[0],
+        f"With its 95 % band, {origin}. Beyond the frequencies that the input excites it holds "
+        f"only if the structure is right.{_OF_POINTS if measured else ''}",
+        sheet.settle(),
     )
 
 
@@ -175,6 +280,48 @@ def _measured(records: Sequence[Record]) -> FrequencyResponse | None:
         return frequency_response([beginning(record, LONGEST) for record in records])
     except TridentifyError:
         return None
+
+
+def _step(estimate: Estimate) -> Drawing:
+    count = len(estimate.output_names) * len(estimate.input_names)
+    columns = _columns(estimate) if count > 2 else 1
+    sheet = Sheet([RESPONSE] * -(-count // columns), columns)
+    plot_step(estimate, axes=sheet.axes[:count])
+    for ax in sheet.grid[-1]:
+        ax.set_xlabel("time after the step [s]", fontsize=9)
+    return Drawing(
+        "step",
+        "Step response",
+        "To a step of one unit of the input, from rest, with its 95 % band.",
+        sheet.settle(),
+    )
+
+
+def _pole_zero(estimate: Estimate) -> Drawing:
+    sheet = Sheet([ROOTS])
+    plot_pole_zero(estimate, axes=sheet.axes[0])
+    return Drawing(
+        "pole-zero",
+        "Poles and zeros",
+        "Dots: poles of models that explain the record; zeros with 95 % regions to first order. "
+        "The right half-plane is grey."
+        if len(estimate.draws)
+        else "With 95 % regions: ellipses around complex ones, intervals around real ones; the "
+        "right half-plane is grey.",
+        sheet.settle(),
+    )
+
+
+def _convergence(estimate: Estimate) -> Drawing:
+    sheet = Sheet(PASSES)
+    plot_convergence(estimate, axes=sheet.axes)
+    return Drawing(
+        "convergence",
+        "Convergence of the passes",
+        "A coefficient below the dashed line is closer to its final value than its standard error.",
+        sheet.settle(),
+        "course",
+    )
 
 
 @dataclass(frozen=True)
@@ -220,57 +367,12 @@ def draw_diagrams(estimate: Estimate) -> list[Chart]:
     return found
 
 
-def _drawing(stem: str, heading: str, caption: str, ax: Any) -> Drawing:
-    import matplotlib as mpl
-
-    figure = ax.figure
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        # for every saving by itself the places cost more than the drawing
-        engine.execute(figure)
-        with mpl.rc_context({"figure.autolayout": False, "figure.constrained_layout.use": False}):
-            figure.set_layout_engine(None)
-    return Drawing(stem, heading, caption, figure)
-
-
-def inline_svg(drawing: Drawing) -> str:
-    """SVG element to stand inside a page: as wide as its place, text as text, no outside names.
-
-    Parameters
-    ----------
-    drawing : Drawing
-
-    Returns
-    -------
-    str
-    """
-    import matplotlib as mpl
-
-    buffer = io.StringIO()
-    # text stays text (small, searchable); the salt keeps the ids of several figures apart
-    options: dict[Any, Any] = {"svg.fonttype": "none", "svg.hashsalt": drawing.stem}
-    metadata = dict.fromkeys(("Date", "Creator", "Format", "Type"))
-    with mpl.rc_context(options), _quiet_about_glyphs():
-        drawing.figure.savefig(buffer, format="svg", metadata=metadata)
-    text = buffer.getvalue()
-    text = text[text.index("<svg") :]
-    text = re.sub(r"<metadata>.*?</metadata>", "", text, flags=re.DOTALL)
-    # this sheet would apply to the whole page, which has the same rule for its figures only
-    text = re.sub(r"<defs>\s*<style.*?</style>\s*</defs>", "", text, flags=re.DOTALL)
-    text = re.sub(r'<g id="[^"]*">', "<g>", text)
-    head, body = text.split(">", 1)
-    box = re.search(r'viewBox="[^"]*"', head)
-    frame = box[0] if box else ""
-    links = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
-    return f'<svg {links} {frame} role="img" aria-label="{drawing.heading}">{body.strip()}'
-
-
 def save_figures(
     estimate: Estimate,
     record: Record | Sequence[Record],
     folder: str | os.PathLike[str],
     *,
-    formats: Sequence[str] = ("png",),
+    formats: Sequence[str] = ("svg",),
 ) -> tuple[Path, ...]:
     """Write every figure of the report as files of its own.
 
@@ -281,13 +383,15 @@ def save_figures(
         What was identified; several experiments in their order.
     folder : path-like
         Made if it does not exist.
-    formats : sequence of {"png", "svg", "pdf"}
+    formats : sequence of {"svg", "png", "pdf"}
         One file per figure and format.
 
     Returns
     -------
     tuple of Path
-        ``record``, ``fit``, ``residual``, ``bode``, ``step``, ``pole-zero``, ``convergence``.
+        ``fit``, ``bode``, ``step``, ``pole-zero``, ``convergence``, ``residual-tests``; of several
+        experiments or outputs ``fit-1``, ``residual-tests-1`` and so on. Without the last where the
+        record is too short to test.
 
     Raises
     ------
@@ -296,37 +400,14 @@ def save_figures(
     OutputPathError
         The folder or a file cannot be written.
     """
-    unknown = [name for name in formats if name not in FORMATS]
-    if unknown:
-        raise OptionError(
-            f"found the figure format {unknown[0]!r}; expected one of {', '.join(FORMATS)}; "
-            "choose one of them"
-        )
+    check_formats(tuple(formats))
     given = (record,) if isinstance(record, Record) else tuple(record)
     records = tuple(one.settled(estimate.intersample) for one in given)
+    try:
+        checked = validate(estimate, records)
+    except TridentifyError:
+        checked = None
     written = []
-    for drawing in draw_figures(estimate, records, with_record=True):
+    for drawing in draw_figures(estimate, records, checked):
         written += [save_drawing(drawing, folder, name) for name in formats]
     return tuple(written)
-
-
-def save_drawing(drawing: Drawing, folder: str | os.PathLike[str], name: str) -> Path:
-    """Write one figure as a file of a format of `FORMATS`.
-
-    Raises
-    ------
-    OutputPathError
-        The folder or the file cannot be written.
-    """
-    buffer = io.BytesIO()
-    with _quiet_about_glyphs():
-        drawing.figure.savefig(buffer, format=name, dpi=RESOLUTION)
-    return write_atomically(Path(folder) / f"{drawing.stem}.{name}", buffer.getvalue())
-
-
-@contextmanager
-def _quiet_about_glyphs() -> Iterator[None]:
-    """A channel name in a script that the font lacks is no reason to warn about the estimate."""
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing")
-        yield

@@ -1,31 +1,32 @@
-"""One self-contained page about an estimate: verdict, tables, figures, settings."""
+"""One self-contained page about an estimate: result and trust, figures, tables, settings."""
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import os
 from collections.abc import Callable, Sequence
-from importlib.resources import files
 from pathlib import Path
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.encoding import document_text
-from tridentify.estimation.answer.estimate import SCHEMA, Estimate, Status
+from tridentify.estimation.answer.estimate import SCHEMA, Estimate
 from tridentify.estimation.answer.finding import joined
 from tridentify.judgement.validation import Validation, validate
 from tridentify.record.record import Record
-from tridentify.report.figures import (
-    Drawing,
-    draw_diagrams,
-    draw_figures,
-    inline_svg,
-    save_drawing,
+from tridentify.report.figures import Artist, Here, draw_diagrams
+from tridentify.report.first_screen import (
+    class_of,
+    headline_of,
+    key_numbers,
+    subtitle_of,
+    title_of,
+    trust_of,
 )
+from tridentify.report.page import Page, Section, beside
+from tridentify.report.pictures import Picture, save_picture
 from tridentify.report.settings import code_again, settings_table
 from tridentify.report.tables import course_tables, result_tables, validation_tables
-from tridentify.writing.files import write_atomically
-from tridentify.writing.layout import IN_TABLES, short
+
+Progress = Callable[[str], None]
 
 
 def write_report(
@@ -35,7 +36,7 @@ def write_report(
     *,
     title: str | None = None,
     figures: str | os.PathLike[str] | None = None,
-    progress: Callable[[str], None] | None = None,
+    progress: Progress | None = None,
 ) -> Path:
     """Write the report as one HTML file that needs nothing else.
 
@@ -47,9 +48,9 @@ def write_report(
     path : path-like
         File to write; missing folders are made, an existing file is replaced.
     title : str, optional
-        Heading of the page; by default the names of the records.
+        Heading of the page; by default the names of the channels.
     figures : path-like, optional
-        A folder that gets the files of `save_figures` too, as PNG: each is drawn only once.
+        A folder that gets the figures too, as SVG: each is drawn only once.
     progress : callable, optional
         Called with a few words at the start of each stage.
 
@@ -62,87 +63,155 @@ def write_report(
     OutputPathError
         The file cannot be written; nothing is left behind.
     """
-    say = progress or (lambda _: None)
-    from jinja2 import Environment
+    page = report_page(estimate, settled(estimate, record), title=title, progress=progress)
+    return write_page(page, path, figures)
 
+
+def settled(estimate: Estimate, record: Record | Sequence[Record]) -> tuple[Record, ...]:
+    """The records, their inputs taken as when they were identified."""
     given = (record,) if isinstance(record, Record) else tuple(record)
-    records = tuple(one.settled(estimate.intersample) for one in given)
-    named = dict.fromkeys(item.name for item in records if item.name)
-    name = title or ", ".join(named) or "Identified model"
-    say("testing the residual")
-    checked, untested = checked_on(estimate, records)
-    say("writing the report and the figures")
-    template = Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True).from_string(
-        _part("template.html.j2")
-    )
-    script = _part("page.js")
-    page = template.render(
-        title=name,
-        subtitle=subtitle(estimate),
-        verdict=verdict(estimate, checked),
-        status=estimate.status,
-        findings=joined(checked.findings if checked else (), estimate.findings),
-        validation=checked,
-        tests=validation_tables(checked) if checked else [],
-        untested=untested,
-        model=estimate.model_text(),
-        results=result_tables(estimate),
-        figures=_on_the_page(estimate, records, checked, figures),
-        diagrams=draw_diagrams(estimate),
-        course=course_tables(estimate),
-        decisions=[note for note in (*estimate.trace.decisions, estimate.trace.stopped) if note],
-        settings=settings_table(estimate, records),
-        code=code_again(estimate, records),
-        style=_part("page.css"),
-        script=script,
-        script_hash=base64.b64encode(hashlib.sha256(script.encode()).digest()).decode(),
-        # no tag can end inside the text
-        document=document_text("schema", SCHEMA, estimate).replace("<", "\\u003c"),
-    )
-    return write_atomically(path, page)
+    return tuple(one.settled(estimate.intersample) for one in given)
 
 
-def _on_the_page(
-    estimate: Estimate,
-    records: Sequence[Record],
-    checked: Validation | None,
-    folder: str | os.PathLike[str] | None,
-) -> list[tuple[Drawing, str]]:
-    """Figures of the page as SVG; on the way all figures into a folder, if there is one."""
-    files = folder is not None
-    found = []
-    for item in draw_figures(
-        estimate, records, with_record=files, validation=checked, with_residual=files
-    ):
-        if folder is not None and item.is_file:
-            save_drawing(item, folder, "png")
-        if item.on_page:
-            found.append((item, inline_svg(item)))
+def write_page(
+    page: Page, path: str | os.PathLike[str], figures: str | os.PathLike[str] | None = None
+) -> Path:
+    """Write a page, and its pictures as files of their own.
+
+    Parameters
+    ----------
+    page : Page
+    path : path-like
+    figures : path-like, optional
+        A folder.
+
+    Raises
+    ------
+    OutputPathError
+        A file cannot be written.
+    """
+    if figures is not None:
+        for picture in pictures_of(page):
+            save_picture(picture, figures)
+    return page.write(path)
+
+
+def pictures_of(page: Page) -> list[Picture]:
+    """All pictures of a page, in their order."""
+    found = list(page.fits)
+    for section in page.sections:
+        for block in section.figures:
+            found += [block.wide] if block.wide else [p for part in block.columns for p in part]
     return found
 
 
-def _part(name: str) -> str:
-    """A file that belongs to the page."""
-    return files("tridentify.report").joinpath(name).read_text(encoding="utf-8")
+def report_page(
+    estimate: Estimate,
+    records: Sequence[Record],
+    *,
+    title: str | None = None,
+    progress: Progress | None = None,
+    artist: Artist | None = None,
+) -> Page:
+    """Judge the estimate, draw its figures and put the page together.
 
-
-def subtitle(estimate: Estimate) -> str:
-    """What was identified from what, in one line."""
-    outputs, inputs = (
-        ", ".join(short(name, IN_TABLES) for name in names)
-        for names in (estimate.output_names, estimate.input_names)
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Settled.
+    title : str, optional
+    progress : callable, optional
+    artist : Artist, optional
+        Who draws; by default this process.
+    """
+    say, draw = progress or (lambda _: None), artist or Here()
+    say("testing the residual")
+    checked, untested = checked_on(estimate, records)
+    say("writing the report and the figures")
+    model = draw.model(estimate, records)
+    tests = () if checked is None else draw.tests(checked)
+    findings = joined(checked.findings if checked else (), estimate.findings)
+    placed = {place: [p for p in model if p.place == place] for place in ("response", "course")}
+    return Page(
+        title or title_of(estimate.output_names, estimate.input_names),
+        "identified model",
+        subtitle_of(records),
+        class_of(estimate, findings),
+        headline_of(estimate, findings),
+        trust_of(estimate, findings, checked is not None),
+        estimate.status.remedy,
+        key_numbers(estimate) if estimate.status.ok else (),
+        [p for p in model if p.place == "fit"],
+        findings,
+        (
+            model_section(estimate),
+            Section("figures", "Responses and poles", figures=beside(placed["response"])),
+            validation_section(checked, tests, untested),
+            _course_section(estimate, placed["course"]),
+            *ends(estimate, records),
+        ),
+        # no tag can end inside the text
+        document_text("schema", SCHEMA, estimate).replace("<", "\\u003c"),
     )
-    several = len(estimate.nuisance)
-    where = f" in {several} experiments" if several > 1 else ""
-    return f"{outputs} from {inputs}: {estimate.n_samples:,} samples{where}, {estimate.method}"
 
 
-def verdict(estimate: Estimate, checked: Validation | None = None) -> str:
-    """Class of status and validation: "good", "caution" or "bad"."""
-    if not estimate.status.ok:
-        return "bad"
-    sound = checked is None or checked.ok
-    return "good" if sound and estimate.status is Status.CONVERGED else "caution"
+def model_section(estimate: Estimate) -> Section:
+    """Formulas and coefficients."""
+    return Section(
+        "model",
+        "Model",
+        formulas=estimate.model_mathml(),
+        formulas_as_text=estimate.model_text(),
+        tables=result_tables(estimate),
+    )
+
+
+def validation_section(
+    checked: Validation | None, tests: Sequence[Picture], untested: str = ""
+) -> Section:
+    """Tests of the residual with their pictures."""
+    if checked is None:
+        return Section("validation", "Validation", paragraphs=[f"Not tested: {untested}."])
+    return Section(
+        "validation",
+        "Validation",
+        paragraphs=[checked.verdict],
+        tables=validation_tables(checked),
+        figures=beside(tests),
+        notes=checked.notes,
+    )
+
+
+def _course_section(estimate: Estimate, pictures: Sequence[Picture]) -> Section:
+    """How the algorithm went, folded."""
+    return Section(
+        "course",
+        "How it was reached",
+        folded="Decisions, diagrams of the steps, passes and starts",
+        figures=beside(pictures),
+        notes=estimate.trace.decisions,
+        diagrams=draw_diagrams(estimate),
+        tables=course_tables(estimate),
+    )
+
+
+def ends(estimate: Estimate, records: Sequence[Record]) -> tuple[Section, Section]:
+    """Settings and data, and the lines that lead to the estimate again."""
+    again = (
+        "The same samples (their fingerprint stands above) and these lines give the same estimate; "
+        'Estimate.load("model.json") reads the one of this page.'
+    )
+    return (
+        Section("settings", "Settings and data", settings=settings_table(estimate, records)),
+        Section(
+            "again",
+            "Do it again",
+            paragraphs=[again],
+            code=code_again(estimate, records),
+            keep=True,
+        ),
+    )
 
 
 def checked_on(estimate: Estimate, records: Sequence[Record]) -> tuple[Validation | None, str]:

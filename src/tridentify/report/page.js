@@ -96,12 +96,12 @@
     ]);
   }
 
-  const reset = () => put(shown.whole);
+  const reset = () => shown.svg.setAttribute("viewBox", shown.given);
 
   function open(figure) {
     const svg = figure.querySelector("svg");
     const gap = document.createComment("figure");
-    shown = { svg, gap, whole: box(svg), from: figure.querySelector(".enlarge") };
+    shown = { svg, gap, whole: box(svg), given: svg.getAttribute("viewBox"), from: figure.querySelector(".enlarge") };
     svg.replaceWith(gap);
     stage.append(svg);
     heading.textContent = figure.querySelector("h3").textContent;

@@ -46,7 +46,7 @@ def settings_table(estimate: Estimate, records: Sequence[Record]) -> list[tuple[
         ("loss", _loss_text(estimate)),
         ("noise", _noise_text(estimate)),
         ("input between samples", _BETWEEN[estimate.intersample]),
-        *_record_rows(records),
+        *record_rows(records),
         ("units", ", ".join(units)),
         ("degrees of freedom", f"{estimate.degrees_of_freedom}"),
         ("cost", measured(estimate.cost, 6)),
@@ -104,7 +104,7 @@ def _noise_text(estimate: Estimate) -> str:
     return ", ".join(f"{n}: {f'AR({a.size})' if a.size else 'white'}" for n, a in models)
 
 
-def _record_rows(records: Sequence[Record]) -> list[tuple[str, str]]:
+def record_rows(records: Sequence[Record]) -> list[tuple[str, str]]:
     """What every experiment is: name, stretch of time, samples, steps, gaps."""
     rows = []
     for number, record in enumerate(records, 1):

@@ -46,14 +46,18 @@ def format_value(value: float, std: float = 0.0) -> str:
     --------
     >>> format_value(3.14159, 0.023), format_value(-12345.678, 210.0), format_value(0.5)
     ('3.142', '-12350', '0.5')
-    >>> format_value(1.23e-4, 0.02), format_value(1.2345e-9, 2e-12)
-    ('0.0001', '1.2345e-09')
+    >>> format_value(-3e-4, 0.059), format_value(1.2345e-9, 2e-12), format_value(1e-9, 3e-6)
+    ('0.000', '1.2345e-09', '0')
     """
     if not (math.isfinite(value) and math.isfinite(std)) or std <= 0 or value == 0:
         return f"{value:.6g}"
     first = math.floor(math.log10(abs(value)))
-    # two digits of the error, but one of the value at least and ten at most
-    last = max(min(math.floor(math.log10(std)) - 1, first), first - 9)
+    # two digits of the error, but ten of the value at most
+    last = max(math.floor(math.log10(std)) - 1, first - 9)
+    if round(value / 10.0**last) == 0:
+        # nothing of it is known but that it is small against its error
+        return f"{0.0:.{max(-last, 0) if last > -7 else 0}f}"
+    first = max(first, last)
     if abs(value) < 1e7 and -10 < last < 7 and (first > -5 or last > -7):
         return f"{round(value, -last):.{max(-last, 0)}f}"
     return f"{value:.{first - last}e}"
@@ -73,6 +77,33 @@ def format_std(std: float) -> str:
         digits = 1 - math.floor(math.log10(std))
         return f"{round(std, digits):.{max(digits, 0)}f}"
     return f"{std:.1e}"
+
+
+def format_p(p_value: float) -> str:
+    """A p-value to the digits that say something; a dash where the test was not made.
+
+    Examples
+    --------
+    >>> [format_p(p) for p in (7e-205, 0.0042, 0.0931, 0.5, 1.0, math.nan)]
+    ['< 0.001', '0.004', '0.09', '0.50', '1.00', '-']
+    """
+    if math.isnan(p_value):
+        return "-"
+    if p_value < 0.001:
+        return "< 0.001"
+    return f"{p_value:.3f}" if p_value < 0.01 else f"{p_value:.2f}"
+
+
+def p_in_words(p_value: float) -> str:
+    """A p-value in a sentence.
+
+    Examples
+    --------
+    >>> p_in_words(7e-205), p_in_words(0.0931)
+    ('p < 0.001', 'p = 0.09')
+    """
+    shown = format_p(p_value)
+    return f"p {shown}" if shown.startswith("<") else f"p = {shown}"
 
 
 def format_polynomial(coefficients: Iterable[float], std: Iterable[float]) -> str:

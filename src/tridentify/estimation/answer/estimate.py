@@ -53,10 +53,26 @@ from tridentify.writing.layout import (
     unit_ratio,
 )
 from tridentify.writing.notebook import fraction
+from tridentify.writing.views import EstimateViews
 
 __all__ = ["Estimate", "Nuisance", "Parameter", "Pass", "Start", "Status", "Step", "Trace"]
 
 Row = tuple[str, float, float, str]
+_FOR_OTHER_ROOMS = frozenset(
+    (
+        "call",
+        "channel_draws",
+        "derived_rows",
+        "derived_values",
+        "from_document",
+        "held_note",
+        "model_text",
+        "noise_note",
+        "nuisance_rows",
+        "offset_note",
+    )
+)
+"""What tables, pages and files are made of: not offered to those who look an estimate over."""
 SCHEMA = 2
 """Version of the file format: raised when a field is added, dropped or changes its meaning."""
 HELD = 1e-17
@@ -70,7 +86,7 @@ _TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
 
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
-class Estimate:
+class Estimate(EstimateViews):
     """An identified model with covariance, diagnostics and the trace of its estimation.
 
     Attributes
@@ -205,6 +221,9 @@ class Estimate:
         for a in model:
             a.setflags(write=False)
         object.__setattr__(self, "noise_model", model)
+
+    def __dir__(self) -> list[str]:
+        return sorted(set(super().__dir__()) - _FOR_OTHER_ROOMS)
 
     def __repr__(self) -> str:
         pairs = zip(self.names, self.theta, self.std, strict=True)
@@ -398,7 +417,7 @@ class Estimate:
             if np.any(terms.input_reference):
                 inputs = zip(self.input_names, terms.input_reference.tolist(), strict=True)
                 where = f" (experiment {number})" if len(self.nuisance) > 1 else ""
-                notes.append(", ".join(f"{name} = {value:.6g}" for name, value in inputs) + where)
+                notes.append(", ".join(f"{name} = {value:.4g}" for name, value in inputs) + where)
         return f"an offset is the output that belongs to {'; '.join(notes)}" if notes else ""
 
     def _unit(self, name: str) -> str:
@@ -423,12 +442,15 @@ class Estimate:
     def predict(self, record: Record, *, experiment: int = 0) -> Array:
         """Fitted output: G (u - reference) + offset + drift (t - t0) + free response.
 
+        Offset, drift and initial state are held as they were estimated. Those of another record are
+        others: `tridentify.compare` fits them to it.
+
         Parameters
         ----------
         record : Record
             The identified record, or another one with the same channels.
         experiment : int
-            Whose nuisance terms to use.
+            Whose offset, drift and initial state are taken.
 
         Returns
         -------
@@ -535,10 +557,10 @@ class Estimate:
         advice = [f"What to do: {self.status.remedy}."] if self.status.remedy else []
         doubts = "".join(f"<li>{html.escape(text)}</li>" for text in (*advice, *self.cautions))
         warned = f"<ul>{doubts}</ul>" if doubts else ""
-        return f"{warned}{self._fractions()}{html_table(_TITLES, rows, caption)}"
+        return f"{warned}{self.model_mathml()}{html_table(_TITLES, rows, caption)}"
 
-    def _fractions(self) -> str:
-        """Every channel as MathML."""
+    def model_mathml(self) -> str:
+        """Every channel as a fraction in MathML, as a notebook shows it."""
         found = []
         for i, output in enumerate(self.output_names):
             for j, input_ in enumerate(self.input_names):

@@ -88,7 +88,8 @@ def outlier_findings(
                     "bad-samples",
                     "warning",
                     f"{many} farther from the model than Gaussian noise explains (up to "
-                    f"{farthest:.0f} standard deviations of the others; {_at(places, times)}). "
+                    f"{farthest:.0f} standard deviations of the others; "
+                    f"{_at(places, times, len(records))}). "
                     "Least squares follows such outliers.",
                     "Fit with a robust loss (--loss huber or student, in Python "
                     "ThreeModel(loss='huber')), or mark them as missing (nan).",
@@ -100,9 +101,9 @@ def outlier_findings(
     return found
 
 
-def _at(places: Sequence[tuple[int, int]], times: Sequence[float]) -> str:
+def _at(places: Sequence[tuple[int, int]], times: Sequence[float], n_experiments: int) -> str:
     """When, in words."""
-    several = len({e for e, _ in places}) > 1
+    several = n_experiments > 1
     said = [
         f"{t:.4g} s" + (f" of experiment {e + 1}" if several else "")
         for (e, _), t in zip(places, times, strict=True)

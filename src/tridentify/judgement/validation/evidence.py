@@ -20,6 +20,7 @@ but the past inputs is tested on what that leaves.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
@@ -241,12 +242,10 @@ def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: A
     p_past = _past(past, basis, e, n_lags, n)
     level = added(e, basis, span(wave, basis), n).p_value
     alone = _Known(output, fitted, noise)
-    p_past = _checked(alone, found.past, p_past)
-    p_late = []
+    by_score = [(p_past, found.past)]
     for one in found.late:
-        p = added(e, basis, span(output.white(one, noise), basis), n).p_value
-        p_late.append(_checked(alone, one, p))
-    p_past = min(1.0, (1 + len(p_late)) * min(p_past, *p_late))
+        by_score.append((added(e, basis, span(output.white(one, noise), basis), n).p_value, one))
+    p_past = min(1.0, len(by_score) * _least_checked(alone, by_score))
     level = _checked(alone, found.wave, level)
     if p_past < CALLED and level < CALLED:
         p_past, level = _told_apart(past, wave, (basis, e), n_lags, n, p_past)
@@ -259,19 +258,19 @@ def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: A
     wide = _Known(output, _joined(fitted, found.past, *drift), noise)
     beside = _Known(output, _joined(fitted, *more, *drift), noise) if more or drift else alone
 
-    def p_value(extra: tuple[Array, ...], known: _Known, least: float = 0.0) -> float:
+    def score(extra: tuple[Array, ...], known: _Known, least: float = 0.0) -> float:
         own = known.basis
         test = added(e, own, span(output.white(extra, noise), own), n)
         # in a long record the slightest imperfection is significant, and means nothing
-        p = test.p_value if test.share > least else max(test.p_value, PRETEST)
-        return _checked(known, extra, p)
+        return test.p_value if test.share > least else max(test.p_value, PRETEST)
 
+    bent = [(score(one, wide), one) for one in found.bends]
     return _Tested(
         p_past,
         level,
-        p_value(found.coming, wide, LEAST_FEEDBACK),
-        p_value(found.later, beside),
-        min(1.0, len(found.bends) * min(p_value(one, wide) for one in found.bends)),
+        _checked(wide, found.coming, score(found.coming, wide, LEAST_FEEDBACK)),
+        _checked(beside, found.later, score(found.later, beside)),
+        min(1.0, len(bent) * _least_checked(wide, bent)),
         by_input,
     )
 
@@ -325,6 +324,19 @@ def _checked(known: _Known, extra: tuple[Array, ...], p: float) -> float:
         return 1.0
     gain = np.expm1(max(before - after, 0.0) / output.count)
     return max(p, float(fdtrc(k, freedom, gain * freedom / k)))
+
+
+def _least_checked(known: _Known, by_score: list[tuple[float, tuple[Array, ...]]]) -> float:
+    """The least of several `_checked`; what cannot be the least is not worked out.
+
+    A check only ever makes a p-value larger, so that those of the score come first.
+    """
+    least = math.inf
+    for p, extra in sorted(by_score, key=lambda one: one[0]):
+        if p >= least:
+            break
+        least = min(least, _checked(known, extra, p))
+    return least
 
 
 def _deviance(

@@ -11,7 +11,7 @@ import numpy as np
 
 from tridentify.estimation.answer.finding import Finding
 from tridentify.numerics.arrays import Array
-from tridentify.writing.layout import format_table, html_table
+from tridentify.writing.layout import format_p, format_table, html_table
 
 _WIDTH = 78
 """Characters a line: fits a terminal of 80."""
@@ -279,13 +279,13 @@ class Validation:
         if self.transfer is not None:
             expected = [f"{value:.2f}" for value in self.transfer.expected_fit]
         rows = zip(self.output_names, self.fit, expected, self.r2, strict=True)
-        return [(name, f"{fit:.2f}", best, f"{r2:.6f}", "") for name, fit, best, r2 in rows]
+        return [(name, f"{fit:.2f}", best, f"{r2:.4f}", "") for name, fit, best, r2 in rows]
 
     def _rows(self) -> list[tuple[str, ...]]:
         return [
             (
                 test.name,
-                ("-" if np.isnan(test.p_value) else f"{test.p_value:.2g}") + "*" * test.rejected,
+                format_p(test.p_value) + "*" * test.rejected,
                 test.output,
             )
             for test in self.tests
@@ -295,8 +295,8 @@ class Validation:
         colour = "#00664a" if self.ok else "#a63c00"
         parts = [f'<p style="color:{colour}"><b>{html.escape(self.verdict)}</b></p>']
         if self.findings:
-            rows = [(f"{f.message} {f.effect}".strip(), f.remedy) for f in self.findings]
-            parts.append(html_table(("found", "what to do"), rows))
+            # a list, since the cells of a table do not wrap everywhere
+            parts.append(f"<ul>{''.join(map(_item, self.findings))}</ul>")
         parts.append(html_table(("output", "fit [%]", "expected", "R2_T", ""), self._fits()))
         parts.append(html_table(("test", "p-value", "output"), self._rows()))
         return "".join(parts)
@@ -310,6 +310,13 @@ class Validation:
             for field in fields(self)
             if field.name not in left
         }
+
+
+def _item(finding: Finding) -> str:
+    """What was found, how much it matters and what to do, as an item of a list."""
+    said = html.escape(f"{finding.message} {finding.effect}".strip())
+    remedy = f"<br><b>What to do:</b> {html.escape(finding.remedy)}" if finding.remedy else ""
+    return f"<li>{said}{remedy}</li>"
 
 
 def _freeze(value: object) -> None:

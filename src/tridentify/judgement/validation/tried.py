@@ -130,11 +130,11 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
     """
     setting = _Setting(estimate, n_lags, rate, tuple(torn_at(view)), {})
     if setting.torn:
-        tried = _tried(view, setting, True)
+        tried = _looked_again(_tried(view, setting, True), view, setting)
         if tried.named is not None and tried.named.rival.code == "lost-rows":
             return tried
         setting = setting._replace(torn=())
-    without = _tried(view, setting, True)
+    without = _looked_again(_tried(view, setting, True), view, setting)
     found = sum(len(one.normality.outliers) for one in without.evidence)
     if not found or not without.cause:
         return without
@@ -143,6 +143,7 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
     rows = _far_beside(view, whole, rate)
     if whole.cause != without.cause or sum(len(one) for one in rows) > FADED * found:
         return without
+    whole = _looked_again(whole, view, setting)
     evidence = [
         replace(one, normality=replace(one.normality, outliers=own))
         for one, own in zip(whole.evidence, rows, strict=True)
@@ -165,9 +166,9 @@ class _Setting(NamedTuple):
 
 
 def _tried(view: View, setting: _Setting, without_bad: bool) -> TriedCauses:
-    """All tests and causes, with the bad samples or without."""
+    """All tests and causes, with the bad samples or without; not yet what is left beside them."""
     torn = setting.torn
-    outputs, given = range(len(view.outputs)), view
+    outputs = range(len(view.outputs))
     evidence = [_examined(view, i, setting) for i in outputs]
     moved_by = ""
     if without_bad and any(len(one.normality.outliers) for one in evidence):
@@ -178,8 +179,20 @@ def _tried(view: View, setting: _Setting, without_bad: bool) -> TriedCauses:
     if torn or called or hinted or may_react(view):
         explained = explanations(view, setting.estimate, [one.noise for one in evidence], torn)
     evidence = _reacting(view, evidence, explained)
-    tried = TriedCauses(view, evidence, explained, [None for _ in outputs], moved_by)
-    named = tried.named
+    return TriedCauses(view, evidence, explained, [None for _ in outputs], moved_by)
+
+
+def _looked_again(tried: TriedCauses, given: View, setting: _Setting) -> TriedCauses:
+    """With what is found beside the cause that is named.
+
+    Parameters
+    ----------
+    tried : TriedCauses
+    given : View
+        With the bad samples.
+    setting : _Setting
+    """
+    named, view, evidence = tried.named, tried.view, tried.evidence
     if named is None or not same_records(named):
         return tried
     if told_alone(named):
@@ -191,9 +204,9 @@ def _tried(view: View, setting: _Setting, without_bad: bool) -> TriedCauses:
     other = refitted(pieces, named.attempts[0].point)
     again = [
         replace(_examined(other, i, setting._replace(torn=())), feedback=NOTHING)
-        if torn or _called(evidence[i])
+        if setting.torn or _called(evidence[i])
         else None
-        for i in outputs
+        for i in range(len(view.outputs))
     ]
     return replace(tried, again=again)
 

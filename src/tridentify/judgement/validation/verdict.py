@@ -15,6 +15,7 @@ from tridentify.judgement.validation.evidence import CALLED, Evidence
 from tridentify.judgement.validation.explained import finding_of, told_alone
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Check, CrossCorrelation, Transfer
+from tridentify.numerics.arrays import Array
 
 
 def family(
@@ -359,6 +360,23 @@ def _feedback(
     )
 
 
+def _when(rows: Array, n_experiments: int) -> str:
+    """Times of samples in words, each with its experiment where there are several.
+
+    Examples
+    --------
+    >>> _when(np.array([[0.0, 2.5, 6.0], [0.0, 0.5, 7.0]]), 1)
+    '0.5, 2.5 s'
+    >>> _when(np.array([[1.0, 0.04, 9.0], [0.0, 24.9, 8.0], [1.0, 0.08, 7.0]]), 2)
+    '24.9 s of experiment 1, 0.04, 0.08 s of experiment 2'
+    """
+    said = []
+    for e in np.unique(rows[:, 0]):
+        times = ", ".join(f"{t:.4g}" for t in np.sort(rows[rows[:, 0] == e, 1]))
+        said.append(f"{times} s" + (f" of experiment {int(e) + 1}" if n_experiments > 1 else ""))
+    return ", ".join(said)
+
+
 def _about_noise(
     view: View,
     one: Evidence,
@@ -370,7 +388,7 @@ def _about_noise(
     if len(one.normality.outliers) and not np.isnan(one.scale):
         rows = one.normality.outliers
         far = rows[np.argsort(-np.abs(rows[:, 2]))]
-        at = ", ".join(f"{t:.4g}" for t in np.sort(far[:3, 1]))
+        at = _when(far[:3], len(view.records))
         many = f"{len(rows)} samples lie" if len(rows) > 1 else "a sample lies"
         which = "at" if len(rows) <= 3 else "the farthest at"
         first = int(rows[0, 0])
@@ -379,7 +397,7 @@ def _about_noise(
                 "bad-samples",
                 name,
                 f"{many} up to {np.abs(far[0, 2]):.0f} standard deviations from the model of "
-                f"{name} ({which} {at} s)",
+                f"{name} ({which} {at})",
                 "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing",
                 times=np.sort(rows[:, 1]).tolist(),
                 effect=without_bad.rstrip("."),

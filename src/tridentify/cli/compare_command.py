@@ -1,0 +1,142 @@
+"""``tridentify compare``: stored models and files in, every model simulated on every file out."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, cast
+
+import typer
+
+from tridentify.checks.samples import Intersample
+from tridentify.cli import options
+from tridentify.cli.groups import Reading
+from tridentify.cli.load import load
+from tridentify.cli.results import ResultFolder
+from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.tables import describe_records
+from tridentify.cli.terminal import Activity, show, show_json
+from tridentify.cli.validate_command import Held, Inputs, Outputs, columns_of, renamed
+from tridentify.errors import OptionError, shown
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.comparison import Comparison, compare
+from tridentify.transfer_function import TransferFunction
+from tridentify.writing.files import write_atomically
+
+MODEL = "model.json"
+Files = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="MODEL... FILE...",
+        help="Models: model.json, or the folder of identify --out. Files: records, several are "
+        "several experiments.",
+    ),
+]
+Out = Annotated[
+    Path | None,
+    options.result_option(
+        metavar="DIR", help="Write comparison.json and comparison.svg into this folder."
+    ),
+]
+
+
+@dataclass(frozen=True)
+class ReadAsEach(Reading):
+    """The same, the input as when each of the models was identified."""
+
+    intersample: Held = None  # type: ignore[assignment]
+
+
+def compare_models(
+    files: Files,
+    *,
+    inputs: Inputs = None,
+    outputs: Outputs = None,
+    reading: ReadAsEach,
+    out: Out = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Simulate models on records, with offset and initial state fitted to each record.
+
+    Example: tridentify compare two/model.json three/model.json flight_2.csv --out compared
+    """
+    places, tables = _told_apart(files)
+    models = _models(places)
+    columns = [_columns(models.values(), kind) for kind in ("input", "output")]
+    source = reading.source(
+        tables,
+        columns_of("input", inputs, columns[0], "models"),
+        columns_of("output", outputs, columns[1], "models"),
+        _between(models.values()) if reading.intersample is None else None,
+    )
+    written: Sequence[Path] = ()
+    with ExitStack() as stack:
+        results = None if out is None else stack.enter_context(ResultFolder(out))
+        activity = stack.enter_context(Activity())
+        records = [renamed(record, *columns) for record in load(source, activity)]
+        load_sample_loop(activity)
+        activity.stage("simulating the models")
+        found = compare(models, records)
+        if results is not None:
+            activity.stage("writing the figure")
+            _write(found, results.draft)
+            written = results.publish()
+    if as_json:
+        show_json(found.to_dict() | {"files": [str(path) for path in written]})
+    else:
+        show(describe_records(records), found.summary(), *describe_files(written))
+
+
+def _told_apart(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+    """Files of models, and of records."""
+    places = [file / MODEL if file.is_dir() else file for file in files]
+    models = [place for place in places if place.suffix.lower() == ".json"]
+    tables = [place for place in places if place.suffix.lower() != ".json"]
+    if not models or not tables:
+        missing, wanted = ("model", "model.json or its folder") if tables else ("record", "a file")
+        raise OptionError(
+            f"found no {missing} among {', '.join(shown(str(file)) for file in files)}; expected "
+            f"{wanted} too; write tridentify compare one/model.json other/model.json flight.csv"
+        )
+    return models, tables
+
+
+def _models(places: Sequence[Path]) -> dict[str, Estimate | TransferFunction]:
+    """The models by the names of their files, or of their folders."""
+    from tridentify.export import read_json
+
+    found: dict[str, Estimate | TransferFunction] = {}
+    for place in places:
+        folder = place.absolute().parent.name
+        name = folder if place.name == MODEL and folder else place.stem
+        if name in found:
+            name = next(
+                f"{name} {k}" for k in range(2, len(places) + 1) if f"{name} {k}" not in found
+            )
+        found[name] = read_json(place)
+    return found
+
+
+def _columns(models: Iterable[Estimate | TransferFunction], kind: str) -> tuple[str, ...]:
+    """Channels of all models, each once."""
+    rows = [one.input_names if kind == "input" else one.output_names for one in models]
+    return tuple(dict.fromkeys(name for row in rows for name in row))
+
+
+def _write(found: Comparison, folder: Path) -> None:
+    from tridentify.plots import plot_compared
+    from tridentify.report.pictures import Drawing, picture_of, save_picture
+
+    text = json.dumps(found.to_dict(), indent=1, allow_nan=False)
+    write_atomically(folder / "comparison.json", text + "\n")
+    drawing = Drawing("comparison", "Models over records", "", plot_compared(found).figure)
+    save_picture(picture_of(drawing), folder)
+
+
+def _between(models: Iterable[Estimate | TransferFunction]) -> Intersample:
+    """As when the models were identified, where that was the same; else each as it was."""
+    stated = {one.intersample if isinstance(one, Estimate) else "auto" for one in models}
+    return cast("Intersample", stated.pop() if len(stated) == 1 else "auto")

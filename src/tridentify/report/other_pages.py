@@ -1,0 +1,468 @@
+"""Pages about physical parameters, about a selection of orders, and about a validation."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.encoding import document_text
+from tridentify.estimation.answer.estimate import SCHEMA, Estimate
+from tridentify.estimation.answer.finding import Finding, joined
+from tridentify.estimation.answer.parameter import Parameter
+from tridentify.judgement.selection import Selection
+from tridentify.judgement.validation import Validation
+from tridentify.judgement.validation.residuals import View, look
+from tridentify.physical import PhysicalEstimate
+from tridentify.plots import plot_hankel, plot_selection
+from tridentify.record.record import Record
+from tridentify.report.figures import draw_fit, identified_fits, model_pictures, tests_pictures
+from tridentify.report.first_screen import (
+    HEADS,
+    NUMBERS,
+    KeyNumber,
+    class_of,
+    fits_in_words,
+    key_numbers,
+    orders_in_words,
+    subtitle_of,
+    title_names,
+    title_of,
+    trust_of,
+)
+from tridentify.report.html import (
+    Progress,
+    checked_on,
+    ends,
+    model_section,
+    settled,
+    validation_section,
+    write_page,
+)
+from tridentify.report.page import Page, Section, beside
+from tridentify.report.pictures import Drawing, Picture, picture_of
+from tridentify.report.settings import record_rows
+from tridentify.report.sheet import Sheet
+from tridentify.report.tables import ReportTable, quantity_table
+from tridentify.writing.layout import IN_TABLES, format_std, format_value, p_in_words, short
+
+CONTRADICTED = 0.01
+"""p-value of the restrictions of a map, below which the record speaks against it."""
+
+SLIGHT = 0.5
+"""Fall of a fit [percent] that is no matter in practice, however significant it is."""
+
+MOST_CORRELATED = 12
+"""Parameters whose correlations still make a table that can be read."""
+
+CRITERIA = 1.9, 1.1, 1.1
+"""Heights of the axes of a selection [inch]."""
+VALUES = 2.0
+"""Height of the Hankel singular values [inch]."""
+
+
+# ------------------------------------------------------------------------------------ physical
+def write_physical_report(
+    found: PhysicalEstimate,
+    record: Record | Sequence[Record],
+    path: str | os.PathLike[str],
+    *,
+    title: str | None = None,
+    figures: str | os.PathLike[str] | None = None,
+    progress: Progress | None = None,
+) -> Path:
+    """Write the physical parameters, what speaks against the map, and the coefficients behind them.
+
+    Parameters
+    ----------
+    found : PhysicalEstimate
+    record : Record or sequence of Record
+        What was identified, with the channels of the estimate.
+    path : path-like
+        File to write.
+    title : str, optional
+        By default the name of the map and the channels.
+    figures : path-like, optional
+        A folder that gets the figures too, as SVG.
+    progress : callable, optional
+        Called with a few words at the start of each stage.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    OutputPathError
+        The file cannot be written; nothing is left behind.
+    """
+    page = _physical_page(found, settled(found.estimate, record), title, progress)
+    return write_page(page, path, figures)
+
+
+def _physical_page(
+    found: PhysicalEstimate,
+    records: Sequence[Record],
+    title: str | None,
+    progress: Progress | None,
+) -> Page:
+    """Judge the free coefficients, draw the figures and put the page together."""
+    say = progress or (lambda _: None)
+    free = found.estimate
+    say("testing the residual")
+    checked, untested = checked_on(free, records)
+    say("writing the report and the figures")
+    tests = () if checked is None else tests_pictures(checked)
+    model = model_pictures(free, records)
+    # what this page is about stands before what the coefficients have against them
+    others = joined(checked.findings if checked else (), free.findings)
+    findings = (*contradictions(found), *others)
+    channels = title_of(free.output_names, free.input_names)
+    return Page(
+        title or f"{found.model_name}: {channels}",
+        "physical parameters",
+        subtitle_of(records),
+        class_of(free, findings),
+        _physical_headline(found, findings),
+        trust_of(free, findings, checked is not None),
+        free.status.remedy,
+        _physical_numbers(found),
+        _fits_of_map(found, records) or [p for p in model if p.place == "fit"],
+        findings,
+        (
+            _parameter_section(found),
+            _map_section(found),
+            replace(model_section(free), heading="Free coefficients, without the map"),
+            Section(
+                "figures",
+                "Responses and poles of the free coefficients",
+                figures=beside([p for p in model if p.place == "response"]),
+            ),
+            validation_section(checked, tests, untested),
+            *ends(free, records),
+        ),
+        document_text("schema", SCHEMA, free).replace("<", "\\u003c"),
+    )
+
+
+def contradictions(found: PhysicalEstimate) -> tuple[Finding, ...]:
+    """What speaks against the map, with how much it matters."""
+    if not found.p_value < CONTRADICTED:
+        return ()
+    falls = np.asarray(found.estimate.fit) - np.asarray(found.fit)
+    names = found.estimate.output_names
+    changes = [
+        f"fit of {name} from {free:.2f} to {held:.2f} %"
+        for name, free, held in zip(names, found.estimate.fit, found.fit, strict=True)
+    ]
+    slight = bool(np.all(falls < SLIGHT))
+    word = "hardly shows it" if slight else "shows it"
+    return (
+        Finding(
+            "contradiction",
+            "note" if slight else "warning",
+            f"The coefficients contradict the map {found.model_name} (chi-square "
+            f"{found.statistic:.3g} with {found.freedom} "
+            f"degree{'' if found.freedom == 1 else 's'} of freedom, "
+            f"{p_in_words(found.p_value)}): what it demands of them is not what the record shows.",
+            "Look for what the map leaves out, free a parameter that is taken as known, or correct "
+            "units and signs of the channels.",
+            effect=f"With the map: {', '.join(changes)}. A simulation {word}.",
+        ),
+    )
+
+
+def _physical_headline(found: PhysicalEstimate, findings: Sequence[Finding]) -> str:
+    head = HEADS[class_of(found.estimate, findings)]
+    known = sum(np.isfinite(found.values))
+    fits = fits_in_words(found.estimate.output_names, found.fit.tolist())
+    return f"{head}: {known} of {len(found.names)} parameters are determined; they fit {fits}."
+
+
+def _asked(found: PhysicalEstimate) -> list[Parameter]:
+    """Parameters and combinations that the record determines."""
+    every = [*found.parameters.values(), *found.combinations]
+    return [item for item in every if np.isfinite(item.value) and item.std > 0]
+
+
+def _physical_numbers(found: PhysicalEstimate) -> list[KeyNumber]:
+    return [
+        KeyNumber(
+            short(item.name, IN_TABLES),
+            format_value(item.value, item.std),
+            format_std(item.std),
+            "" if item.unit == "-" else item.unit,
+        )
+        for item in _asked(found)[:NUMBERS]
+    ]
+
+
+def _fits_of_map(found: PhysicalEstimate, records: Sequence[Record]) -> list[Picture]:
+    """Measured against the model of the map, its offsets and initial states fitted to the records.
+
+    Empty where they are too short for that.
+    """
+    held = replace(found.estimate, model=found.model, theta=found.theta, record_fingerprint="")
+    try:
+        return _fits_of(look(held, records, None))
+    except TridentifyError:
+        return []
+
+
+def _fits_of(view: View) -> list[Picture]:
+    """Measured against model, an experiment each."""
+    drawn = []
+    for number, record in enumerate(view.records):
+        residual = np.stack([output.residual[number] for output in view.outputs], axis=1)
+        place = (number, len(view.records))
+        drawn.append(picture_of(draw_fit(record, record.y - residual, place=place)))
+    return drawn
+
+
+def _parameter_section(found: PhysicalEstimate) -> Section:
+    held = {name: "known" if not std > 0 else "" for name, (_, std) in found.known.items()}
+    plain = quantity_table("Parameters", list(found.parameters.values()), "", held)
+    rows = [(*row, text) for row, text in zip(plain.rows, found.descriptions, strict=True)]
+    tables = [replace(plain, titles=(*plain.titles, "meaning"), rows=rows)]
+    if found.combinations:
+        tables.append(quantity_table("Combinations that are determined", found.combinations))
+    tables += _correlations(found)
+    return Section("parameters", "Physical parameters", tables=tables, notes=found.notes)
+
+
+def _correlations(found: PhysicalEstimate) -> list[ReportTable]:
+    """Correlations of the errors of what is determined."""
+    std = found.std
+    kept = [k for k in range(len(found.names)) if std[k] > 0]
+    if not 1 < len(kept) <= MOST_CORRELATED:
+        return []
+    names = [found.names[k] for k in kept]
+    table = found.cov[np.ix_(kept, kept)] / np.outer(std[kept], std[kept])
+    rows = [
+        (name, *(f"{value:.2f}" for value in table[k, : k + 1]), *[""] * (len(kept) - k - 1), "")
+        for k, name in enumerate(names)
+    ]
+    note = (
+        "Of the errors, from -1 to 1: near either end the record determines a combination of the "
+        "two better than each by itself."
+    )
+    return [ReportTable("Correlations", ("", *names, ""), rows, note=note)]
+
+
+def _map_section(found: PhysicalEstimate) -> Section:
+    fits = [
+        (short(name, IN_TABLES), f"{free:.2f}", f"{held:.2f}", f"{held - free:+.2f}", "")
+        for name, free, held in zip(
+            found.estimate.output_names, found.estimate.fit, found.fit, strict=True
+        )
+    ]
+    titles = ("output", "free coefficients", "with the map", "change", "")
+    told = found.test_note()
+    said = f"{told[:1].upper()}{told[1:]}." if told else "There is nothing to test."
+    return Section(
+        "map",
+        "What speaks against the map",
+        paragraphs=[said],
+        tables=[ReportTable("Fit [%]", titles, fits)],
+    )
+
+
+# ----------------------------------------------------------------------------------- selection
+def write_selection_report(
+    selection: Selection,
+    record: Record | Sequence[Record],
+    path: str | os.PathLike[str],
+    *,
+    title: str | None = None,
+    figures: str | os.PathLike[str] | None = None,
+) -> Path:
+    """Write which orders are recommended, why, and what the others have to say for themselves.
+
+    Parameters
+    ----------
+    selection : Selection
+    record : Record or sequence of Record
+        What was identified.
+    path : path-like
+        File to write.
+    title : str, optional
+        By default the names of the channels.
+    figures : path-like, optional
+        A folder that gets the figures too, as SVG.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    OutputPathError
+        The file cannot be written; nothing is left behind.
+    """
+    given = (record,) if isinstance(record, Record) else tuple(record)
+    first = given[0]
+    heading = title or f"Orders of {title_of(first.output_names, first.input_names)}"
+    return write_page(_selection_page(selection, given, heading), path, figures)
+
+
+def _selection_page(selection: Selection, given: Sequence[Record], heading: str) -> Page:
+    row = selection.recommended
+    estimate = None if row is None else row.estimate
+    named = heading, "selection of orders", subtitle_of(given)
+    sections = (
+        _candidate_section(selection),
+        Section("settings", "Data", settings=record_rows(given)),
+    )
+    if estimate is None:
+        head = "No structure is recommended."
+        return Page(*named, "bad", head, selection.reason, sections=sections)
+    fits = fits_in_words(estimate.output_names, estimate.fit.tolist())
+    return Page(
+        *named,
+        class_of(estimate, estimate.findings),
+        f"Recommended: {orders_in_words(estimate.structure)}; the model fits {fits}.",
+        selection.reason,
+        "",
+        key_numbers(estimate),
+        identified_fits(estimate, settled(estimate, given)),
+        estimate.findings,
+        (
+            sections[0],
+            replace(model_section(estimate), heading="The recommended model"),
+            sections[1],
+        ),
+    )
+
+
+def _candidate_section(selection: Selection) -> Section:
+    rows = selection.table()
+    marked = tuple(k for k, row in enumerate(selection.rows) if row is selection.recommended)
+    title = "What identify gives for each"
+    return Section(
+        "candidates",
+        "Candidates",
+        tables=[ReportTable(title, selection.titles, rows, 2, marked=marked)],
+        figures=beside([picture_of(drawing) for drawing in _draw_selection(selection)]),
+        notes=selection.all_notes(),
+    )
+
+
+def _draw_selection(selection: Selection) -> list[Drawing]:
+    sheet = Sheet(CRITERIA)
+    plot_selection(selection, axes=sheet.axes)
+    found = [
+        Drawing(
+            "selection",
+            "Criteria, fits and certainty",
+            "Criteria above the lowest of each, on one set of samples; fits on the samples that "
+            "were fitted and on those that were held out, of several outputs the worst; the least "
+            "certain coefficient. Hollow marks are estimates that are not usable.",
+            sheet.settle(),
+        )
+    ]
+    if selection.hankel is not None:
+        values = Sheet([VALUES])
+        plot_hankel(selection, axes=values.axes[0])
+        found.append(
+            Drawing(
+                "hankel",
+                "Hankel singular values",
+                "Of the parallel model, which has no order of its own: what rises above the shaded "
+                "floor is more than noise, a lower bound of the number of poles.",
+                values.settle(),
+            )
+        )
+    return found
+
+
+# ---------------------------------------------------------------------------------- validation
+def write_validation_report(
+    estimate: Estimate,
+    checked: Validation,
+    record: Record | Sequence[Record],
+    path: str | os.PathLike[str],
+    *,
+    experiment: int | None = None,
+    title: str | None = None,
+    figures: str | os.PathLike[str] | None = None,
+) -> Path:
+    """Write whether an estimate holds on a record.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    checked : Validation
+        Of `estimate` on the record.
+    record : Record or sequence of Record
+        As they were validated.
+    path : path-like
+        File to write.
+    experiment : int, optional
+        As in `validate`.
+    title : str, optional
+        By default the names of the channels.
+    figures : path-like, optional
+        A folder that gets the figures too, as SVG.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    OutputPathError
+        The file cannot be written; nothing is left behind.
+    """
+    records = settled(estimate, record)
+    fits = _fits_of(look(estimate, records, experiment))
+    tests = tests_pictures(checked)
+    verdict = "good" if checked.ok else "caution"
+    page = Page(
+        title or f"Validation of {title_of(checked.output_names, checked.input_names)}",
+        "validation",
+        subtitle_of(records),
+        verdict,
+        _validation_headline(estimate, checked),
+        "" if checked.findings else checked.verdict,
+        "",
+        _validation_numbers(checked),
+        fits,
+        checked.findings,
+        (
+            replace(validation_section(checked, tests), heading="Tests"),
+            model_section(estimate),
+            Section("settings", "Data", settings=record_rows(records)),
+        ),
+    )
+    return write_page(page, path, figures)
+
+
+def _validation_headline(estimate: Estimate, checked: Validation) -> str:
+    where = "the record that was identified" if checked.own else "this record"
+    fits = fits_in_words(checked.output_names, checked.fit.tolist())
+    words = orders_in_words(estimate.structure)
+    head = (
+        f"The model holds on {where}"
+        if checked.ok
+        else f"The model holds on {where}, the noise is another"
+        if checked.model_ok
+        else f"Something speaks against the model on {where}"
+    )
+    return f"{head}: {words} fit {fits}."
+
+
+def _validation_numbers(checked: Validation) -> list[KeyNumber]:
+    names = title_names(checked.output_names)
+    found = [KeyNumber(f"fit of {names}", " / ".join(f"{f:.1f}" for f in checked.fit), "", "%")]
+    if checked.transfer is not None:
+        best = " / ".join(f"{f:.1f}" for f in checked.transfer.expected_fit)
+        found.append(KeyNumber("as good as can be", best, "", "%"))
+    found.append(KeyNumber(f"R2_T of {names}", " / ".join(f"{r:.3f}" for r in checked.r2)))
+    if checked.tests:
+        rejected = sum(test.rejected for test in checked.tests)
+        found.append(KeyNumber("tests that reject", f"{rejected} of {len(checked.tests)}"))
+    return found[:NUMBERS]
