@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from tridentify.judgement.selection import Selection, select_structure
     from tridentify.judgement.validation import Validation, validate
     from tridentify.record.formats.frames import frame_from_record, record_from_frame
-    from tridentify.record.formats.read import list_channels, read_record
+    from tridentify.record.formats.read import list_channels, read_record, read_records
     from tridentify.record.record import Record
     from tridentify.simulate import simulate
     from tridentify.structure import Structure
@@ -89,6 +89,7 @@ __all__ = [
     "list_channels",
     "online",
     "read_record",
+    "read_records",
     "record_from_frame",
     "select_structure",
     "simulate",
@@ -130,6 +131,7 @@ _HOME = {
     "list_channels": "record.formats.read",
     "online": "online",
     "read_record": "record.formats.read",
+    "read_records": "record.formats.read",
     "select_structure": "judgement.selection",
     "record_from_frame": "record.formats.frames",
     "simulate": "simulate",

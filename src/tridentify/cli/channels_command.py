@@ -11,11 +11,11 @@ import numpy as np
 import typer
 
 from tridentify.checks.names import LONGEST_NAME
-from tridentify.cli.load import time_channels
 from tridentify.cli.tables import make_table
 from tridentify.cli.terminal import Activity, show, show_json
 from tridentify.errors import DataError, shown
 from tridentify.numerics.arrays import Array
+from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, OpenFile
 from tridentify.record.formats.read import opened
 from tridentify.writing.layout import short
@@ -103,7 +103,7 @@ def _instants(source: OpenFile, clock: str) -> Array | None:
     try:
         if clock:
             return source.instants(clock)
-        named = [channel for channel in time_channels(source) if not channel.clock]
+        named = time_channels(source)
         if len(named) != 1 or named[0].unit not in SECONDS:
             return None
         return source.read([source.channels.index(named[0])])[0] * SECONDS[named[0].unit]

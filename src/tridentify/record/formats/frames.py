@@ -22,7 +22,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.assemble import Wanted, record_from
+from tridentify.record.formats.assemble import TIME_NAMES, Wanted, record_from
 from tridentify.record.formats.channels import Channel, header_channel
 from tridentify.record.formats.requirements import require
 from tridentify.record.record import Record
@@ -142,7 +142,8 @@ def record_from_frame(
     time : str, optional
         Column of time: numbers [s], or in the unit of its name or of `units`; durations; or dates,
         which count from the first. By default the index of a pandas frame, if that is one of dates
-        or durations; an index that has a name may also be named.
+        or durations or is called ``t`` or ``time``, else the one column that is called so, in any
+        case and with or without a unit in brackets. An index that has a name may also be named.
     dt, inputs, outputs, intersample, units, start, stop
         As in `read_record`.
     name : str
@@ -193,7 +194,7 @@ def _eager(frame: Any, time: str | None, dt: float | None) -> tuple[nw.DataFrame
     if index is None or getattr(index, "nlevels", 1) != 1:
         return table, time
     label = index.name if isinstance(index.name, str) else "index"
-    timed = time is None and dt is None and getattr(index.dtype, "kind", "") in "mM"
+    timed = time is None and dt is None and _is_time(index, label)
     if not timed and (time != label or time in table.columns):
         return table, time
     native: Any = nw.to_native(table)
@@ -201,6 +202,13 @@ def _eager(frame: Any, time: str | None, dt: float | None) -> tuple[nw.DataFrame
         return nw.from_native(native.reset_index(names=label), eager_only=True), label
     except (ValueError, nw.exceptions.NarwhalsError) as error:
         raise _repeated(error) from error
+
+
+def _is_time(index: Any, label: str) -> bool:
+    """Whether an index is one of dates or durations, or of numbers and called t or time."""
+    kind = getattr(index.dtype, "kind", "")
+    called = header_channel(label).name.casefold() in TIME_NAMES
+    return kind in "mM" or (kind in "fiu" and called)
 
 
 def _repeated(error: Exception) -> DuplicateColumnError:
