@@ -15,7 +15,7 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tridentify import online
+    from tridentify import data, online
     from tridentify.errors import (
         ConvergenceError,
         DataError,
@@ -83,6 +83,7 @@ __all__ = [
     "__version__",
     "advise",
     "asymptotic_bias",
+    "data",
     "frame_from_record",
     "frequency_response",
     "identify",
@@ -129,7 +130,6 @@ _HOME = {
     "frequency_response": "judgement.advice",
     "identify": "identify",
     "list_channels": "record.formats.read",
-    "online": "online",
     "read_record": "record.formats.read",
     "read_records": "record.formats.read",
     "select_structure": "judgement.selection",
@@ -139,12 +139,16 @@ _HOME = {
 }
 
 
+_ROOMS = ("data", "online")
+"""Packages that are names of this one, loaded when they are first used."""
+
+
 def __getattr__(name: str) -> Any:
-    home = _HOME.get(name)
+    home = name if name in _ROOMS else _HOME.get(name)
     if home is None:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module = import_module(f"{__name__}.{home}")
-    value = module if home == name == "online" else getattr(module, name)
+    value = module if name in _ROOMS else getattr(module, name)
     globals()[name] = value
     return value
 
@@ -161,7 +165,7 @@ class _Package(ModuleType):
     """
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if name == "online" or not (name in _HOME and isinstance(value, ModuleType)):
+        if not (name in _HOME and isinstance(value, ModuleType)):
             super().__setattr__(name, value)
 
 

@@ -47,29 +47,17 @@ def test_public_name_has_an_example(name: str) -> None:
     assert any(example.want.strip() for example in examples)
 
 
-def write_manoeuvre(path: Path) -> None:
-    """A record of q(s)/elevator(s) = (2 s + 3) / (s^2 + 3 s + 9), 15 s at 50 Hz."""
-    elevator = np.zeros(750)
-    elevator[50:100], elevator[100:150] = 0.05, -0.05
-    model = tridentify.TransferFunction([2.0, 3.0], [1.0, 3.0, 9.0])
-    rest = tridentify.Record(elevator, np.zeros_like(elevator), dt=0.02)
-    q = tridentify.simulate(model, rest)[:, 0]
-    q = q + 2e-4 * np.random.default_rng(7).standard_normal(q.size)
-    rows = np.column_stack([rest.t, elevator, q])
-    np.savetxt(path, rows, delimiter=",", header="t,elevator,q", comments="", fmt="%.9g")
-
-
 def test_readme_examples_run(
     repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     blocks = python_blocks((repository / "README.md").read_text(encoding="utf-8"))
     assert blocks, "the README lost its Python example"
-    write_manoeuvre(tmp_path / "manoeuvre.csv")
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     for block in blocks:
         exec(compile(block, "README.md", "exec"), names)
     estimate = names["estimate"]
     assert isinstance(estimate, tridentify.Estimate)
-    error = np.abs(estimate.theta - np.array([3.0, 9.0, 2.0, 3.0])) / estimate.std
+    # of the aircraft's linearised equations; see src/tridentify/data/README.md
+    error = np.abs(estimate.theta - np.array([2.0423, 12.294, -11.972, -11.961])) / estimate.std
     assert np.all(error < 5.0)
