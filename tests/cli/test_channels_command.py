@@ -39,7 +39,46 @@ def test_channels_are_listed(run, file: Path) -> None:
     outcome = run("channels", file)
     assert outcome.code == 0
     rows = [line.split() for line in outcome.out.splitlines()]
-    assert ["u", "[deg]", "200", "20", "deg"] in rows
+    assert ["u", "[deg]", "deg", "-1", "1", "0", "0"] in rows
+    assert outcome.out.startswith(f"{file.name}: 200 samples, 0 to 9.95 s, every 0.05 s")
+        f"{file.name}:",
+        *["200", "samples,", "0", "to", "9.95", "s,", "every", "0.05"],
+    ]
+
+
+def test_what_is_missing_uneven_or_no_number_is_told(run, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t,mode,u,y [deg]\n0,auto,1,2\n1,man,NA,-3\n2,man,-,-\n4,off,2,7\n")
+    outcome = run("channels", path)
+    assert "unevenly: steps of 1 to 2 s" in " ".join(outcome.out.split())
+    rows = {line.split()[0]: line.split()[1:] for line in outcome.out.splitlines() if line.strip()}
+    assert rows["mode"] == ["no", "numbers"]
+    assert rows["u"] == ["1", "2", "1.5", "2"]
+    assert rows["y"] == ["[deg]", "deg", "-3", "7", "2", "1"]
+    document = json.loads(run("channels", path, "--json").out)
+    assert document["clocks"][0] == {
+        "clock": "", "samples": 4, "start": 0.0, "stop": 4.0, "shortest": 1.0, "longest": 2.0,
+        "step": None,
+    }  # fmt: skip
+    assert document["channels"][1]["mean"] is None
+
+
+def test_channels_of_several_clocks_are_told_apart(run, tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason="needs openpyxl, of tridentify[excel]")
+    book = openpyxl.Workbook()
+    for sheet, step in ((book.active, 0.5), (book.create_sheet("slow"), 2.0)):
+        sheet.append(["t", "u"])
+        for k in range(5):
+            sheet.append([step * k, k])
+    book.save(tmp_path / "two.xlsx")
+    said = " ".join(run("channels", tmp_path / "two.xlsx").out.split())
+    assert "two.xlsx, Sheet: 5 samples, 0 to 2 s, every 0.5 s" in said
+    assert "two.xlsx, slow: 5 samples, 0 to 8 s, every 2 s" in said
+
+
+def test_no_time_is_told(run, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("u,y\n0,1\n1,2\n")
+    assert "2 samples; time unknown" in run("channels", tmp_path / "run.csv").out
 
 
 @pytest.mark.parametrize("columns", [1, 2500])
@@ -55,7 +94,7 @@ def test_names_of_any_length_are_cut_in_the_table(run, tmp_path: Path, columns: 
     assert [entry["name"] for entry in listed] == named
 
 
-def test_channels_as_json(run, file: Path) -> None:
+def test_channels_as_json(run, file: Path, columns) -> None:
     listed = json.loads(run("channels", file, "--json").out)["channels"]
     assert [entry["name"] for entry in listed] == ["time [ms]", "u [deg]", "y [deg/s]"]
     assert listed[2] == {
@@ -63,6 +102,10 @@ def test_channels_as_json(run, file: Path) -> None:
         "unit": "deg/s",
         "clock": "",
         "samples": N,
+        "missing": 0,
+        "minimum": pytest.approx(float(columns["y [deg/s]"].min()), abs=1e-9),
+        "maximum": pytest.approx(float(columns["y [deg/s]"].max()), abs=1e-9),
+        "mean": pytest.approx(float(columns["y [deg/s]"].mean()), abs=1e-9),
         "rate": pytest.approx(20.0),
     }
 
