@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -23,6 +24,10 @@ HELD = {
     "band-limited": "band-limited",
     "auto": "compared as held, joined by lines and band-limited (auto)",
 }
+
+
+_CRITERIA = re.compile(r"(?<=: lowest AICc) \(.*\)| \(of -2 log L: .*\)")
+"""Behind a decision: how much worse the other choices are."""
 
 
 def sampling_text(record: Record) -> str:
@@ -139,10 +144,28 @@ def describe_status(estimate: Estimate) -> str:
     return "\n".join(lines)
 
 
-def describe_notes(estimate: Estimate) -> list[str]:
-    """List what was decided on the way, in one block; nothing if nothing was."""
-    lines = [paragraph(note, "- ") for note in notes(estimate)]
+def describe_notes(estimate: Estimate, *, verbose: bool = False) -> list[str]:
+    """List what was decided on the way, in one block; nothing if nothing was.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    verbose : bool
+        With the criteria of what was not chosen, and why the search ended.
+    """
+    told = notes(estimate) if verbose else _in_short(estimate)
+    lines = [paragraph(note, "- ") for note in told]
     return ["\n".join(lines)] if lines else []
+
+
+def _in_short(estimate: Estimate) -> list[str]:
+    """The notes without what only who looks into the search needs."""
+    twice = "noise coloured (" if estimate.noise_note() else None
+    return [
+        _CRITERIA.sub("", note)
+        for note in notes(estimate)
+        if note != estimate.trace.stopped and not (twice and note.startswith(twice))
+    ]
 
 
 def notes(estimate: Estimate) -> list[str]:
