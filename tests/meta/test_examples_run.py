@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import doctest
 import inspect
+import os
 import re
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -61,3 +64,45 @@ def test_readme_examples_run(
     # of the aircraft's linearised equations; see src/tridentify/data/README.md
     error = np.abs(estimate.theta - np.array([2.0423, 12.294, -11.972, -11.961])) / estimate.std
     assert np.all(error < 5.0)
+
+
+EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
+WRITES = {
+    "first_model.py": ["first_model.html"],
+    "physical_parameters.py": [],
+    "changing_plant.py": ["changing_plant.png"],
+    "jsbsim_short_period.py": ["short_period.csv", "short_period.json"],
+    "result_picture.py": ["result.png"],
+}
+"""What each example leaves in the folder it is given."""
+
+
+@pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.name)
+def test_an_example_runs_from_the_root_and_makes_its_folder(
+    repository: Path, tmp_path: Path, script: Path
+) -> None:
+    if "jsbsim" in script.name:
+        pytest.importorskip("jsbsim", reason="needs jsbsim, of the extra tridentify[jsbsim]")
+    folder = tmp_path / "a" / "new" / "folder"
+    takes = "--out" in script.read_text(encoding="utf-8")
+    given = ["--out", folder] if takes else [folder]
+    before = set(repository.glob("[!.]*"))
+    done = subprocess.run(
+        [sys.executable, script.relative_to(repository), *given], cwd=repository,
+        capture_output=True, text=True, timeout=250, check=False,
+        env={**os.environ, "MPLBACKEND": "Agg"},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+    assert set(repository.glob("[!.]*")) - before == set()
+    found = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    assert found == WRITES[script.name]
+
+
+def test_the_examples_are_listed_the_simplest_one_first(repository: Path) -> None:
+    text = (repository / "examples" / "README.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\| `(\w+\.py)` \|", text, flags=re.MULTILINE)
+    assert listed[0] == "first_model.py"
+    assert sorted(listed) == [path.name for path in EXAMPLES]
+    first = (repository / "examples" / "first_model.py").read_text(encoding="utf-8")
+    assert len([line for line in first.splitlines() if line.strip()]) <= 17

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -24,10 +23,6 @@ HELD = {
     "band-limited": "band-limited",
     "auto": "compared as held, joined by lines and band-limited (auto)",
 }
-
-
-_CRITERIA = re.compile(r"(?<=: lowest AICc) \(.*\)| \(of -2 log L: .*\)")
-"""Behind a decision: how much worse the other choices are."""
 
 
 def sampling_text(record: Record) -> str:
@@ -153,30 +148,8 @@ def describe_notes(estimate: Estimate, *, verbose: bool = False) -> list[str]:
     verbose : bool
         With the criteria of what was not chosen, and why the search ended.
     """
-    told = notes(estimate) if verbose else _in_short(estimate)
-    lines = [paragraph(note, "- ") for note in told]
+    lines = [paragraph(note, "- ") for note in estimate.notes(verbose=verbose)]
     return ["\n".join(lines)] if lines else []
-
-
-def _in_short(estimate: Estimate) -> list[str]:
-    """The notes without what only who looks into the search needs."""
-    twice = "noise coloured (" if estimate.noise_note() else None
-    return [
-        _CRITERIA.sub("", note)
-        for note in notes(estimate)
-        if note != estimate.trace.stopped and not (twice and note.startswith(twice))
-    ]
-
-
-def notes(estimate: Estimate) -> list[str]:
-    """What was decided on the way, and why it stopped."""
-    said = (
-        estimate.noise_note(),
-        estimate.offset_note(),
-        *estimate.trace.decisions,
-        estimate.trace.stopped,
-    )
-    return list(dict.fromkeys(note for note in said if note))
 
 
 def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str, Any]:
@@ -222,7 +195,7 @@ def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str
         "outliers": _outliers(estimate),
         "noise_model": dict(zip(estimate.output_names, estimate.noise_model, strict=True)),
         "model": estimate.model.to_dict(),
-        "decisions": notes(estimate),
+        "decisions": estimate.notes(verbose=True),
     }
 
 
