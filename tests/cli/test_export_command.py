@@ -134,7 +134,7 @@ def plant(noisy, tmp_path):
 DOUBLET = ["doublet", "--dt", 0.05, "--width", 0.5]
 
 
-def test_the_amplitude_is_in_the_unit_of_the_input(run, plant, tmp_path):
+def test_the_amplitude_is_in_the_unit_of_the_input(run, plant, model, tmp_path):
     asked = [*DOUBLET, "--model", plant, "--json"]
     plain = run("excite", *asked)
     assert json.loads(plain.out)["amplitude"] == pytest.approx([np.radians(1.0)])
@@ -146,6 +146,9 @@ def test_the_amplitude_is_in_the_unit_of_the_input(run, plant, tmp_path):
     without = run("excite", *DOUBLET, "--amplitude", "3V", "--out", tmp_path / "plan.csv")
     assert without.code == 0
     assert (tmp_path / "plan.csv").read_text().startswith("t [s],u [V]\n")
+    bare = run("excite", *DOUBLET, "--model", model, "--noise", 0.01, "--amplitude", "1deg")
+    assert bare.code == 2
+    assert "the model states no unit" in " ".join(bare.err.split())
     for text in ("2V", "much", "2e999"):
         refused = run("excite", *asked, "--amplitude", text)
         assert refused.code == 2

@@ -111,6 +111,7 @@ def test_lines_of_title_are_passed_over_and_told(kind: str) -> None:
         check_good(read_record(TITLED[kind].encode(), **ASKED))
     assert len(caught) == 1
     assert "\n" not in str(caught[0].message)
+    assert caught[0].filename == __file__
 
 
 UNTITLED = {

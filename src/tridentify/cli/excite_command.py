@@ -154,7 +154,7 @@ def excite(
 
     plant = None if model is None else read_json(model)
     unit = _unit_of_input(plant)
-    size, stated = _amplitude(amplitude, unit)
+    size, stated = _amplitude(amplitude, unit, free=plant is None)
     wish = Wish(
         dt,
         size,
@@ -206,19 +206,21 @@ def _unit_of_input(plant: Estimate | TransferFunction | None) -> str:
     return units.pop() if len(units) == 1 else ""
 
 
-def _amplitude(text: str | None, unit: str) -> tuple[float, str]:
-    """Read the amplitude in the unit of the input; where that is not known, its own unit holds."""
+def _amplitude(text: str | None, unit: str, *, free: bool) -> tuple[float, str]:
+    """Read the amplitude in the unit of the input; without a plant any unit of its own holds."""
     if text is None:
         return (math.radians(SAID_AMPLITUDE) if unit == "rad" else SAID_AMPLITUDE), unit
     match = re.fullmatch(rf"\s*({NUMBER})\s*(.*?)\s*", text)
     value, own = (math.nan, "") if match is None else (float(match[1]), match[2])
     turned = {("deg", "rad"): math.radians(1.0), ("rad", "deg"): math.degrees(1.0)}
-    factor = 1.0 if not own or not unit or own == unit else turned.get((own, unit), math.nan)
+    same = not own or own == unit or free
+    factor = 1.0 if same else turned.get((own, unit), math.nan)
     if not math.isfinite(value * factor):
         raise OptionError(
             f"found --amplitude {shown(text)}; expected a number"
-            f"{f' in {unit}, the unit of the input' if unit else ' and perhaps a unit'}, such as "
-            f"--amplitude 0.02{unit}; correct it"
+            f"{f' in {unit}, the unit of the input' if unit else ''}, such as "
+            f"--amplitude 0.02{unit}{'' if unit or free else ', since the model states no unit'}; "
+            "correct it"
         )
     return value * factor, unit or own
 

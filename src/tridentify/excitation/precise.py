@@ -378,7 +378,9 @@ def precision(
 
 
 def _percent(ratio: float) -> str:
-    return f"{100.0 * ratio:.3g} %" if math.isfinite(ratio) else "-"
+    if not math.isfinite(ratio):
+        return "-"
+    return f"{100.0 * ratio:.3g} %" if ratio <= 1.0 else "> 100 %"
 
 
 def _records(plans: Plan | Sequence[Plan]) -> list[Record]:

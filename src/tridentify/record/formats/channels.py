@@ -48,6 +48,10 @@ SECONDS = {
 """Units of time, as the formats write them [s]."""
 
 
+CALLER = 6
+"""Frames from where an open file warns to the line that called `read_record`."""
+
+
 @dataclass(frozen=True)
 class Channel:
     """A channel of a file.

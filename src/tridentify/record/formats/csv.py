@@ -14,7 +14,7 @@ from pathlib import Path
 
 from tridentify.errors import DataWarning, shown
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import Channel, header_channel
+from tridentify.record.formats.channels import CALLER, Channel, header_channel
 from tridentify.record.formats.text_table import TextTable, open_table, read_columns
 
 __all__ = ["TextFile"]
@@ -45,7 +45,7 @@ class TextFile:
             )
         )
         if self._table.titles:
-            warnings.warn(_passed_over(self._table), DataWarning, stacklevel=2)
+            warnings.warn(_passed_over(self._table), DataWarning, stacklevel=CALLER)
 
     def read(self, indices: Sequence[int]) -> list[Array]:
         """Give columns as numbers, nan for a blank cell."""

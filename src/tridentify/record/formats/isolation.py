@@ -37,7 +37,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import Channel
+from tridentify.record.formats.channels import CALLER, Channel
 
 __all__ = ["IsolatedFile"]
 
@@ -159,7 +159,7 @@ class IsolatedFile:
             )
             self.channels = tuple(Channel(**entry) for entry in answer["channels"])
             for text in answer["said"]:
-                warnings.warn(str(text), DataWarning, stacklevel=2)
+                warnings.warn(str(text), DataWarning, stacklevel=CALLER)
         except BaseException:
             self.close()
             raise
