@@ -119,6 +119,24 @@ def test_identify_takes_the_file_and_its_units(run, file: Path) -> None:
     assert (found["a0"]["unit"], found["b0"]["unit"]) == ("1/s", "1/s^2")
 
 
+def test_identify_takes_a_workbook_and_tells_its_title(run, columns, tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason="needs openpyxl, of tridentify[excel]")
+    book = openpyxl.Workbook()
+    for row in (
+        ["Bench 3"],
+        list(columns),
+        *zip(*(v.tolist() for v in columns.values()), strict=True),
+    ):
+        book.active.append(list(row))
+    book.save(tmp_path / "run.xlsx")
+    asked = ["--input", "u", "--output", "y", "--poles", "1", "--zeros", "0", "--json"]
+    outcome = run("identify", tmp_path / "run.xlsx", *asked)
+    assert outcome.code == 0, outcome.err
+    assert "warning: found a line above the header of 'run.xlsx' ('Bench 3')" in outcome.err
+    found = {item["name"]: item for item in json.loads(outcome.out)["parameters"]}
+    assert found["a0"]["value"] == pytest.approx(1.0, rel=1e-4)
+
+
 def test_a_format_with_a_time_of_its_own_needs_no_time(run, columns, tmp_path: Path) -> None:
     from scipy import io
 

@@ -75,8 +75,8 @@ Files = Annotated[
     list[Path],
     typer.Argument(
         metavar="FILE",
-        help="CSV, Parquet, Feather, NPZ, MATLAB, ULog or MDF4; several are several experiments "
-        "of one model.",
+        help="CSV, Excel, Parquet, Feather, NPZ, MATLAB, ULog or MDF4; several are several "
+        "experiments of one model.",
     ),
 ]
 Inputs = Annotated[

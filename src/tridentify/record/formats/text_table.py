@@ -41,6 +41,7 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.cells import (
+    SEPARATORS,
     Numbers,
     all_numbers,
     has_decimal_comma,
@@ -347,7 +348,8 @@ def _opening(file: Path, encoding: str) -> _Opening:
     place = header_place(lines)
     if not found:
         return _Opening(",", number, comment)
-    titles = tuple(line.strip() for line in lines[:place])
+    # a workbook fills a title up to the width of the table
+    titles = tuple(line.strip().strip(SEPARATORS) for line in lines[:place])
     return _Opening(best_separator(lines[place]), found[place][1], comment, titles)
 
 
