@@ -119,6 +119,7 @@ UNTITLED = {
     "text elsewhere": "t,mode,u,y\n0,auto,1,2\n0.5,auto,4,5\n1,man,7,8\n",
     "the first sample missing": "t,u,y,z\n0,1,2,\n0.5,4,5,\n1,7,8,3\n",
     "numbers as names": "t,u,y,1\n0,1,2,\n0.5,4,5,\n1,7,8,3\n",
+    "a name in two lines": 't,u,y,"z\n[deg]"\n0,1,2,3\n0.5,4,5,3\n1,7,8,3\n',
     "two rows of text": "t,u,y,z\n0,1,2,off\n0.5,4,5,off\n1,7,8,on\n",
 }
 

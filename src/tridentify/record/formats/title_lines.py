@@ -16,6 +16,8 @@ from tridentify.record.formats.cells import SEPARATORS, is_value, unit_cells
 
 __all__ = ["best_separator", "header_place"]
 
+_UNCLOSED = re.compile(r'(?:^|[,;\t|])\s*"')
+
 LOOKED_AT = 64
 """Lines in which a header is looked for: four times the longest preamble seen in exported logs."""
 
@@ -54,6 +56,8 @@ def header_place(lines: Sequence[str]) -> int:
     1
     """
     for place, line in enumerate(lines):
+        if _UNCLOSED.search(line) and line.count('"') % 2:
+            break  # a cell that goes on in the next line
         separator = best_separator(line)
         cells, *below = (_cells(text, separator) for text in lines[place : place + AGREEING + 2])
         values = [is_value(cell) for cell in cells if cell]
