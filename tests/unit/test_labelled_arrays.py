@@ -94,6 +94,8 @@ TIMED = {
     "a column t": FRAME.assign(t=T),
     "a column Time [ms]": FRAME.assign(**{"Time [ms]": [1000 * t for t in T]}),
     "a column of dates": FRAME.assign(time=[START + s for s in STEPS]),
+    "a column of dates as text": FRAME.assign(t=[f"2026-11-22 10:00:0{t}" for t in T]),
+    "polars, times of day as text": pl.DataFrame({**COLUMNS, "t": [f"10:00:0{t}" for t in T]}),
     "an index t": FRAME.set_index(pd.Index(T, name="t")),
     "an index time [min]": FRAME.set_index(pd.Index([t / 60 for t in T], name="time [min]")),
     "an index of dates": FRAME.set_index(CLOCKS["pandas index"]),
@@ -116,6 +118,20 @@ def test_two_columns_of_time_are_refused_and_one_may_be_named() -> None:
     with pytest.raises(errors.SamplingError, match=r"'t' and 'time'.*name the column of time"):
         record_from_frame(both, **ASKED)
     assert record_from_frame(both, time="t", **ASKED).dt == 0.5
+
+
+def test_a_date_as_text_that_is_none_is_refused_with_its_row() -> None:
+    mixed = FRAME.assign(t=["10:00:00", "10:00:01", "later", "10:00:03"])
+    with pytest.raises(errors.TextInColumnError, match="'later' in column 't', row 2"):
+        record_from_frame(mixed, **ASKED)
+    with pytest.raises(errors.TextInColumnError, match="found String in column 't'"):
+        record_from_frame(FRAME.assign(t=["a", "b", "c", "d"]), **ASKED)
+
+
+def test_columns_that_may_hold_nothing_are_read() -> None:
+    frame = pd.DataFrame({"t": T, "u": [1, 2, 3, 4], "q": [1.0, None, 2.0, 3.0]}).convert_dtypes()
+    for record in (record_from_frame(frame, **ASKED), Record(frame["u"], frame["q"], t=frame["t"])):
+        np.testing.assert_array_equal(record.y[:, 0], [1.0, np.nan, 2.0, 3.0])
 
 
 def test_a_plain_index_is_no_time() -> None:

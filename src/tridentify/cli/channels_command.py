@@ -74,13 +74,14 @@ def described(source: OpenFile) -> tuple[dict[str, ClockSummary], list[ChannelSu
     """
     clocks = clock_summaries(source)
     if len(source.channels) > MANY:
-        return clocks, [ChannelSummary(c, c.samples) for c in source.channels]
+        return clocks, [ChannelSummary(c, False, c.samples) for c in source.channels]
     return clocks, channel_summaries(source)
 
 
 def _document(item: ChannelSummary, clock: ClockSummary | None) -> dict[str, Any]:
     numbers = asdict(item)
     channel: Mapping[str, Any] = numbers.pop("channel")
+    del numbers["tried"]
     known = {"name": channel["header"], "unit": channel["unit"], "clock": channel["clock"]}
     if item.samples is None and clock is not None:
         numbers["samples"] = clock.samples
@@ -96,7 +97,7 @@ def _blocks(
     head = f"{_plain(file)}{f', {_plain(name)}' if name else ''}: {_timing(clock, items)}"
     counted = len({item.samples for item in items if item.samples is not None}) > 1
     many = len(items) > MANY
-    rows = [_row(item, counted, many) for item in items]
+    rows = [_row(item, counted) for item in items]
     titles = (*TITLES, "samples") if counted else TITLES
     table = _plain_table([titles, *rows]) if many else make_table(titles, [rows])
     return paragraph(head, rest="  "), table
@@ -116,10 +117,10 @@ def _timing(clock: ClockSummary | None, items: Sequence[ChannelSummary]) -> str:
     )
 
 
-def _row(item: ChannelSummary, counted: bool, many: bool) -> tuple[str, ...]:
+def _row(item: ChannelSummary, counted: bool) -> tuple[str, ...]:
     numbers = [_text(value) for value in (item.minimum, item.maximum, item.mean)]
-    if item.missing is None and not many:
-        numbers[0] = "no numbers"
+    if item.missing is None:
+        numbers[0] = "no numbers" if item.tried else "not read"
     missing = "" if item.missing is None else f"{item.missing:,}"
     samples = ["" if item.samples is None else f"{item.samples:,}"] if counted else []
     return (_plain(item.channel.header), _plain(item.channel.unit), *numbers, missing, *samples)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,6 +18,10 @@ from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 __all__ = ["ChannelSummary", "ClockSummary", "channel_summaries", "clock_summaries"]
 
 
+PATIENCE = 20.0
+"""Time for the channels of a file [s]: a table of many columns of text would take hours."""
+
+
 @dataclass(frozen=True)
 class ChannelSummary:
     """A channel in numbers; None where it holds no numbers or was not read.
@@ -24,12 +29,15 @@ class ChannelSummary:
     Attributes
     ----------
     channel : Channel
+    tried : bool
+        Whether it was read, or would have been but for what it holds.
     samples, missing : int or None
     minimum, maximum, mean : float or None
         Of the samples that are finite.
     """
 
     channel: Channel
+    tried: bool = False
     samples: int | None = None
     missing: int | None = None
     minimum: float | None = None
@@ -68,46 +76,63 @@ class ClockSummary:
         return (self.samples - 1) / (self.stop - self.start)
 
 
-def channel_summaries(source: OpenFile) -> list[ChannelSummary]:
+def channel_summaries(source: OpenFile, patience: float = PATIENCE) -> list[ChannelSummary]:
     """Read all channels of an open file and sum them up.
 
     Parameters
     ----------
     source : OpenFile
+    patience : float
+        Time after which no further reading is begun [s].
 
     Returns
     -------
     list of ChannelSummary
         In the order of the file; what cannot be read as numbers has none.
     """
-    read = _readable(source, range(len(source.channels)))
-    return [_summed_up(channel, read.get(k)) for k, channel in enumerate(source.channels)]
+    end = time.monotonic() + patience
+    read = _readable(source, range(len(source.channels)), end)
+    return [
+        _summed_up(channel, read[k])
+        if k in read
+        else ChannelSummary(channel, False, channel.samples)
+        for k, channel in enumerate(source.channels)
+    ]
 
 
-def _readable(source: OpenFile, indices: Sequence[int]) -> dict[int, Array]:
-    """Samples of the channels that hold numbers, found by halving where one of several does not."""
+def _readable(source: OpenFile, indices: Sequence[int], end: float) -> dict[int, Array | None]:
+    """Samples of channels, None for what is no number; found by halving where one of several is.
+
+    Every half costs a reading, in a table of text one of the whole file, so nothing is begun when
+    the time is over.
+    """
+    if not indices or time.monotonic() > end:
+        return {}
     try:
-        return dict(zip(indices, source.read(list(indices)), strict=True)) if indices else {}
+        return dict(zip(indices, source.read(list(indices)), strict=True))
     except DataError:
         if len(indices) == 1:
-            return {}
+            return {indices[0]: None}
     middle = len(indices) // 2
-    return _readable(source, indices[:middle]) | _readable(source, indices[middle:])
+    return _readable(source, indices[:middle], end) | _readable(source, indices[middle:], end)
+
+
+def _unread(channel: Channel) -> ChannelSummary:
+    return ChannelSummary(channel, samples=channel.samples)
 
 
 def _summed_up(channel: Channel, values: Array | None) -> ChannelSummary:
     if values is None:
-        return ChannelSummary(channel, channel.samples)
+        return ChannelSummary(channel, True, channel.samples)
     finite = values[np.isfinite(values)]
     missing = len(values) - len(finite)
     if not len(finite):
-        return ChannelSummary(channel, len(values), missing)
+        return ChannelSummary(channel, True, len(values), missing)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # a sum beyond any float is told as inf
         mean = float(finite.mean())
-    return ChannelSummary(
-        channel, len(values), missing, float(finite.min()), float(finite.max()), mean
-    )
+    low, high = float(finite.min()), float(finite.max())
+    return ChannelSummary(channel, True, len(values), missing, low, high, mean)
 
 
 def clock_summaries(source: OpenFile) -> dict[str, ClockSummary]:
@@ -124,19 +149,19 @@ def clock_summaries(source: OpenFile) -> dict[str, ClockSummary]:
     """
     found = {}
     for clock in dict.fromkeys(channel.clock for channel in source.channels):
-        time = _instants(source, clock)
-        if time is None or len(time) < 2 or not np.isfinite(time).all():
+        t = _instants(source, clock)
+        if t is None or len(t) < 2 or not np.isfinite(t).all():
             continue
-        steps = np.diff(time)
+        steps = np.diff(t)
         if steps.min() > 0.0:
             found[clock] = ClockSummary(
                 clock,
-                len(time),
-                float(time[0]),
-                float(time[-1]),
+                len(t),
+                float(t[0]),
+                float(t[-1]),
                 float(steps.min()),
                 float(steps.max()),
-                uniform_step(time),
+                uniform_step(t),
             )
     return found
 
