@@ -97,6 +97,14 @@ def test_roll_that_is_left_out_contradicts_the_map() -> None:
     assert rolling.p_value < 1e-9
 
 
+def test_first_order_with_dead_time_says_what_its_coefficients_say() -> None:
+    found = estimate_physical(first_order_dead_time(), heated(0))
+    np.testing.assert_allclose(found.theta, found.estimate.theta, rtol=1e-7)
+    # samples before the dead time is over count for one of the two only
+    np.testing.assert_allclose(found.fit, found.estimate.fit, atol=0.05)
+    assert not found.notes
+
+
 def test_another_surface_is_refused() -> None:
     with pytest.raises(OptionError, match="found control='flap'; expected 'rudder' or 'aileron'"):
         dutch_roll(control="flap")  # type: ignore[arg-type]
