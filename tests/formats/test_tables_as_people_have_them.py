@@ -114,6 +114,22 @@ def test_lines_of_title_are_passed_over_and_told(kind: str) -> None:
     assert caught[0].filename == __file__
 
 
+LOGGED = {
+    "Logger v1.2; serial 123\r\nStart: 2026-01-02 10:00:00\r\n\r\nTime;Temp;Heater\r\n"
+    "[s];[degC];[%]\r\n0,0;20,5;0\r\n1,0;20,6;50\r\n2,0;21,0;50\r\n": ("Time", "Temp", "Heater"),
+    "LabVIEW Measurement\t\nWriter_Version\t2\nX_Value\tVoltage\tCurrent\n"
+    "0.000000\t0.1\t0.2\n0.001\t0.2\t0.2\n": ("X_Value", "Voltage", "Current"),
+    '"Model","DSO"\n"Rate","1000"\n"TIME","CH1","CH2"\n0,1,2\n1,2,3\n': ("TIME", "CH1", "CH2"),
+}
+
+
+@pytest.mark.parametrize(("text", "names"), LOGGED.items(), ids=["semicolons", "tabs", "quotes"])
+def test_what_loggers_put_above_their_tables(text: str, names) -> None:
+    with pytest.warns(errors.DataWarning, match="found 2 lines above the header"):
+        found = list_channels(text.encode())
+    assert tuple(channel.name for channel in found) == names
+
+
 UNTITLED = {
     "an index without a name": ",t,u,y\n0,0,1,2\n1,0.5,4,5\n2,1,7,8\n",
     "text elsewhere": "t,mode,u,y\n0,auto,1,2\n0.5,auto,4,5\n1,man,7,8\n",
