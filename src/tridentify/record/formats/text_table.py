@@ -331,12 +331,14 @@ def _opening(file: Path, encoding: str) -> _Opening:
                 line = stream.readline(LONGEST_ROW)
                 _check_row(file, len(line), number)
                 text = line.strip()
-                if line and (not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text)):
+                if not line:
+                    break
+                if not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text):
                     above = text.startswith(COMMENTS) and not found
                     comment = text.lstrip("#% ") if above else comment
                     continue
                 found.append((line.rstrip("\r\n"), number))
-                if not line or len(line) > _LONGEST_TITLE or len(found) == LOOKED_AT:
+                if len(line) > _LONGEST_TITLE or len(found) == LOOKED_AT:
                     break
     except UnreadableFileError:
         raise
