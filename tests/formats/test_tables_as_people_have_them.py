@@ -150,6 +150,8 @@ def test_nothing_is_told_of_a_table_that_begins_at_once(kind: str) -> None:
 def test_a_ragged_table_is_told_as_such_and_no_row_is_taken_for_a_header() -> None:
     with pytest.raises(errors.RaggedRowError, match="2 cells in line 2"):
         read_record(b"t,u,y\n0,1\n0,1,err\n1,2,3\n2,3,4\n3,4,5\n", **ASKED)
+    with pytest.raises(errors.RaggedRowError, match="1 cells in line 2"):
+        read_record(b"t,u,y\nfault\n0\n", **ASKED)
 
 
 # ---------------------------------------------------------------------------------- dates, missing

@@ -6,6 +6,7 @@ import os
 import string
 import tempfile
 import tracemalloc
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -335,7 +336,9 @@ def same(content: bytes, **options: object):
 def attempt(content: bytes) -> Record | str:
     """The record, or the message of the refusal."""
     try:
-        return same(content)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", errors.DataWarning)  # what may be a title is told
+            return same(content)
     except errors.DataError as error:
         return str(error)
 

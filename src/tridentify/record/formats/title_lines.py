@@ -64,7 +64,7 @@ def header_place(lines: Sequence[str]) -> int:
         if all(values):
             if len(values) > 1:
                 break  # the table has begun
-        elif (place == 0 or not any(values)) and _heads(cells, below):
+        elif (place == 0 or (len(values) > 1 and not any(values))) and _heads(cells, below):
             return place
     return 0
 
