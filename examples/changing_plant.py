@@ -117,7 +117,8 @@ def tell(estimate_time: float, estimate: object) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--out", type=Path, default=Path(), help="folder of changing_plant.png")
+    folder = Path("build/examples")
+    parser.add_argument("--out", type=Path, default=folder, help="folder of changing_plant.png")
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
     u, q = fly(given.seed)
@@ -146,6 +147,7 @@ def main() -> None:
     )
     run = online.run(method, record, structure)
     axes = plot_trajectory(run, coefficients(run.time))
+    given.out.mkdir(parents=True, exist_ok=True)
     axes.savefig(given.out / "changing_plant.png", dpi=130)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from importlib.resources import as_file, files
 from pathlib import Path
 
 import matplotlib
@@ -11,7 +10,8 @@ import matplotlib
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 
-from tridentify import Structure, frequency_response, identify, read_record
+from tridentify import Structure, frequency_response, identify
+from tridentify.data import short_period
 from tridentify.plots import plot_bode, plot_fit
 
 
@@ -20,9 +20,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, default=Path("docs/static"), help="folder")
     folder = parser.parse_args().out
-    with as_file(files("tridentify") / "data" / "short_period.csv") as path:
-        units = {"delta_e": "rad", "q": "rad/s"}
-        record = read_record(path, time="t", inputs=["delta_e"], outputs=["q"], units=units)
+    folder.mkdir(parents=True, exist_ok=True)
+    record = short_period().select(outputs=["q"])
     estimate = identify(record, Structure(poles=2, zeros=1))
     figure = plt.figure(figsize=(10.0, 4.2), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=[1.15, 1.0])

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     # report, which asks here for the version, is a room too
-    from tridentify import excitation, export, online, physical, plots, studies, uncertainty
+    from tridentify import data, excitation, export, online, physical, plots, studies, uncertainty
     from tridentify.errors import (
         ConvergenceError,
         DataError,
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from tridentify.judgement.selection import Selection, select_structure
     from tridentify.judgement.validation import Validation, validate
     from tridentify.record.formats.frames import frame_from_record, record_from_frame
-    from tridentify.record.formats.read import list_channels, read_record
+    from tridentify.record.formats.read import list_channels, read_record, read_records
     from tridentify.record.record import Record
     from tridentify.simulate import simulate
     from tridentify.structure import Structure
@@ -87,6 +87,7 @@ __all__ = [
     "advise",
     "asymptotic_bias",
     "compare",
+    "data",
     "excitation",
     "export",
     "frame_from_record",
@@ -97,6 +98,7 @@ __all__ = [
     "physical",
     "plots",
     "read_record",
+    "read_records",
     "record_from_frame",
     "report",
     "select_structure",
@@ -142,6 +144,7 @@ _HOME = {
     "identify": "identify",
     "list_channels": "record.formats.read",
     "read_record": "record.formats.read",
+    "read_records": "record.formats.read",
     "select_structure": "judgement.selection",
     "record_from_frame": "record.formats.frames",
     "simulate": "simulate",
@@ -149,7 +152,17 @@ _HOME = {
 }
 
 _ROOMS = frozenset(
-    ("excitation", "export", "online", "physical", "plots", "report", "studies", "uncertainty")
+    (
+        "data",
+        "excitation",
+        "export",
+        "online",
+        "physical",
+        "plots",
+        "report",
+        "studies",
+        "uncertainty",
+    )
 )
 """Rooms that are reached from here: ``tridentify.plots`` needs no import of its own."""
 

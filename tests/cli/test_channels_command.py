@@ -9,6 +9,8 @@ import numpy as np
 import polars as pl
 import pytest
 
+from tridentify.record.formats import summary
+
 N = 200
 
 
@@ -39,7 +41,52 @@ def test_channels_are_listed(run, file: Path) -> None:
     outcome = run("channels", file)
     assert outcome.code == 0
     rows = [line.split() for line in outcome.out.splitlines()]
-    assert ["u", "[deg]", "200", "20", "deg"] in rows
+    assert ["u", "[deg]", "deg", "-1", "1", "0", "0"] in rows
+    assert outcome.out.startswith(f"{file.name}: 200 samples, 0 to 9.95 s, every 0.05 s")
+
+
+def test_what_is_missing_uneven_or_no_number_is_told(run, tmp_path: Path) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t,mode,u,y [deg]\n0,auto,1,2\n1,man,NA,-3\n2,man,-,-\n4,off,2,7\n")
+    outcome = run("channels", path)
+    assert "unevenly: steps of 1 to 2 s" in " ".join(outcome.out.split())
+    rows = {line.split()[0]: line.split()[1:] for line in outcome.out.splitlines() if line.strip()}
+    assert rows["mode"] == ["no", "numbers"]
+    assert rows["u"] == ["1", "2", "1.5", "2"]
+    assert rows["y"] == ["[deg]", "deg", "-3", "7", "2", "1"]
+    document = json.loads(run("channels", path, "--json").out)
+    assert document["clocks"][0] == {
+        "clock": "", "samples": 4, "start": 0.0, "stop": 4.0, "shortest": 1.0, "longest": 2.0,
+        "step": None,
+    }  # fmt: skip
+    assert document["channels"][1]["mean"] is None
+
+
+def test_what_there_was_no_time_for_is_told(run, tmp_path: Path, monkeypatch) -> None:
+    path = tmp_path / "run.csv"
+    path.write_text("t,mode,u\n0,auto,1\n1,man,2\n")
+    monkeypatch.setattr(summary.channel_summaries, "__defaults__", (-1.0,))
+    rows = [line.split() for line in run("channels", path).out.splitlines()]
+    assert ["u", "not", "read"] in rows
+    assert "2 samples, 0 to 1 s" in run("channels", path).out
+
+
+def test_channels_of_several_clocks_are_told_apart(run, tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason="needs openpyxl, of tridentify[excel]")
+    book = openpyxl.Workbook()
+    for sheet, step in ((book.active, 0.5), (book.create_sheet("slow"), 2.0)):
+        sheet.append(["t", "u"])
+        for k in range(5):
+            sheet.append([step * k, k])
+    book.save(tmp_path / "two.xlsx")
+    said = " ".join(run("channels", tmp_path / "two.xlsx").out.split())
+    assert "two.xlsx, Sheet: 5 samples, 0 to 2 s, every 0.5 s" in said
+    assert "two.xlsx, slow: 5 samples, 0 to 8 s, every 2 s" in said
+
+
+def test_no_time_is_told(run, tmp_path: Path) -> None:
+    (tmp_path / "run.csv").write_text("u,y\n0,1\n1,2\n")
+    assert "2 samples; time unknown" in run("channels", tmp_path / "run.csv").out
 
 
 @pytest.mark.parametrize("columns", [1, 2500])
@@ -55,7 +102,7 @@ def test_names_of_any_length_are_cut_in_the_table(run, tmp_path: Path, columns: 
     assert [entry["name"] for entry in listed] == named
 
 
-def test_channels_as_json(run, file: Path) -> None:
+def test_channels_as_json(run, file: Path, columns) -> None:
     listed = json.loads(run("channels", file, "--json").out)["channels"]
     assert [entry["name"] for entry in listed] == ["time [ms]", "u [deg]", "y [deg/s]"]
     assert listed[2] == {
@@ -63,6 +110,10 @@ def test_channels_as_json(run, file: Path) -> None:
         "unit": "deg/s",
         "clock": "",
         "samples": N,
+        "missing": 0,
+        "minimum": pytest.approx(float(columns["y [deg/s]"].min()), abs=1e-9),
+        "maximum": pytest.approx(float(columns["y [deg/s]"].max()), abs=1e-9),
+        "mean": pytest.approx(float(columns["y [deg/s]"].mean()), abs=1e-9),
         "rate": pytest.approx(20.0),
     }
 
@@ -77,6 +128,24 @@ def test_identify_takes_the_file_and_its_units(run, file: Path) -> None:
     found = {item["name"]: item for item in json.loads(outcome.out)["parameters"]}
     assert found["a0"]["value"] == pytest.approx(1.0, rel=1e-4)
     assert (found["a0"]["unit"], found["b0"]["unit"]) == ("1/s", "1/s^2")
+
+
+def test_identify_takes_a_workbook_and_tells_its_title(run, columns, tmp_path: Path) -> None:
+    openpyxl = pytest.importorskip("openpyxl", reason="needs openpyxl, of tridentify[excel]")
+    book = openpyxl.Workbook()
+    for row in (
+        ["Bench 3"],
+        list(columns),
+        *zip(*(v.tolist() for v in columns.values()), strict=True),
+    ):
+        book.active.append(list(row))
+    book.save(tmp_path / "run.xlsx")
+    asked = ["--input", "u", "--output", "y", "--poles", "1", "--zeros", "0", "--json"]
+    outcome = run("identify", tmp_path / "run.xlsx", *asked)
+    assert outcome.code == 0, outcome.err
+    assert "warning: found a line above the header of 'run.xlsx' ('Bench 3')" in outcome.err
+    found = {item["name"]: item for item in json.loads(outcome.out)["parameters"]}
+    assert found["a0"]["value"] == pytest.approx(1.0, rel=1e-4)
 
 
 def test_a_format_with_a_time_of_its_own_needs_no_time(run, columns, tmp_path: Path) -> None:

@@ -123,6 +123,79 @@ def test_a_plan_for_a_model_has_the_names_and_units_of_its_inputs(run, noisy, tm
     assert path.read_text().startswith("t [s],de [deg]\n")
 
 
+@pytest.fixture
+def plant(noisy, tmp_path):
+    """A saved estimate of which the input is in radians."""
+    units = {"elevator": "rad", "q": "rad/s"}
+    record = read_record(noisy, inputs=["elevator"], outputs=["q"], units=units)
+    return identify(record, Structure(2, 1), OutputError()).save(tmp_path / "model.json")
+
+
+DOUBLET = ["doublet", "--dt", 0.05, "--width", 0.5]
+
+
+def test_the_amplitude_is_in_the_unit_of_the_input(run, plant, model, tmp_path):
+    asked = [*DOUBLET, "--model", plant, "--json"]
+    plain = run("excite", *asked)
+    assert json.loads(plain.out)["amplitude"] == pytest.approx([np.radians(1.0)])
+    assert "--amplitude is not stated: 0.01745 rad is taken" in plain.err
+    for text, expected in (("2deg", np.radians(2.0)), ("0.03", 0.03), ("0.03 rad", 0.03)):
+        found = run("excite", *asked, "--amplitude", text)
+        assert json.loads(found.out)["amplitude"] == pytest.approx([expected])
+        assert "not stated" not in found.err
+    without = run("excite", *DOUBLET, "--amplitude", "3V", "--out", tmp_path / "plan.csv")
+    assert without.code == 0
+    assert (tmp_path / "plan.csv").read_text().startswith("t [s],u [V]\n")
+    bare = run("excite", *DOUBLET, "--model", model, "--noise", 0.01, "--amplitude", "1deg")
+    assert bare.code == 2
+    assert "the model states no unit" in " ".join(bare.err.split())
+    for text in ("2V", "much", "2e999"):
+        refused = run("excite", *asked, "--amplitude", text)
+        assert refused.code == 2
+        assert "in rad, the unit of the input" in " ".join(refused.err.split())
+
+
+def test_pulses_begin_and_end_at_rest_unless_it_is_said_otherwise(run, tmp_path):
+    def made(*options):
+        assert run("excite", *options, "--out", tmp_path / "plan.csv").code == 0
+        return np.genfromtxt(tmp_path / "plan.csv", delimiter=",", skip_header=1)[:, 1]
+
+    pulses = np.flatnonzero(made(*DOUBLET))
+    assert (pulses[0], pulses.size) == (10, 20)
+    assert len(made(*DOUBLET)) == 10 + 20 + 70
+    assert len(made(*DOUBLET, "--lead", 0, "--tail", 1)) == 20 + 20
+    swept = made("chirp", "--dt", 0.05, "--duration", 5, "--band", "1,9", "--lead", 1, "--tail", 2)
+    assert not swept[:20].any()
+    assert not swept[-40:].any()
+    assert len(swept) == 20 + 100 + 40
+
+
+def test_noise_may_differ_between_outputs(run, tmp_path, clean, write_table):
+    rng = np.random.default_rng(5)
+    both = {"t": clean["t"], "elevator": clean["elevator"]}
+    both |= {name: clean["q"] + 1e-3 * rng.standard_normal(len(clean["q"])) for name in ("q", "r")}
+    record = read_record(write_table("both.csv", both), inputs=["elevator"], outputs=["q", "r"])
+    saved = identify(record, Structure(2, 1), OutputError()).save(tmp_path / "model.json")
+
+    def noise(*options):
+        found = run("excite", *DOUBLET, "--model", saved, "--json", *options)
+        assert found.code == 0, found.err
+        return json.loads(found.out)["precision"]["noise_std"]
+
+    own = noise()
+    assert noise("--noise", 0.5) == [0.5, 0.5]
+    assert noise("--noise", 0.5, "--noise", 0.25) == [0.5, 0.25]
+    assert noise("--noise", "r=0.25") == pytest.approx([own[0], 0.25])
+    for wrong in (["--noise", "p=1"], ["--noise", "a"], ["--noise", "q=1", "--noise", "q=2"]):
+        assert run("excite", *DOUBLET, "--model", saved, *wrong).code == 2
+
+
+def test_no_two_columns_of_the_plan_are_alike(run, plant):
+    told = run("excite", *DOUBLET, "--model", plant).out
+    assert "95 % of draws" not in told
+    assert "relative" in told
+
+
 def test_the_optimal_input_for_a_saved_model(run, model):
     options = ["--model", model, "--noise", 0.01, "--coefficient", "a0", "--json"]
     several = json.loads(run("excite", "optimal", "--dt", 0.05, *options).out)

@@ -64,9 +64,37 @@ def test_the_tables_show_what_json_says(run, noisy, question):
         assert high - low == pytest.approx(2 * 1.959964 * item["std"], rel=1e-5)
     (fit,) = document["fit"]
     assert float(rows["q"][1]) == pytest.approx(fit["fit"], abs=0.01)
-    for note in document["decisions"]:
-        assert note in " ".join(outcome.out.split())
     assert document["status"]["message"] in outcome.out
+    in_full = " ".join(run("identify", noisy, *question, "--verbose").out.split())
+    for note in document["decisions"]:
+        assert note in in_full
+    assert "no offset" not in outcome.out  # what was not chosen, and by how much
+    assert "-2 log L" not in outcome.out
+    assert "lowest AICc" in outcome.out
+
+
+def test_no_line_of_progress_comes_twice_and_counts_come_every_other_second(
+    run, noisy, question, capsys, monkeypatch
+):
+    lines = run("identify", noisy, *question).err.splitlines()
+    assert len(lines) > 3
+    assert len(set(lines)) == len(lines)
+    now = [0.0]
+    monkeypatch.setattr(terminal.time, "monotonic", lambda: now[0])
+    with terminal.Activity() as activity:
+        for k in range(1, 31):
+            now[0] += 0.3
+            activity.stage("the same as before")
+            activity.stage(f"candidates: {k} of 30 done")
+    assert [line.partition(": ")[2] for line in capsys.readouterr().err.splitlines()] == [
+        "the same as before",
+        "candidates: 1 of 30 done",
+        "candidates: 8 of 30 done (after 2 s)",
+        "candidates: 15 of 30 done (after 4 s)",
+        "candidates: 22 of 30 done (after 7 s)",
+        "candidates: 29 of 30 done (after 9 s)",
+        "candidates: 30 of 30 done (after 9 s)",
+    ]
 
 
 def test_a_noisy_record_is_answered_within_its_own_standard_errors(run, noisy, question):

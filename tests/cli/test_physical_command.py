@@ -14,6 +14,7 @@ from tridentify import Record, simulate
 from tridentify.physical import (
     PhysicalEstimate,
     PhysicalModel,
+    first_order_dead_time,
     mass_spring_damper,
     rc_circuit,
     rcrc_circuit,
@@ -199,6 +200,35 @@ CASES = {
         "identify --delay free",
     ),
 }
+
+
+def test_a_channel_may_be_named_with_its_column(run, write_table):
+    raw = columns(short_period(), AIRCRAFT, 0.02)
+    path = write_table("raw.csv", {"t": raw["t"], "u=1": raw["elevator"], "y_q": raw["q"],
+                                   "alpha": raw["alpha"], "q": -raw["q"]})  # fmt: skip
+    asked = ["--model", "short-period", "--input", "elevator=u=1", "--output", "q=y_q"]
+    document = answered(run, path, *asked, "--output", "alpha")
+    assert document["channels"] == {"elevator": "u=1", "alpha": "alpha", "q": "y_q"}
+    for item in document["parameters"]:
+        assert abs(item["value"] - AIRCRAFT[item["name"]]) < 4 * item["std"]
+    plain = [*asked[:3], "u=1", "--output", "y_q", "--output", "alpha"]
+    assert answered(run, path, *plain)["channels"] == document["channels"]
+    twice = run("physical", path, *asked, "--output", "q=alpha")
+    assert twice.code == 2
+    assert "another column for q" in twice.error_lines[0]
+
+
+def test_first_order_with_dead_time_of_any_units(run, write_table):
+    model, truth = first_order_dead_time(), {"K": 3.0, "T": 0.6, "D": 0.13}
+    path = write_table("heater.csv", columns(model, truth, 0.03))
+    asked = ["--model", "first-order-dead-time", "--input", "input", "--output", "output"]
+    units = ["--unit", "input=V", "--unit", "output=degC"]
+    document = answered(run, path, *asked, *units)
+    for item in document["parameters"]:
+        assert abs(item["value"] - truth[item["name"]]) < 4 * item["std"]
+    refused = run("physical", path, *asked, "--delay", "0.1")
+    assert refused.code == 2
+    assert "--known D=SECONDS" in refused.error_lines[0]
 
 
 UNITS = {

@@ -90,15 +90,18 @@ def test_the_last_line_is_what_the_record_gives_at_once(run, file, columns):
         columns["elevator"], columns["q"], dt=DT, input_names=["elevator"], output_names=["q"]
     )
     whole = online.run(online.ThreeModel(), record, Structure(2, 1)).estimate
-    assert values(last) == {name: item.value for name, item in whole.parameters.items()}
+    assert values(last) == {
+        name: stream_show.rounded(item.value, item.std) for name, item in whole.parameters.items()
+    }
     assert {n: c["std"] for n, c in last["coefficients"].items()} == {
-        name: item.std for name, item in whole.parameters.items()
+        name: stream_show.rounded(item.std) for name, item in whole.parameters.items()
     }
     for name, item in last["coefficients"].items():
         assert abs(item["value"] - TRUTH[name]) < 4 * item["std"]
     assert last["noise_std"]["q"] == pytest.approx(0.02, rel=0.1)
     assert last["innovation_std"]["q"] == pytest.approx(0.02, rel=0.3)
-    assert last["fit"]["q"] == whole.fit[0]
+    assert last["fit"]["q"] == float(f"{whole.fit[0]:.6g}")
+    assert all(len(repr(item["std"])) < 14 for item in last["coefficients"].values())
     assert (last["n_samples"], last["lines"], last["malformed"]) == (1500, 1501, 0)
 
 
@@ -108,6 +111,13 @@ def test_lines_come_at_every_tick_of_data_time_and_at_the_end(run, file):
     assert [line["n_samples"] for line in found] == [251, 501, 751, 1001, 1251, 1500]
     assert [line["final"] for line in found] == [False] * 5 + [True]
     assert len(objects(run("stream", file, *QUESTION, "--every", "inf").out)) == 1
+
+
+def test_a_line_at_the_very_end_comes_once(run, file):
+    file.write_text("\n".join(lines_of(file)[:502]) + "\n")
+    found = objects(run("stream", file, *QUESTION, "--every", 5).out)
+    assert [line["time"] for line in found] == pytest.approx([5, 10])
+    assert [line["number"] for line in found] == [1, 2]
 
 
 def test_before_it_is_ready_a_line_says_so(run, file):
@@ -277,6 +287,8 @@ def test_a_change_of_the_plant_is_told(run, held, write_table):
     last = objects(run("stream", path, *QUESTION).out)[-1]
     assert last["n_changes"] == len(last["changes"]) >= 1
     assert 1500 <= last["changes"][0] < 1700
+    assert last["change_times"] == pytest.approx([DT * k for k in last["changes"]], rel=1e-5)
+    assert f"changed at {last['change_times'][-1]:.6g} s" in stream_show.plain_line(last, 1.0)
     assert last["coefficients"]["b1"]["value"] == pytest.approx(6.0, rel=0.1)
 
 
@@ -785,11 +797,11 @@ def test_the_table_shows_what_the_line_says(run, file):
     from rich.console import Console
 
     last = objects(run("stream", file, *QUESTION, "--every", "inf").out)[-1]
-    last |= {"flags": ["stuck"], "changes": [7], "malformed": 3}
+    last |= {"flags": ["stuck"], "change_times": [0.14], "malformed": 3}
     console = Console(width=100)
     with console.capture() as capture:
         console.print(stream_show.live_table("flight.csv", last, 1234.5))
     text = " ".join(capture.get().split())
     for said in ("flight.csv: 1,500 samples, 29.98 s, 1,234 samples/s", "stuck", "a1 3.0", "b0 3.0",
-                 "changed at sample 7", "3 malformed lines"):  # fmt: skip
+                 "changed at 0.14 s", "3 malformed lines"):  # fmt: skip
         assert said in text

@@ -69,6 +69,20 @@ def write_mdf(
     return path
 
 
+def write_excel(path: Path, *sheets: list) -> Path:
+    """A workbook of one sheet for each list of rows."""
+    from openpyxl import Workbook
+
+    book = Workbook()
+    for number, rows in enumerate(sheets):
+        sheet = book.active if number == 0 else book.create_sheet()
+        sheet.title = f"Run{number + 1}"
+        for row in rows:
+            sheet.append(list(row))
+    book.save(path)
+    return path
+
+
 def write_matlab_hdf5(path: Path, variables: dict[str, object]) -> Path:
     """A file as MATLAB writes it with ``save -v7.3``: numbers, texts, structs and cells."""
     import h5py
@@ -184,6 +198,11 @@ SAMPLES: dict[str, tuple[Callable[[Path], Path], dict[str, object], str]] = {
         lambda path: write_ulog(path, {"log": {"timestamp": 1e6 * T, "u": U, "y": Y}}),
         {"inputs": ["log.u"], "outputs": ["log.y"]},
         "pyulog",
+    ),
+    "run.xlsx": (
+        lambda path: write_excel(path, [["t", "u [deg]", "y [deg/s]"], *zip(T, U, Y, strict=True)]),
+        {"inputs": ["u"], "outputs": ["y"]},
+        "openpyxl",
     ),
     "run.mf4": (
         lambda path: write_mdf(path, [(T, {"u": (U, "deg"), "y": (Y, "deg/s")})]),

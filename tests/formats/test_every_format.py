@@ -19,7 +19,7 @@ from tridentify.record.formats import isolation
 from tridentify.record.formats.read import FORMATS
 from tridentify.record.record import Record
 
-EXTRA = {"h5py": "matlab", "pyulog": "ulog", "asammdf": "mdf"}
+EXTRA = {"h5py": "matlab", "pyulog": "ulog", "asammdf": "mdf", "openpyxl": "excel"}
 
 
 def test_the_record_comes_back(sample) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import time
+import warnings
+import zipfile
 from collections.abc import Callable
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
@@ -65,7 +68,14 @@ CELLS = (
     ),
     *(
         "2024-01-01",
+        "2024-02-30T25:61:00Z",
+        "0000-00-00",
+        "9999-12-31T23:59:59.999999999-23:59",
         "12:30:00",
+        "9999:59:59.9",
+        "NA",
+        "-",
+        "#N/A",
         "9" * 400,
         "a" * 3000,
         "\u202e1",
@@ -75,6 +85,11 @@ CELLS = (
         "\x85",
     ),
 )
+
+CLOCKS = ("{:.1f}", "{:.1f}", "2026-11-22T10:00:{:04.1f}", "10:00:{:04.1f}", "2026-11-22")
+"""How the cells of time are written."""
+
+TITLES = ("Flight 12", "Flight 12,,", "rate;50", "a\tb", '"', "", "# made up", "t,u", "1", "s,V,-")
 
 ENCODINGS = ("utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32", "latin-1", "cp1252", "utf-7")
 
@@ -144,14 +159,17 @@ def forged_text(rng: np.random.Generator) -> bytes:
     rows = [header]
     if rng.random() < 0.2:
         rows.append(["s", "V", "-", "m"][: len(header)])
+    clock = CLOCKS[int(pick(len(CLOCKS)))]
     for k in range(int(pick(2, 30))):
-        rows.append([f"{0.1 * k:.1f}", str(k % 2), f"{rng.random():.3f}", "0"][: len(header)])
+        rows.append([clock.format(0.1 * k), str(k % 2), f"{rng.random():.3f}", "0"][: len(header)])
     for _ in range(int(pick(0, 4))):
         row = rows[int(pick(len(rows)))]
         row[int(pick(len(row)))] = CELLS[int(pick(len(CELLS)))]
     if rng.random() < 0.2:
         del rows[int(pick(len(rows)))][int(pick(len(header))) :]
     lines = [separator.join(row) for row in rows]
+    if rng.random() < 0.2:
+        lines[:0] = [TITLES[k] for k in pick(len(TITLES), size=int(pick(1, 5)))]
     if rng.random() < 0.2:
         lines.insert(int(pick(len(lines))), "# made up, t,u,y")
     encoding = ENCODINGS[int(pick(len(ENCODINGS)))] if rng.random() < 0.3 else "utf-8"
@@ -162,11 +180,14 @@ def forged_text(rng: np.random.Generator) -> bytes:
 def check(path: Path, asked: dict[str, Any], rng: np.random.Generator, what: str) -> None:
     """Ask a file; nothing but the package's own errors, in one line, comes of it."""
     begun, said = time.process_time(), ""
+    source = path if rng.random() < 0.7 else io.BytesIO(path.read_bytes())
     try:
-        if rng.random() < 0.8:
-            read_record(path, **asked)
-        else:
-            list_channels(path)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", errors.DataWarning)
+            if rng.random() < 0.8:
+                read_record(source, **asked)
+            else:
+                list_channels(source)
     except errors.TridentifyError as error:
         said = str(error)
     except Exception as error:
@@ -185,6 +206,21 @@ def test_forged_text_is_read_or_refused(seeds, tmp_path: Path) -> None:
         if rng.random() < 0.3:
             del asked["time"]
         check(path, asked, rng, f"seed {seed}")
+
+
+@pytest.mark.timeout(900)
+def test_a_workbook_with_damaged_parts_is_read_or_refused(seeds, tmp_path: Path) -> None:
+    pytest.importorskip("openpyxl", reason="needs openpyxl, of the extra tridentify[excel]")
+    make, asked, _ = SAMPLES["run.xlsx"]
+    with zipfile.ZipFile(make(tmp_path / "sound.xlsx")) as archive:
+        parts = {name: archive.read(name) for name in archive.namelist()}
+    path = tmp_path / "run.xlsx"
+    for seed, rng in seeds.take(4):
+        spoiled = sorted(parts)[int(rng.integers(len(parts)))]
+        with zipfile.ZipFile(path, "w") as archive:
+            for name, content in parts.items():
+                archive.writestr(name, mutated(content, rng) if name == spoiled else content)
+        check(path, asked, rng, f"seed {seed}, {spoiled}")
 
 
 @pytest.mark.timeout(900)

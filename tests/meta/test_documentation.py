@@ -17,7 +17,7 @@ RUN = ("{code-cell}", "{command}")
 TEXT = ("{toctree}", "{include}", "{public-names}", "{note}", "{tip}", "{warning}", "{math}")
 ROOMS = (
     *("online", "physical", "plots", "report", "studies", "uncertainty", "errors"),
-    *("excitation", "export"),
+    *("data", "excitation", "export"),
 )
 JUDGEMENT = (
     "judgement.advice",

@@ -176,7 +176,7 @@ def test_a_broken_contract_would_be_found(
     shutil.copytree(
         repository / "src" / PACKAGE,
         tmp_path / "src" / PACKAGE,
-        ignore=shutil.ignore_patterns("__pycache__", "data"),
+        ignore=shutil.ignore_patterns("__pycache__"),
     )
     with (tmp_path / "src" / PACKAGE / module).open("a", encoding="utf-8") as file:
         file.write(f"\n{statement}\n")

@@ -14,6 +14,7 @@ from tridentify.physical import (
     PhysicalModel,
     PhysicalParameter,
     dc_motor,
+    dutch_roll,
     mass_spring_damper,
     rc_circuit,
     rcrc_circuit,
@@ -24,6 +25,12 @@ from tridentify.physical import (
 def short_period_states(p):
     a = [[p["Z_alpha"], p.get("Z_q", 1.0)], [p["M_alpha"], p["M_q"]]]
     return a, [[p["Z_delta"]], [p["M_delta"]]], np.eye(2)
+
+
+def lateral_states(p):
+    """Side force and yawing moment in level flight, roll left out."""
+    a = [[p["Y_beta"], p.get("Y_r", 0.0) - 1.0], [p["N_beta"], p["N_r"]]]
+    return a, [[p["Y_delta"]], [p["N_delta"]]], np.eye(2)
 
 
 def motor_states(p, rows):
@@ -56,6 +63,11 @@ def rc_states(p):
 MODELS = {
     "short period": (short_period(), short_period_states),
     "short period, Z_q": (short_period(pitch_rate_effect=None), short_period_states),
+    "Dutch roll": (dutch_roll(), lateral_states),
+    "Dutch roll, aileron, Y_r": (
+        dutch_roll(control="aileron", yaw_rate_effect=None),
+        lateral_states,
+    ),
     "motor speed": (dc_motor(), lambda p: motor_states(p, [[0.0, 1.0]])),
     "motor current": (dc_motor("current"), lambda p: motor_states(p, [[1.0, 0.0]])),
     "motor both": (dc_motor("both"), lambda p: motor_states(p, [[0.0, 1.0], [1.0, 0.0]])),

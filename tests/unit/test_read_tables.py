@@ -121,12 +121,15 @@ def test_columns_of_an_array_are_numbered(tmp_path: Path) -> None:
     np.testing.assert_array_equal(record.y[:, 0], [1, 3, 5, 7])
 
 
-@pytest.mark.parametrize("name", ["book.xlsx", "run.npz"])
-def test_another_zip_archive_is_refused(tmp_path: Path, name: str) -> None:
-    with zipfile.ZipFile(tmp_path / name, "w") as archive:
-        archive.writestr("xl/workbook.xml", "<workbook/>")
-    with pytest.raises(errors.UnreadableFileError, match="ZIP archive without arrays"):
-        read_record(tmp_path / name, dt=1.0, inputs=["u"], outputs=["y"])
+@pytest.mark.parametrize(
+    ("member", "words"),
+    [("notes/log.txt", "ZIP archive without arrays"), ("xl/workbook.xml", "a sound Excel file")],
+)
+def test_another_zip_archive_is_refused(tmp_path: Path, member: str, words: str) -> None:
+    with zipfile.ZipFile(tmp_path / "run.npz", "w") as archive:
+        archive.writestr(member, "<workbook/>")
+    with pytest.raises(errors.UnreadableFileError, match=words):
+        read_record(tmp_path / "run.npz", dt=1.0, inputs=["u"], outputs=["y"])
 
 
 def test_arrays_of_different_length_are_refused(tmp_path: Path) -> None:

@@ -141,7 +141,7 @@ BAD_ARRAYS = [
     (errors.SampleTypeError, {"u": U, "y": ["a", "b", "c", "d"]}, "found y of type"),
     (errors.SampleTypeError, {"u": U, "y": np.array([1, None, 2, 3], object)}, "object"),
     (errors.SampleTypeError, {"u": [[1.0], [1.0, 2.0]], "y": Y}, "different length"),
-    (errors.SampleTypeError, {"u": U, "y": Y, "t": np.arange(4).astype("M8[s]")}, "in seconds"),
+    (errors.SampleTypeError, {"u": np.arange(4).astype("M8[s]"), "y": Y}, "found u of type"),
     (errors.NotFiniteError, {"u": [0, 1, np.nan, 0], "y": Y}, "input 'u' = nan at sample 2"),
     (errors.NotFiniteError, {"u": [0, np.inf, 1, 0], "y": Y}, "input 'u' = inf at sample 1"),
     (errors.NotFiniteError, {"u": U, "y": [0, 1, -np.inf, 0]}, "output 'y' = -inf at sample 2"),

@@ -20,6 +20,7 @@ write; beyond it a table has no column and a picture no room for anything else."
 LONGEST_UNIT = 100
 """Longest unit of a channel [characters]: one in words fits, a paragraph does not."""
 
+_UNIT = re.compile(r"(?P<name>.*\S)\s*(\[(?P<square>[^][]*)\]|\((?P<round>[^()]*)\))")
 _OTHER_SPACES = re.compile("[\u00a0\u1680\u2000-\u200a\u202f\u205f\u3000]")
 
 
@@ -52,6 +53,61 @@ def check_names(names: Iterable[object]) -> None:
                 f"found the channel name {shown(name)}{length}; expected printable text that is "
                 f"not blank, of at most {LONGEST_NAME} characters; rename the channel"
             )
+
+
+def split_unit(header: str) -> tuple[str, str]:
+    """Take the unit out of the header of a column.
+
+    Parameters
+    ----------
+    header : str
+        Such as ``alpha [deg]``, ``alpha (deg)`` or ``alpha``. An index, ``x[0]``, is no unit.
+
+    Returns
+    -------
+    name, unit : str
+        The unit is empty where the header has none.
+
+    Examples
+    --------
+    >>> split_unit("alpha [deg]"), split_unit("x[0]")
+    (('alpha', 'deg'), ('x[0]', ''))
+    """
+    match = _UNIT.fullmatch(header)
+    unit = (match["square"] or match["round"] or "").strip() if match else ""
+    return (header, "") if match is None or unit.isdigit() else (match["name"].strip(), unit)
+
+
+def labels_of(samples: object, n_channels: int) -> tuple[tuple[str, str], ...] | None:
+    """Names and units that an array of pandas, polars, pyarrow or xarray carries.
+
+    Parameters
+    ----------
+    samples : object
+    n_channels : int
+
+    Returns
+    -------
+    tuple of (str, str) or None
+        None unless there is a sound name, all different, for each of the channels.
+
+    Examples
+    --------
+    >>> import polars as pl
+    >>> labels_of(pl.Series("q [deg/s]", [0.0]), 1), labels_of([0.0], 1)
+    ((('q', 'deg/s'),), None)
+    """
+    found = getattr(samples, "column_names", None) or getattr(samples, "columns", None)
+    if found is None and hasattr(samples, "to_numpy"):
+        found = [getattr(samples, "name", None)]
+    headers = [] if found is None else list(found)
+    if len(headers) != n_channels or not all(isinstance(header, str) for header in headers):
+        return None
+    labels = tuple(split_unit(header) for header in headers)
+    sound = all(
+        is_plain(n, LONGEST_NAME) and n.strip() and is_plain(u, LONGEST_UNIT) for n, u in labels
+    )
+    return labels if sound and len({name for name, _ in labels}) == n_channels else None
 
 
 def check_units(units: Mapping[str, object], advice: str = "correct it") -> None:

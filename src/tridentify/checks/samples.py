@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping, Sequence
+from datetime import datetime
 from types import MappingProxyType
 from typing import Any, Literal, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tridentify.checks.names import check_names, check_units
+from tridentify.checks.names import check_names, check_units, labels_of
 from tridentify.checks.scales import check_samples, check_time
 from tridentify.errors import (
     ChannelNameError,
@@ -85,6 +86,51 @@ def channel_names(names: Sequence[str] | None, n_channels: int, default: str) ->
     check_names(chosen)
     check_distinct(chosen)
     return chosen
+
+
+def channel_labels(
+    u: object,
+    y: object,
+    given: tuple[Sequence[str] | None, Sequence[str] | None],
+    n_channels: tuple[int, int],
+) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, str]]:
+    """Names of inputs and outputs, and what units the names that were not given carry.
+
+    Parameters
+    ----------
+    u, y : array_like
+        As given; one of pandas, polars, pyarrow or xarray may name its columns.
+    given : (names of inputs, names of outputs)
+        None where the labels of the arrays count, else they do not.
+    n_channels : (int, int)
+
+    Returns
+    -------
+    input_names, output_names : tuple of str
+        Default names where an array has no labels, or one that occurs twice.
+    units : dict
+
+    Raises
+    ------
+    ChannelNameError
+
+    Examples
+    --------
+    >>> import polars as pl
+    >>> channel_labels(pl.Series("de [deg]", [0]), [0], (None, None), (1, 1))
+    (('de',), ('y',), {'de': 'deg'})
+    """
+    sides = list(zip((u, y), given, n_channels, strict=True))
+    own = [labels_of(samples, n) if names is None else None for samples, names, n in sides]
+    for labels in (own, [None, None]):
+        first, second = (
+            channel_names([name for name, _ in label] if label else names, n, default)
+            for label, (_, names, n), default in zip(labels, sides, "uy", strict=True)
+        )
+        if not set(first) & set(second):
+            break
+    units = dict(pair for label in labels for pair in label or () if pair[1])
+    return first, second, units
 
 
 def sample_range(t: Array, start: float | None, stop: float | None) -> tuple[int, int]:
@@ -204,6 +250,23 @@ def time_slack(t: Array) -> float:
     return TIME_TOLERANCE * float(t[-1] - t[0]) / (len(t) - 1)
 
 
+def _instants(t: ArrayLike) -> ArrayLike:
+    """Give dates as seconds since the first, durations in seconds, anything else as it is."""
+    array = np.asarray(t)
+    kind = array.dtype.kind
+    if kind in "mM" and array.ndim and array.size:
+        since = array - array.flat[0] if kind == "M" else array
+        nanoseconds = since.astype("timedelta64[ns]").astype(np.int64) * 1e-9
+        return cast(ArrayLike, np.where(np.isnat(since), np.nan, nanoseconds))
+    first = array.flat[0] if kind == "O" and array.size else None
+    if isinstance(first, datetime):  # with a time zone, as pandas and Python give them
+        try:
+            return np.array([(one - first).total_seconds() for one in array.ravel()])
+        except (TypeError, AttributeError):
+            return t
+    return t
+
+
 def _numbers(label: str, value: ArrayLike) -> Array:
     """Copy `value` into a float64 array, once, or share an array that cannot change."""
     if isinstance(value, np.ma.MaskedArray):
@@ -219,7 +282,6 @@ def _numbers(label: str, value: ArrayLike) -> Array:
     if array.dtype.kind not in "fiub":
         raise SampleTypeError(
             f"found {label} of type {array.dtype}; expected real numbers; convert it to float"
-            + (", in seconds since the start" if array.dtype.kind in "mM" else "")
         )
     if _is_immutable(array):
         return cast(Array, array)
@@ -260,7 +322,7 @@ def time_axis(dt: float | None, t: ArrayLike | None, n_samples: int) -> tuple[fl
         )
     if t is None:
         return _step_and_time(dt, n_samples)
-    time = _numbers("t", t)
+    time = _numbers("t", _instants(t))
     if time.ndim == 2 and time.shape[1] == 1:
         time = time[:, 0]
     if time.ndim != 1:

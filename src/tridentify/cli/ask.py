@@ -203,8 +203,9 @@ def chosen_method(name: str, noise: Noise = Noise.AUTO, loss: Loss = Loss.SQUARE
         if not _offers(METHODS[name], option):
             able = ", ".join(key for key, make in METHODS.items() if _offers(make, option))
             raise OptionError(
-                f"found --{option} {value} with --method {name}; expected one of {able}; leave "
-                f"--{option} out or choose another method"
+                f"found --{option} {value} with --method {name}, which has no choice of the "
+                f"{option}; expected --{option} with --method {able} only; leave it out or choose "
+                "another method"
             )
     plain: Any = METHODS[name]()
     method: Method = replace(plain, **asked)

@@ -2,70 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
+from rich.table import Table
 
 from tridentify.checks.names import LONGEST_NAME
-from tridentify.cli.load import time_channels
 from tridentify.cli.tables import make_table
-from tridentify.cli.terminal import Activity, show, show_json
-from tridentify.errors import DataError, shown
-from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import SECONDS, OpenFile
+from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.errors import shown
+from tridentify.record.formats.channels import OpenFile
 from tridentify.record.formats.read import opened
+from tridentify.record.formats.summary import (
+    ChannelSummary,
+    ClockSummary,
+    channel_summaries,
+    clock_summaries,
+)
 from tridentify.writing.layout import short
 
 MANY = 2000
-"""Channels beyond which the table is laid out plainly: drawn, 80,000 of them take half a minute."""
+"""Channels beyond which they are only listed: to read and draw 80,000 of them takes minutes."""
+
+TITLES = ("channel", "unit", "lowest", "highest", "mean", "missing")
 
 
 def channels(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="CSV, Parquet, Feather, NPZ, MATLAB, ULog or MDF4."),
+        typer.Argument(
+            metavar="FILE", help="CSV, Excel, Parquet, Feather, NPZ, MATLAB, ULog or MDF4."
+        ),
     ],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
-    """List the channels of a file: names, units, samples, and rates where the file knows them.
+    """List the channels of a file: time and its steps, units, ranges, means, missing samples.
 
     Example: tridentify channels flight.ulg
     """
     with Activity() as activity:
         activity.stage(f"reading {file.name or file}")
         with opened(file) as source:
-            found = described(source)
+            clocks, found = described(source)
     if as_json:
-        show_json({"file": str(file), "channels": found})
+        listed = [_document(item, clocks.get(item.channel.clock)) for item in found]
+        times = [asdict(clock) for clock in clocks.values()]
+        show_json({"file": str(file), "clocks": times, "channels": listed})
         return
-    groups: dict[str, list[tuple[str, ...]]] = {}
+    groups: dict[str, list[ChannelSummary]] = {}
     for item in found:
-        name, unit = (_plain(str(item[key])) for key in ("name", "unit"))
-        row = (name, *map(_text, (item["samples"], item["rate"])), unit)
-        groups.setdefault(item["clock"], []).append(row)
-    titles = ("channel", "samples", "rate [1/s]", "unit")
-    if len(found) > MANY:
-        show(_plain_table([titles, *chain.from_iterable(groups.values())]))
-    else:
-        show(make_table(titles, groups.values()))
+        groups.setdefault(item.channel.clock, []).append(item)
+    blocks = (_blocks(file.name, clocks.get(clock), group) for clock, group in groups.items())
+    show(*chain.from_iterable(blocks))
 
 
-def _plain_table(rows: Sequence[tuple[str, ...]]) -> str:
-    """Lay out rows as the table does, but for lines between groups."""
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    aligned = (
-        f"{name:{widths[0]}}  {samples:>{widths[1]}}  {rate:>{widths[2]}}  {unit}".rstrip()
-        for name, samples, rate, unit in rows
-    )
-    return "\n".join(aligned)
-
-
-def described(source: OpenFile) -> list[dict[str, Any]]:
-    """Describe every channel of an open file; what is not known is None.
+def described(source: OpenFile) -> tuple[dict[str, ClockSummary], list[ChannelSummary]]:
+    """Sum up an open file; of very many channels only what the file says of itself.
 
     Parameters
     ----------
@@ -73,42 +69,70 @@ def described(source: OpenFile) -> list[dict[str, Any]]:
 
     Returns
     -------
-    list of dict
-        ``name``, ``unit``, ``clock``, ``samples`` and mean ``rate`` [1/s].
+    clocks : dict of str to ClockSummary
+    channels : list of ChannelSummary
     """
-    times: dict[str, Array | None] = {}
-    for channel in source.channels:
-        if channel.clock not in times:
-            times[channel.clock] = _instants(source, channel.clock)
-    entries = []
-    for channel in source.channels:
-        time, samples = times[channel.clock], channel.samples
-        if samples is None and time is not None and len(time):
-            samples = len(time)
-        same = time is not None and len(time) == samples
-        entries.append(
-            {
-                "name": channel.header,
-                "unit": channel.unit,
-                "clock": channel.clock,
-                "samples": samples,
-                "rate": _rate(time) if same else None,
-            }
-        )
-    return entries
+    clocks = clock_summaries(source)
+    if len(source.channels) > MANY:
+        return clocks, [ChannelSummary(c, False, c.samples) for c in source.channels]
+    return clocks, channel_summaries(source)
 
 
-def _instants(source: OpenFile, clock: str) -> Array | None:
-    """Give the time of a clock, or the one column of its channels that is called t or time [s]."""
-    try:
-        if clock:
-            return source.instants(clock)
-        named = [channel for channel in time_channels(source) if not channel.clock]
-        if len(named) != 1 or named[0].unit not in SECONDS:
-            return None
-        return source.read([source.channels.index(named[0])])[0] * SECONDS[named[0].unit]
-    except DataError:
-        return None
+def _document(item: ChannelSummary, clock: ClockSummary | None) -> dict[str, Any]:
+    numbers = asdict(item)
+    channel: Mapping[str, Any] = numbers.pop("channel")
+    del numbers["tried"]
+    known = {"name": channel["header"], "unit": channel["unit"], "clock": channel["clock"]}
+    if item.samples is None and clock is not None:
+        numbers["samples"] = clock.samples
+    same = clock is not None and clock.samples == numbers["samples"]
+    return {**known, **numbers, "rate": clock.rate if clock is not None and same else None}
+
+
+def _blocks(
+    file: str, clock: ClockSummary | None, items: Sequence[ChannelSummary]
+) -> tuple[str, str | Table]:
+    """Time of one clock, and its channels as a table."""
+    name = items[0].channel.clock
+    head = f"{_plain(file)}{f', {_plain(name)}' if name else ''}: {_timing(clock, items)}"
+    counted = len({item.samples for item in items if item.samples is not None}) > 1
+    many = len(items) > MANY
+    rows = [_row(item, counted) for item in items]
+    titles = (*TITLES, "samples") if counted else TITLES
+    table = _plain_table([titles, *rows]) if many else make_table(titles, [rows])
+    return paragraph(head, rest="  "), table
+
+
+def _timing(clock: ClockSummary | None, items: Sequence[ChannelSummary]) -> str:
+    counts = [item.samples for item in items if item.samples is not None]
+    if clock is None:
+        known = f"{max(counts):,} samples; " if counts else ""
+        return f"{known}time unknown (no channel called t or time): name it (--time) or give --dt"
+    text = f"{clock.samples:,} samples, {clock.start:.6g} to {clock.stop:.6g} s"
+    if clock.step is not None:
+        return f"{text}, every {clock.step:.6g} s ({clock.rate:.6g} a second), evenly"
+    return (
+        f"{text}, unevenly: steps of {clock.shortest:.4g} to {clock.longest:.4g} s "
+        f"({clock.rate:.4g} a second on the mean)"
+    )
+
+
+def _row(item: ChannelSummary, counted: bool) -> tuple[str, ...]:
+    numbers = [_text(value) for value in (item.minimum, item.maximum, item.mean)]
+    if item.missing is None:
+        numbers[0] = "no numbers" if item.tried else "not read"
+    missing = "" if item.missing is None else f"{item.missing:,}"
+    samples = ["" if item.samples is None else f"{item.samples:,}"] if counted else []
+    return (_plain(item.channel.header), _plain(item.channel.unit), *numbers, missing, *samples)
+
+
+def _plain_table(rows: Sequence[tuple[str, ...]]) -> str:
+    """Lay out rows as the table does, but for lines between groups."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    )
 
 
 def _plain(text: str) -> str:
@@ -116,12 +140,5 @@ def _plain(text: str) -> str:
     return short(text, LONGEST_NAME) if text.isprintable() else shown(text)
 
 
-def _rate(time: Array | None) -> float | None:
-    span = 0.0 if time is None or len(time) < 2 else float(time[-1] - time[0])
-    return (len(time) - 1) / span if time is not None and np.isfinite(span) and span > 0 else None
-
-
 def _text(number: float | None) -> str:
-    return (
-        "" if number is None else f"{number:,.6g}" if isinstance(number, float) else f"{number:,}"
-    )
+    return "" if number is None else f"{number:.5g}"

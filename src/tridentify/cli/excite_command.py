@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -10,7 +12,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from tridentify.cli.terminal import show, show_json
+from tridentify.cli.knowledge import NUMBER
+from tridentify.cli.terminal import say, show, show_json
 from tridentify.errors import OptionError, shown
 
 if TYPE_CHECKING:
@@ -51,11 +54,21 @@ class Wish:
     model: TransferFunction | Estimate | None
 
 
+REST = (1, 7)
+"""Rest before and after pulses, in their units: enough to see the trim, and about two periods of
+the mode that they are made for."""
+
+UNITS_OF = {Signal.THREE_TWO_ONE_ONE: 7, Signal.DOUBLET: 2}
+"""Length of pulses, in their units."""
+
+SAID_AMPLITUDE = 1.0
+"""Where --amplitude is not stated: one unit of the input, but one degree where that is a radian."""
+
 USED = {
     Signal.PRBS: {"order", "clock", "periods"},
     Signal.MULTISINE: {"duration", "band", "periods"},
-    Signal.THREE_TWO_ONE_ONE: {"width", "for_frequency", "lead", "tail"},
-    Signal.DOUBLET: {"width", "for_frequency", "lead", "tail"},
+    Signal.THREE_TWO_ONE_ONE: {"width", "for_frequency"},
+    Signal.DOUBLET: {"width", "for_frequency"},
     Signal.CHIRP: {"duration", "band"},
     Signal.OPTIMAL: {"duration", "band", "periods", "coefficient", "binary"},
 }
@@ -68,7 +81,14 @@ def excite(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write time and inputs there, as CSV.")
     ] = None,
-    amplitude: Annotated[float, typer.Option(help="Largest magnitude.")] = 1.0,
+    amplitude: Annotated[
+        str | None,
+        typer.Option(
+            metavar="A",
+            help="Largest magnitude about the trim, in the unit of the input or with one of its "
+            "own, such as 1.5deg.",
+        ),
+    ] = None,
     duration: Annotated[
         float | None,
         typer.Option(metavar="SECONDS", help="Of a chirp, or of a multisine's period."),
@@ -106,8 +126,12 @@ def excite(
         ),
     ] = None,
     noise: Annotated[
-        float | None,
-        typer.Option(metavar="STD", help="Noise on the output; that of the estimate by default."),
+        list[str] | None,
+        typer.Option(
+            metavar="STD",
+            help="Noise on the outputs: once for all of them, or once for each, by name "
+            "(--noise q=0.2) or in their order; that of the estimate by default.",
+        ),
     ] = None,
     coefficient: Annotated[
         list[str] | None,
@@ -123,15 +147,17 @@ def excite(
 ) -> None:
     """Make an input for an experiment, and say what precision it will give.
 
-    Example: tridentify excite 3-2-1-1 --dt 0.02 --for-frequency 3 --tail 5 --out plan.csv
+    Example: tridentify excite 3-2-1-1 --dt 0.02 --for-frequency 3 --amplitude 1deg --out plan.csv
     """
     from tridentify.excitation import precision
     from tridentify.export import read_json
 
     plant = None if model is None else read_json(model)
+    unit = _unit_of_input(plant)
+    size, stated = _amplitude(amplitude, unit, free=plant is None)
     wish = Wish(
         dt,
-        amplitude,
+        size,
         duration,
         _band(band),
         width,
@@ -147,11 +173,15 @@ def excite(
         plant,
     )
     _refuse_idle(signal, wish)
-    if noise is not None and plant is None:
+    if noise and plant is None:
         raise OptionError("found --noise without --model; expected both, or none; add --model")
-    plan = MAKERS[signal](wish)
-    plan = _named(plan, inputs or (), plant)
-    ahead = None if plant is None else precision(plant, plan, noise_std=noise)
+    if amplitude is None:
+        say(f"--amplitude is not stated: {size:.4g} {stated}".rstrip() + " is taken")
+    plan = _rested(MAKERS[signal](wish), signal, wish)
+    plan = _named(plan, inputs or (), plant, stated)
+    ahead = None
+    if plant is not None:
+        ahead = precision(plant, plan, noise_std=_noise(noise or (), plant))
     written = [] if out is None else [str(plan.save(out))]
     if as_json:
         document: dict[str, Any] = {
@@ -169,16 +199,84 @@ def excite(
     show(*blocks, *(f"wrote {path}" for path in written))
 
 
+def _unit_of_input(plant: Estimate | TransferFunction | None) -> str:
+    """The unit that all inputs of a plant have; empty where it is not known, or not one."""
+    known = getattr(plant, "units", None) or {}
+    units = {known.get(name, "") for name in getattr(plant, "input_names", None) or ()}
+    return units.pop() if len(units) == 1 else ""
+
+
+def _amplitude(text: str | None, unit: str, *, free: bool) -> tuple[float, str]:
+    """Read the amplitude in the unit of the input; without a plant any unit of its own holds."""
+    if text is None:
+        return (math.radians(SAID_AMPLITUDE) if unit == "rad" else SAID_AMPLITUDE), unit
+    match = re.fullmatch(rf"\s*({NUMBER})\s*(.*?)\s*", text)
+    value, own = (math.nan, "") if match is None else (float(match[1]), match[2])
+    turned = {("deg", "rad"): math.radians(1.0), ("rad", "deg"): math.degrees(1.0)}
+    same = not own or own == unit or free
+    factor = 1.0 if same else turned.get((own, unit), math.nan)
+    if not math.isfinite(value * factor):
+        raise OptionError(
+            f"found --amplitude {shown(text)}; expected a number"
+            f"{f' in {unit}, the unit of the input' if unit else ''}, such as "
+            f"--amplitude 0.02{unit}{'' if unit or free else ', since the model states no unit'}; "
+            "correct it"
+        )
+    return value * factor, unit or own
+
+
+def _noise(given: Sequence[str], plant: Estimate | TransferFunction) -> list[float] | None:
+    """The noise of every output, from numbers in order or by name."""
+    names = tuple(getattr(plant, "output_names", None) or ()) or ("y",)
+    own = getattr(plant, "noise_variance", None)
+    found: dict[str, float] = {}
+    for place, text in enumerate(given):
+        name, sign, number = text.rpartition("=")
+        label = name.strip() if sign else names[place] if place < len(names) else ""
+        if not re.fullmatch(NUMBER, number.strip()) or label not in names or label in found:
+            raise OptionError(
+                f"found --noise {shown(text)}; expected a number, or NAME=NUMBER for each of "
+                f"{', '.join(names)}; correct it"
+            )
+        found[label] = float(number)
+    if not given:
+        return None
+    if len(given) == 1 and "=" not in given[0]:
+        return [float(given[0])] * len(names)
+    if len(found) < len(names) and own is None:
+        lost = ", ".join(name for name in names if name not in found)
+        raise OptionError(f"found no --noise for {lost}; expected one for each output; add it")
+    return [
+        found.get(name, 0.0 if own is None else math.sqrt(own[k])) for k, name in enumerate(names)
+    ]
+
+
+def _rested(plan: Excitation, signal: Signal, wish: Wish) -> Excitation:
+    """With rest before and after: as stated, or as pulses want it."""
+    before, after = REST if signal in UNITS_OF else (0, 0)
+    unit = plan.duration / UNITS_OF.get(signal, 1)
+    lead = before * unit if wish.lead is None else wish.lead
+    return plan.with_rest(lead, after * unit if wish.tail is None else wish.tail)
+
+
 def _named(
-    plan: Excitation, names: Sequence[str], plant: Estimate | TransferFunction | None
+    plan: Excitation,
+    names: Sequence[str],
+    plant: Estimate | TransferFunction | None,
+    stated: str,
 ) -> Excitation:
     """The plan under the names that were given, else those of the plant, with its units."""
     own = () if plant is None else plant.input_names
     if len(own) != plan.n_inputs:
-        return plan.named(names) if names else plan
+        own = tuple(names or plan.input_names)
+        return plan.named(own, dict.fromkeys(own, stated) if stated else None)
     known = getattr(plant, "units", None) or {}
     called = tuple(names) or own
-    units = {new: known[old] for new, old in zip(called, own, strict=False) if old in known}
+    units = {
+        new: known.get(old, stated)
+        for new, old in zip(called, own, strict=False)
+        if known.get(old, stated)
+    }
     return plan.named(called, units)
 
 
@@ -262,8 +360,6 @@ def _pulses(wish: Wish, *, three: bool) -> Excitation:
         wish.width,
         dt=wish.dt,
         for_frequency=wish.for_frequency,
-        lead=wish.lead or 0.0,
-        tail=wish.tail or 0.0,
     )
 
 

@@ -38,6 +38,7 @@ def identify(
     out: options.Out = None,
     title: options.Title = None,
     as_json: options.AsJson = False,
+    verbose: options.Verbose = False,
 ) -> None:
     """Identify the coefficients of a model from records in files.
 
@@ -57,7 +58,7 @@ def identify(
             **known.read(),
         )
     source = reading.source(files, inputs, outputs)
-    _answer(source, structure, way.chosen(loss), out, title, as_json)
+    _answer(source, structure, way.chosen(loss), out, title, as_json=as_json, verbose=verbose)
 
 
 def drawn_beside() -> AbstractContextManager[Beside | None]:
@@ -73,7 +74,9 @@ def _answer(
     method: Method,
     out: Path | None,
     title: str | None,
+    *,
     as_json: bool,
+    verbose: bool,
 ) -> None:
     """Read, estimate, write, print."""
     written: Sequence[Path] = ()
@@ -83,6 +86,8 @@ def _answer(
         records = load(source, activity)
         artist = None if results is None else stack.enter_context(drawn_beside())
         load_sample_loop(activity)
+        if isinstance(structure, AutoStructure):
+            activity.stage("no --poles: the numbers of poles and zeros are chosen")
         estimate = estimate_model(records, structure, method, activity.stage, artist)
         if results is not None:
             write_results(estimate, records, results.draft, activity, title, artist)
@@ -91,4 +96,4 @@ def _answer(
         document = tables.estimate_document(estimate, records)
         show_json(document | {"files": [str(path) for path in written]})
     else:
-        show_estimate(estimate, records, written)
+        show_estimate(estimate, records, written, verbose=verbose)

@@ -23,9 +23,16 @@ from tridentify.errors import (
     SamplingError,
     shown,
 )
-from tridentify.record.formats.assemble import JITTER, Instants, Wanted, find_channel, record_from
-from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
-from tridentify.record.formats.read import TIME_NAMES, opened
+from tridentify.record.formats.assemble import (
+    JITTER,
+    Instants,
+    Wanted,
+    find_channel,
+    record_from,
+    time_channels,
+)
+from tridentify.record.formats.channels import SECONDS, OpenFile
+from tridentify.record.formats.read import opened
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 
@@ -260,11 +267,6 @@ def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None
         )
 
 
-def time_channels(table: OpenFile) -> list[Channel]:
-    """Give the channels that are called t or time, in any case."""
-    return [channel for channel in table.channels if channel.name.casefold() in TIME_NAMES]
-
-
 def find_time(table: OpenFile, wanted: Sequence[str]) -> str | None:
     """Find the column that is called t or time, in any case, with or without a unit in brackets.
 
@@ -287,7 +289,7 @@ def find_time(table: OpenFile, wanted: Sequence[str]) -> str | None:
     if all(find_channel(table, name).clock for name in wanted):
         return None
     names = [channel.header for channel in table.channels if channel.header]
-    found = [channel.header for channel in time_channels(table) if not channel.clock]
+    found = [channel.header for channel in time_channels(table)]
     if len(found) != 1:
         what = f"the columns {' and '.join(found)}" if found else "no column called t or time"
         raise SamplingError(

@@ -75,8 +75,8 @@ Files = Annotated[
     list[Path],
     typer.Argument(
         metavar="FILE",
-        help="CSV, Parquet, Feather, NPZ, MATLAB, ULog or MDF4; several are several experiments "
-        "of one model.",
+        help="CSV, Excel, Parquet, Feather, NPZ, MATLAB, ULog or MDF4; several are several "
+        "experiments of one model.",
     ),
 ]
 Inputs = Annotated[
@@ -260,3 +260,9 @@ Out = Annotated[
 ]
 Title = Annotated[str | None, result_option(metavar="TEXT", help="Heading of the report.")]
 AsJson = Annotated[bool, result_option("--json", help="Print one JSON object instead of tables.")]
+Verbose = Annotated[
+    bool,
+    result_option(
+        "--verbose", help="Also tell by how much every decision was won, and why the search ended."
+    ),
+]

@@ -53,13 +53,17 @@ def physical(
     inputs: Annotated[
         list[str] | None,
         options.record_option(
-            "--input", metavar="NAME", help="Column of each input, by name or in their order."
+            "--input",
+            metavar="NAME",
+            help="Column of each input, by name (elevator=u_elevator) or in their order.",
         ),
     ] = None,
     outputs: Annotated[
         list[str] | None,
         options.record_option(
-            "--output", metavar="NAME", help="Column of each output, by name or in their order."
+            "--output",
+            metavar="NAME",
+            help="Column of each output, by name (q=y_q) or in their order.",
         ),
     ] = None,
     *,
@@ -93,23 +97,30 @@ def physical(
         show_models(as_json)
         return
     chosen = chosen_model(model, files)
-    names = (inputs or [], outputs or [])
-    mapping = channels_of(chosen, *names)
-    wished = replace(
-        chosen.structure,
-        delay=_known_delay(delay),
-        **along.terms(),
+    mapping = channels_of(chosen, inputs or [], outputs or [])
+    wished = replace(chosen.structure, delay=_delay_of(chosen, delay), **along.terms())
+    source = reading.source(
+        files or (),
+        [mapping[ours] for ours in chosen.input_names],
+        [mapping[ours] for ours in chosen.output_names],
     )
-    source = reading.source(files or (), *names)
     asked = replace(chosen, structure=wished), mapping, known_parameters(known or ())
     _answer(source, *asked, out, title, as_json)
 
 
-def _known_delay(given: str | None) -> float:
+def _delay_of(model: PhysicalModel, given: str | None) -> Any:
+    """The known dead time, or that of a model that has one among its parameters."""
+    if model.structure.delay == "free":
+        if given is not None:
+            raise OptionError(
+                f"found --delay {shown(given)} for {model.name}, which has a dead time of its own; "
+                "expected none; write --known D=SECONDS if it is known"
+            )
+        return "free"
     seconds = nested_delays([] if given is None else [given], 1, 1)
     if not isinstance(seconds, float):
         raise OptionError(
-            f"found --delay {shown(given)}; expected seconds, since the coefficients of a physical "
+            f"found --delay {shown(given)}; expected seconds, since the coefficients of this "
             "model hold no delay; find it with identify --delay free first"
         )
     return seconds

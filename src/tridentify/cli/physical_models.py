@@ -16,6 +16,8 @@ from tridentify.errors import ChannelCountError, OptionError, UnitMismatchError,
 from tridentify.physical import (
     PhysicalModel,
     dc_motor,
+    dutch_roll,
+    first_order_dead_time,
     mass_spring_damper,
     rc_circuit,
     rcrc_circuit,
@@ -29,7 +31,10 @@ Known = dict[str, float | tuple[float, float]]
 MODELS: Mapping[str, Callable[[], PhysicalModel]] = {
     "short-period": short_period,
     "short-period-free-z-q": partial(short_period, pitch_rate_effect=None),
+    "dutch-roll": dutch_roll,
+    "dutch-roll-aileron": partial(dutch_roll, control="aileron"),
     "mass-spring-damper": mass_spring_damper,
+    "first-order-dead-time": first_order_dead_time,
     "rc-circuit": rc_circuit,
     "rcrc-circuit": rcrc_circuit,
     "rcrc-circuit-buffered": partial(rcrc_circuit, buffered=True),
@@ -41,7 +46,9 @@ MODELS: Mapping[str, Callable[[], PhysicalModel]] = {
 
 SI = {"force": "N", "position": "m", "voltage": "V", "speed": "rad/s", "current": "A"}
 """Units of channels of the models; the other channels of a model need only be alike."""
-RATES = ("q",)
+ANY = ("input", "output")
+"""Channels that may have any unit: that of the gain follows from them."""
+RATES = ("q", "r")
 """Channels of which the unit is that of the others per second."""
 
 
@@ -73,8 +80,8 @@ def channels_of(
     ----------
     model : PhysicalModel
     inputs, outputs : sequence of str
-        Columns: those that are called as the model calls its channels are these, the others follow
-        in the order of the model.
+        Columns: ``elevator=de`` says which channel one is, those that are called as the model calls
+        its channels are these, the others follow in the order of the model.
 
     Returns
     -------
@@ -85,11 +92,15 @@ def channels_of(
     ------
     ChannelCountError
         Not as many columns as the model has channels.
+    OptionError
+        Two columns for one channel.
 
     Examples
     --------
     >>> channels_of(short_period(), ["de"], ["q", "AoA"])
     {'elevator': 'de', 'alpha': 'AoA', 'q': 'q'}
+    >>> channels_of(short_period(), ["elevator=de"], ["q=y2", "alpha=y1"])
+    {'elevator': 'de', 'alpha': 'y1', 'q': 'y2'}
     """
     found: dict[str, str] = {}
     for kind, ours, given in (
@@ -101,8 +112,22 @@ def channels_of(
                 f"found {len(given)} --{kind} for {model.name}; expected {len(ours)}, for "
                 f"{', '.join(ours)}; name a column for each"
             )
-        rest = iter([name for name in given if name not in ours])
-        found |= {name: name if name in given else next(rest) for name in ours}
+        stated: dict[str, str] = {}
+        rest: list[str] = []
+        for text in given:
+            channel, sign, column = (part.strip() for part in text.partition("="))
+            named = (channel, column) if sign and channel in ours and column else (text, text)
+            if named[0] in stated:
+                raise OptionError(
+                    f"found --{kind} {shown(text)} and another column for {named[0]}; expected one "
+                    "for each channel; drop one"
+                )
+            if named[0] in ours:
+                stated[named[0]] = named[1]
+            else:
+                rest.append(text)
+        left = iter(rest)
+        found |= {name: stated[name] if name in stated else next(left) for name in ours}
     return found
 
 
@@ -173,7 +198,7 @@ def check_units(records: Sequence[Record], named: Mapping[str, str]) -> None:
                     f"found {shown(theirs)} in {unit}; expected {SI[ours]}, as the units of the "
                     "parameters want it; convert the column, or correct its unit with --unit"
                 )
-            if unit and ours not in SI:
+            if unit and ours not in (*SI, *ANY):
                 alike[theirs] = _plain_unit(unit, 1 if ours in RATES else 0)
         if len(set(alike.values())) > 1:
             found = ", ".join(f"{name} in {record.units[name]}" for name in alike)

@@ -84,7 +84,13 @@ def write_results(
     write_page(page, folder / "report.html", folder)
 
 
-def show_estimate(estimate: Estimate, records: Sequence[Record], written: Sequence[Path]) -> None:
+def show_estimate(
+    estimate: Estimate,
+    records: Sequence[Record],
+    written: Sequence[Path],
+    *,
+    verbose: bool = False,
+) -> None:
     """Print the tables."""
     show(
         tables.describe_records(records),
@@ -92,7 +98,7 @@ def show_estimate(estimate: Estimate, records: Sequence[Record], written: Sequen
         estimate.model_text(),
         tables.coefficient_table(estimate),
         tables.fit_table(estimate),
-        *tables.describe_notes(estimate),
+        *tables.describe_notes(estimate, verbose=verbose),
         *describe_files(written),
     )
 

@@ -307,7 +307,8 @@ class _StreamRun:
         last = session.line(final=True)
         session.remarks.catch_up()
         self.view.update(last)
-        show_json_line(last)
+        if self.stop() or not session.repeats:
+            show_json_line(last)
         self._keep(whole or self._snapshot(), last=True)
         if last["malformed"]:
             say(f"{last['malformed']:,} of {last['lines']:,} lines were malformed")

@@ -124,6 +124,11 @@ class Session:
         Takes remarks.
     stopped : callable
         Whether to stop.
+
+    Attributes
+    ----------
+    repeats : bool
+        Whether the last line that was made tells of the same samples as the one before.
     """
 
     question: StreamQuestion
@@ -142,6 +147,8 @@ class Session:
         self._flags = 0
         self._problems: list[tuple[int, str, bool]] = []
         self._opening: tuple[Timeline, Array, Ints] | None = None
+        self._told = (0, 0)
+        self.repeats = False
 
     # -------------------------------------------------------------------------- saved and resumed
     def counts(self) -> dict[str, Any]:
@@ -471,9 +478,12 @@ class Session:
         at = {
             "number": self.place.emitted + 1,
             "time": self.place.time,
+            "elapsed": self.place.elapsed,
             "lines": self.place.line,
             "malformed": self.place.malformed,
         }
+        here = (self.place.line, self.state.n_samples)
+        self.repeats, self._told = here == self._told, here
         # whoever goes on puts a line of this number in the place of the last one
         self.place.emitted += not final
         if self.place.dropped is not None:

@@ -23,6 +23,8 @@ AT_ONCE = 5
 """Remarks that may follow each other without a pause."""
 PAUSE = 1.0
 """Time between remarks after that [s]."""
+DIGITS = 6
+"""Significant digits of numbers in a line, at least: far more than a standard error has."""
 LATEST = 20
 """Changes that a line lists."""
 PLAIN_PAUSE = 5.0
@@ -82,6 +84,20 @@ def flag_words(flags: Flag) -> list[str]:
     return [str(one.name).lower().replace("_", "-") for one in flags]
 
 
+def rounded(value: float, std: float = 0.0) -> float:
+    """A number with the digits that tell something: six, or to a thousandth of its standard error.
+
+    Examples
+    --------
+    >>> rounded(39.595574852443434), rounded(1234567.8912345, 0.01), rounded(float("inf"))
+    (39.5956, 1234567.89123, inf)
+    """
+    if not math.isfinite(value) or not math.isfinite(std):
+        return value
+    telling = math.ceil(math.log10(abs(value / std))) + DIGITS // 2 if value and std else DIGITS
+    return float(f"{value:.{min(max(telling, DIGITS), 17)}g}")
+
+
 def line_of(
     state: State,
     estimate: Estimate | None,
@@ -102,7 +118,7 @@ def line_of(
     flags : Flag
         Everything that was flagged since the line before.
     at : mapping
-        The line's number and time, and counts of what was read, which come first and last.
+        The line's number and time, the time since the first sample, and counts of what was read.
     final : bool
         Whether the stream has ended.
 
@@ -111,7 +127,7 @@ def line_of(
     dict
         Plain values; not yet free of nan.
     """
-    noise = dict(zip(state.output_names, state.noise_std.tolist(), strict=True))
+    noise = dict(zip(state.output_names, map(rounded, state.noise_std.tolist()), strict=True))
     document: dict[str, Any] = {
         "number": at["number"],
         "time": at["time"],
@@ -124,16 +140,18 @@ def line_of(
     else:
         document |= {
             "coefficients": {
-                item.name: {"value": item.value, "std": item.std}
+                item.name: {"value": rounded(item.value, item.std), "std": rounded(item.std)}
                 for item in estimate.parameters.values()
             },
             "noise_std": {
-                name: math.sqrt(variance)
+                name: rounded(math.sqrt(variance))
                 for name, variance in zip(
                     estimate.output_names, estimate.noise_variance.tolist(), strict=True
                 )
             },
-            "fit": dict(zip(estimate.output_names, estimate.fit.tolist(), strict=True)),
+            "fit": dict(
+                zip(estimate.output_names, map(rounded, estimate.fit.tolist()), strict=True)
+            ),
             "status": estimate.status.name,
         }
     lost = {"dropped": at["dropped"]} if "dropped" in at else {}
@@ -142,6 +160,10 @@ def line_of(
         "flags": flag_words(flags),
         "seen": flag_words(state.seen),
         "changes": list(state.changes[-LATEST:]),
+        "change_times": [
+            rounded(at["time"] + at["elapsed"] * (sample / max(state.n_samples - 1, 1) - 1.0))
+            for sample in state.changes[-LATEST:]
+        ],
         "n_changes": len(state.changes),
         "lines": at["lines"],
         "malformed": at["malformed"],
@@ -227,8 +249,8 @@ def _rows(document: Mapping[str, Any]) -> Sequence[tuple[str, ...]]:
 
 def _state(document: Mapping[str, Any]) -> str:
     said = ", ".join(document["flags"]) or "nothing flagged"
-    if document["changes"]:
-        said += f"; changed at sample {document['changes'][-1]:,}"
+    if document["change_times"]:
+        said += f"; changed at {document['change_times'][-1]:.6g} s"
     if document["malformed"]:
         said += f"; {document['malformed']:,} malformed lines"
     if document.get("dropped"):

@@ -139,21 +139,17 @@ def describe_status(estimate: Estimate) -> str:
     return "\n".join(lines)
 
 
-def describe_notes(estimate: Estimate) -> list[str]:
-    """List what was decided on the way, in one block; nothing if nothing was."""
-    lines = [paragraph(note, "- ") for note in notes(estimate)]
+def describe_notes(estimate: Estimate, *, verbose: bool = False) -> list[str]:
+    """List what was decided on the way, in one block; nothing if nothing was.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    verbose : bool
+        With the criteria of what was not chosen, and why the search ended.
+    """
+    lines = [paragraph(note, "- ") for note in estimate.notes(verbose=verbose)]
     return ["\n".join(lines)] if lines else []
-
-
-def notes(estimate: Estimate) -> list[str]:
-    """What was decided on the way, and why it stopped."""
-    said = (
-        estimate.noise_note(),
-        estimate.offset_note(),
-        *estimate.trace.decisions,
-        estimate.trace.stopped,
-    )
-    return list(dict.fromkeys(note for note in said if note))
 
 
 def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str, Any]:
@@ -199,7 +195,7 @@ def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str
         "outliers": _outliers(estimate),
         "noise_model": dict(zip(estimate.output_names, estimate.noise_model, strict=True)),
         "model": estimate.model.to_dict(),
-        "decisions": notes(estimate),
+        "decisions": estimate.notes(verbose=True),
     }
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import shlex
 import shutil
 import sys
@@ -32,6 +33,11 @@ TEXT_WIDTH = 78
 UNLIMITED = 10_000
 SILENCE = 1.0
 """How long a stage that is mostly over at once may take before a plain line names it [s]."""
+
+
+PAUSE = 2.0
+"""Time between two plain lines of a stage that counts [s]."""
+_COUNT = re.compile(r"\b(\d+) of (\d+)\b")
 
 
 class ReaderGoneError(Exception):
@@ -283,7 +289,9 @@ def error_console() -> Console:
 class Activity:
     """What is going on, shown on standard error while it lasts.
 
-    In a terminal one moving line that vanishes at the end; elsewhere a plain line for each stage.
+    In a terminal one moving line that vanishes at the end; elsewhere a plain line for each stage,
+    which tells the time since the beginning once that is a second. A stage that comes again has
+    been told, and one that counts ("3 of 10") is told every `PAUSE` seconds.
 
     Examples
     --------
@@ -304,6 +312,8 @@ class Activity:
         self._tenths = 0
         self._named = ""
         self._since = time.monotonic()
+        self._said: set[str] = set()
+        self._counted_at = -PAUSE
 
     def __enter__(self) -> Activity:
         if self._bar is not None:
@@ -326,8 +336,23 @@ class Activity:
         self._named = text
         if self._bar is not None:
             self._bar.update(self._task, description=printable(text))
-        else:
-            say(text)
+        elif self._is_news(text):
+            since = time.monotonic() - self._since
+            say(f"{text} (after {since:.0f} s)" if since >= 1.0 else text)
+
+    def _is_news(self, text: str) -> bool:
+        """Whether a stage deserves a plain line."""
+        counted = _COUNT.search(text)
+        if counted is None:
+            new = text not in self._said
+            self._said.add(text)
+            return new
+        now = time.monotonic() - self._since
+        last = counted[1] == counted[2]
+        if not last and now - self._counted_at < PAUSE:
+            return False
+        self._counted_at = now
+        return True
 
     @contextmanager
     def brief_stage(self, text: str) -> Iterator[None]:

@@ -57,6 +57,8 @@ Plan = Excitation | Record
 
 SAME_STEP = 1e-3
 LARGEST = 1e9
+VISIBLY = 1.1
+"""Ratio of relative errors beyond which a table shows both: a plan need not be known to a tenth."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -217,11 +219,17 @@ class Precision:
 
     @property
     def _titles(self) -> tuple[str, ...]:
-        over = ("median of draws", "95 % of draws") if len(self.draws) else ()
+        over = ("95 % of draws",) if self._draws_differ else ()
         return ("coefficient", "value", "std error", "relative", *over, "")
 
+    @property
+    def _draws_differ(self) -> bool:
+        """Whether other models that the estimate allows give errors that differ visibly."""
+        spread = self.relative_quantiles[1:]
+        return bool(np.any(spread > VISIBLY * self.relative))
+
     def _rows(self) -> list[tuple[str, ...]]:
-        spread = self.relative_quantiles
+        spread = self.relative_quantiles[1:] if self._draws_differ else self.relative_quantiles[:0]
         rows = []
         for k, name in enumerate(self.names):
             value, std = float(self.theta[k]), float(self.std[k])
@@ -370,7 +378,9 @@ def precision(
 
 
 def _percent(ratio: float) -> str:
-    return f"{100.0 * ratio:.3g} %" if math.isfinite(ratio) else "-"
+    if not math.isfinite(ratio):
+        return "-"
+    return f"{100.0 * ratio:.3g} %" if ratio <= 1.0 else "> 100 %"
 
 
 def _records(plans: Plan | Sequence[Plan]) -> list[Record]:

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 from tridentify.checks.names import check_units
 from tridentify.checks.samples import Intersample, channel_names
 from tridentify.errors import OptionError, ShapeError, shown
-from tridentify.excitation.checks import count, positive
+from tridentify.excitation.checks import count, not_negative, positive
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.writing.files import write_atomically
@@ -161,6 +161,43 @@ class Excitation:
         """The same course several times, one after the other."""
         times = count("times", times)
         return replace(self, u=np.tile(self.u, (times, 1)), what=f"{times} x {self.what}")
+
+    def with_rest(self, lead: float = 0.0, tail: float = 0.0) -> Excitation:
+        """The same course with all inputs at rest before and after it.
+
+        Before it the trim is seen, which the offset is estimated from; after it the response dies
+        out.
+
+        Parameters
+        ----------
+        lead, tail : float
+            How long [s], rounded to whole samples.
+
+        Returns
+        -------
+        Excitation
+            Without a period, unless both are zero.
+
+        Raises
+        ------
+        OptionError
+            A time is negative or not finite.
+
+        Examples
+        --------
+        >>> from tridentify.excitation import doublet
+        >>> doublet(1.0, 1.0, dt=0.5).with_rest(0.5, 1.0).u.ravel().tolist()
+        [0.0, 1.0, 1.0, -1.0, -1.0, 0.0, 0.0]
+        """
+        before, after = (
+            round(not_negative(name, value) / self.dt)
+            for name, value in (("lead", lead), ("tail", tail))
+        )
+        if not before + after:
+            return self
+        parts = [np.zeros((before, self.n_inputs)), self.u, np.zeros((after, self.n_inputs))]
+        rest = f"rest {before * self.dt:.4g} s before, {after * self.dt:.4g} s after"
+        return replace(self, u=np.concatenate(parts), period=0, what=f"{self.what}, {rest}")
 
     def named(
         self, input_names: Sequence[str], units: Mapping[str, str] | None = None

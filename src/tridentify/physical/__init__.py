@@ -5,8 +5,9 @@ from __future__ import annotations
 from tridentify.physical.electrical import dc_motor, rc_circuit, rcrc_circuit
 from tridentify.physical.fit import estimate_physical
 from tridentify.physical.identifiability import Identifiability, identifiability
-from tridentify.physical.mechanical import mass_spring_damper, short_period
+from tridentify.physical.mechanical import dutch_roll, mass_spring_damper, short_period
 from tridentify.physical.model import PhysicalModel, PhysicalParameter
+from tridentify.physical.process import first_order_dead_time
 from tridentify.physical.result import PhysicalEstimate
 
 __all__ = [
@@ -15,7 +16,9 @@ __all__ = [
     "PhysicalModel",
     "PhysicalParameter",
     "dc_motor",
+    "dutch_roll",
     "estimate_physical",
+    "first_order_dead_time",
     "identifiability",
     "mass_spring_damper",
     "rc_circuit",

@@ -75,7 +75,8 @@ def estimate_physical(
         Channel of the model -> channel of the records, where the names differ.
     fit : {"likelihood", "distance"}
         Whether to end on the likelihood of the records or on the least distance to the freely
-        estimated coefficients; the two differ on short records only.
+        estimated coefficients; the two differ on short records only. With a delay among the
+        coefficients it is the distance, since other samples are explained at another delay.
     progress : callable, optional
         Told in words what is going on.
 
@@ -126,6 +127,8 @@ def estimate_physical(
             "weighs them; use ThreeModel() or OutputError()"
         )
     chosen = [record.settled(estimate.intersample) for record in chosen]
+    if model.structure.delay == "free":
+        fit = "distance"
     with one_blas_thread():
         return _from_coefficients(model, chosen, estimate, held, fit, progress or (lambda _: None))
 

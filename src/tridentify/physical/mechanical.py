@@ -1,24 +1,39 @@
 """Aircraft and oscillators as physical models.
 
 *Short period*: ``alpha' = Z_alpha alpha + Z_q q + Z_delta delta``, ``q' = M_alpha alpha + M_q q +
-M_delta delta`` with ``Z_q = 1`` (speed and attitude held; Etkin & Reid 1996, chapter 6). With the
-state equation ``x' = A x + B u`` both outputs share the denominator ``s^2 - tr(A) s + det(A)`` and
-the numerators are those of ``adj(s I - A) B``:
+M_delta delta`` with ``Z_q = 1`` (speed and attitude held; Etkin & Reid 1996, chapter 6).
 
-    a1 = -(Z_alpha + M_q),                    a0 = Z_alpha M_q - Z_q M_alpha,
-    alpha: b1 = Z_delta,                      b0 = Z_q M_delta - M_q Z_delta,
-    q:     b1 = M_delta,                      b0 = M_alpha Z_delta - Z_alpha M_delta.
+*Dutch roll*: with roll left out, the side force and yawing moment equations of small motion about
+straight level flight, ``beta' = Y_beta beta + (Y_r - 1) r + Y_delta delta``, ``r' = N_beta beta +
+N_r r + N_delta delta``, with ``Y_r = 0`` (McRuer, Ashkenas & Graham 1973, chapter 6: the
+two-degree-of-freedom approximation). What it leaves out are the roll rate in the side force
+equation, ``sin(alpha_0) p``, gravity, ``g/V phi``, and the yaw due to roll ``N_p p``. So it holds
+where the aircraft hardly rolls, as after a rudder doublet at a small angle of attack with little
+dihedral; the test of the restriction tells where it does not.
 
-Five derivatives and six coefficients: one restriction, which can be tested. Angles may be in
-degrees or radians, as long as it is the same unit for all three channels.
+Both are ``x' = A x + B u`` with two states that are measured. With ``A = [[f_1, f_2], [m_1, m_2]]``
+and ``B = [f, m]`` both outputs share the denominator ``s^2 - tr(A) s + det(A)``, and the numerators
+are those of ``adj(s I - A) B``:
+
+    a1 = -(f_1 + m_2),       a0 = f_1 m_2 - f_2 m_1,
+    first:  b1 = f,          b0 = f_2 m - m_2 f,
+    second: b1 = m,          b0 = m_1 f - f_1 m.
+
+With ``f_2`` known that is five derivatives and six coefficients: one restriction, which can be
+tested. Angles may be in degrees or radians, as long as it is the same unit for all three channels.
 
 *Mass, spring and damper*: ``m y'' + c y' + k y = u`` from force to position.
 """
 
 from __future__ import annotations
 
+from typing import Literal
+
+from tridentify.errors import OptionError, shown
 from tridentify.physical.model import PhysicalModel, PhysicalParameter, Values
 from tridentify.structure import Structure
+
+Control = Literal["rudder", "aileron"]
 
 
 def short_period(*, pitch_rate_effect: float | None = 1.0) -> PhysicalModel:
@@ -45,30 +60,6 @@ def short_period(*, pitch_rate_effect: float | None = 1.0) -> PhysicalModel:
     {'a1': 1.9, 'a0': 8.9, 'b1[alpha,elevator]': -0.1, 'b0[alpha,elevator]': -9.09,
      'b1[q,elevator]': -9.0, 'b0[q,elevator]': -8.2}
     """
-    free = pitch_rate_effect is None
-
-    def coefficients(p: Values) -> Values:
-        z_alpha, z_delta, m_alpha, m_q, m_delta = (
-            p[name] for name in ("Z_alpha", "Z_delta", "M_alpha", "M_q", "M_delta")
-        )
-        z_q = p["Z_q"] if pitch_rate_effect is None else pitch_rate_effect
-        return {
-            "a1": -(z_alpha + m_q),
-            "a0": z_alpha * m_q - z_q * m_alpha,
-            "b1[alpha,elevator]": z_delta,
-            "b0[alpha,elevator]": z_q * m_delta - m_q * z_delta,
-            "b1[q,elevator]": m_delta,
-            "b0[q,elevator]": m_alpha * z_delta - z_alpha * m_delta,
-        }
-
-    def start(c: Values) -> Values:
-        z_delta, m_delta = c["b1[alpha,elevator]"], c["b1[q,elevator]"]
-        z_alpha = -c["b0[q,elevator]"] / m_delta if m_delta else -0.5 * c["a1"]
-        m_q = -c["a1"] - z_alpha
-        m_alpha = z_alpha * m_q - c["a0"]
-        found = {"Z_alpha": z_alpha, "Z_delta": z_delta, "M_alpha": m_alpha, "M_q": m_q}
-        return found | {"M_delta": m_delta}
-
     parameters = [
         PhysicalParameter("Z_alpha", "1/s", "lift due to angle of attack", guess=-1.0),
         PhysicalParameter("Z_delta", "1/s", "lift due to elevator", guess=-0.1),
@@ -76,15 +67,116 @@ def short_period(*, pitch_rate_effect: float | None = 1.0) -> PhysicalModel:
         PhysicalParameter("M_q", "1/s", "pitch damping", guess=-1.0),
         PhysicalParameter("M_delta", "1/s^2", "elevator effectiveness", guess=-5.0),
     ]
-    if free:
-        parameters.append(PhysicalParameter("Z_q", "-", "lift due to pitch rate", guess=1.0))
+    rate = PhysicalParameter("Z_q", "-", "lift due to pitch rate", guess=1.0)
+    return _two_states(
+        "short period", parameters, rate, 0.0, pitch_rate_effect, ("elevator", "alpha", "q")
+    )
+
+
+def dutch_roll(
+    *, control: Control = "rudder", yaw_rate_effect: float | None = 0.0
+) -> PhysicalModel:
+    """Lateral short period (Dutch roll) of an aircraft, to sideslip and yaw rate, roll left out.
+
+    Parameters
+    ----------
+    control : {"rudder", "aileron"}
+        The surface that moves; the other one is held.
+    yaw_rate_effect : float or None
+        ``Y_r``, zero where the side force due to yaw rate is negligible; None to estimate it, which
+        leaves no restriction to test.
+
+    Returns
+    -------
+    PhysicalModel
+        Channels ``rudder`` or ``aileron``; ``beta``, ``r``. Parameters Y_beta, Y_delta [1/s],
+        N_beta, N_delta [1/s^2], N_r [1/s].
+
+    Raises
+    ------
+    OptionError
+        For another surface.
+
+    Examples
+    --------
+    >>> derivatives = {"Y_beta": -0.2, "Y_delta": 0.05, "N_beta": 4.0, "N_r": -0.3, "N_delta": -2.0}
+    >>> model = dutch_roll()
+    >>> dict(zip(model.coefficient_names, model.theta(derivatives).round(3).tolist()))
+    {'a1': 0.5, 'a0': 4.06, 'b1[beta,rudder]': 0.05, 'b0[beta,rudder]': 2.015,
+     'b1[r,rudder]': -2.0, 'b0[r,rudder]': -0.2}
+    """
+    if control not in ("rudder", "aileron"):
+        raise OptionError(
+            f"found control={shown(control)}; expected 'rudder' or 'aileron'; choose one"
+        )
+    parameters = [
+        PhysicalParameter("Y_beta", "1/s", "side force due to sideslip", guess=-0.2),
+        PhysicalParameter("Y_delta", "1/s", f"side force due to {control}", guess=0.05),
+        PhysicalParameter("N_beta", "1/s^2", "directional stability", guess=3.0),
+        PhysicalParameter("N_r", "1/s", "yaw damping", guess=-0.3),
+        PhysicalParameter("N_delta", "1/s^2", f"yaw due to {control}", guess=-1.5),
+    ]
+    rate = PhysicalParameter("Y_r", "-", "side force due to yaw rate", guess=0.05)
+    return _two_states(
+        f"Dutch roll, {control}", parameters, rate, -1.0, yaw_rate_effect, (control, "beta", "r")
+    )
+
+
+def _two_states(
+    name: str,
+    parameters: list[PhysicalParameter],
+    rate: PhysicalParameter,
+    carried: float,
+    known_rate: float | None,
+    channels: tuple[str, str, str],
+) -> PhysicalModel:
+    """A force and a moment equation, as the head of this module has them.
+
+    Parameters
+    ----------
+    name : str
+    parameters : list of PhysicalParameter
+        Those of ``f_1``, ``f``, ``m_1``, ``m_2`` and ``m``, in this order.
+    rate : PhysicalParameter
+        That of ``f_2``, less what the axes carry along.
+    carried : float
+        What the rotation of the axes adds to it.
+    known_rate : float or None
+        Its value; None to estimate it.
+    channels : (str, str, str)
+        Input, first output, second output.
+    """
+    source, one, two = channels
+    order = [parameter.name for parameter in parameters]
+    first, second = f"[{one},{source}]", f"[{two},{source}]"
+
+    def coefficients(p: Values) -> Values:
+        f_1, f, m_1, m_2, m = (p[each] for each in order)
+        f_2 = carried + (p[rate.name] if known_rate is None else known_rate)
+        return {
+            "a1": -(f_1 + m_2),
+            "a0": f_1 * m_2 - f_2 * m_1,
+            "b1" + first: f,
+            "b0" + first: f_2 * m - m_2 * f,
+            "b1" + second: m,
+            "b0" + second: m_1 * f - f_1 * m,
+        }
+
+    def start(c: Values) -> Values:
+        """With ``f_2`` of size one, and no moment from the force that the control makes."""
+        f, m = c["b1" + first], c["b1" + second]
+        f_1 = -c["b0" + second] / m if m else -0.5 * c["a1"]
+        m_2 = -c["a1"] - f_1
+        m_1 = (f_1 * m_2 - c["a0"]) / (carried or 1.0)
+        return dict(zip(order, (f_1, f, m_1, m_2, m), strict=True))
+
     return PhysicalModel(
-        "short period",
-        parameters,
+        name,
+        [*parameters, *([rate] if known_rate is None else [])],
         Structure(2, [[1], [1]]),
         coefficients,
-        input_names=("elevator",),
-        output_names=("alpha", "q"),
+        input_names=(source,),
+        output_names=(one, two),
         start=start,
     )
 

@@ -25,7 +25,7 @@ from tridentify.checks.rates import filtered, interpolate, merge_rates
 from tridentify.checks.samples import (
     Behaviour,
     Intersample,
-    channel_names,
+    channel_labels,
     check_band_limited,
     check_distinct,
     check_inputs,
@@ -77,13 +77,16 @@ class Record:
     dt : float, optional
         Uniform sampling interval [s]; time then begins at zero. Give exactly one of `dt` and `t`.
     t : array_like, shape (n_samples,), optional
-        Sampling instants [s], strictly increasing.
+        Sampling instants [s], strictly increasing; or dates, which count from the first, or
+        durations.
     intersample : {"zoh", "foh", "band-limited", "auto"}
         What the input does between samples: it is held, joined by straight lines, or the
         band-limited signal through its samples (uniform time only). With "auto" `identify` takes
         what explains the record best; all else takes `behaviour`.
     input_names, output_names : sequence of str, optional
-        One name per channel, all different; ``u`` or ``u1, u2, ...`` and likewise ``y`` by default.
+        One name per channel, all different. By default what the columns of a frame or a series of
+        pandas, polars, pyarrow or xarray are called (``q [deg/s]`` also states the unit), else
+        ``u`` or ``u1, u2, ...`` and likewise ``y``.
     units : mapping of str to str, optional
         Channel name (or ``"t"``) to unit.
     name : str, optional
@@ -155,8 +158,8 @@ class Record:
         check_lengths(inputs, outputs, time)
         if intersample == "band-limited":
             check_band_limited(step, len(inputs))
-        names_in = channel_names(input_names, inputs.shape[1], "u")
-        names_out = channel_names(output_names, outputs.shape[1], "y")
+        widths = inputs.shape[1], outputs.shape[1]
+        names_in, names_out, own = channel_labels(u, y, (input_names, output_names), widths)
         check_distinct((*names_in, *names_out))
         check_inputs(inputs, names_in)
         check_outputs(outputs, names_out)
@@ -168,7 +171,7 @@ class Record:
             intersample=intersample,
             input_names=names_in,
             output_names=names_out,
-            units=checked_units(units, (*names_in, *names_out)),
+            units=MappingProxyType(own | dict(checked_units(units, (*names_in, *names_out)))),
             name="" if name is None else str(name),
         )
 

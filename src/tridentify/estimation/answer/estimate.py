@@ -80,6 +80,8 @@ HELD = 1e-17
 double."""
 ONE_SIGMA = 0.6826894921370859
 """Probability within one standard deviation of a Gaussian, erf(1 / sqrt 2)."""
+_CRITERIA = re.compile(r"(?<=: lowest AICc) \(.*\)| \(of -2 log L: .*\)")
+"""Behind a decision: how much worse the other choices are."""
 _WIDTH = 78
 """Characters a line of the summary: fits a terminal of 80."""
 _TITLES = ("coefficient", "value", "std error", "95 % from", "to", "unit")
@@ -382,6 +384,24 @@ class Estimate(EstimateViews):
         kinds = [f"{n}: {f'AR({a.size})' if a.size else 'white'}" for n, a in models]
         return f"noise model {', '.join(kinds)}; noise std is that of the noise before whitening"
 
+    def notes(self, *, verbose: bool = False) -> tuple[str, ...]:
+        """What was decided on the way.
+
+        Parameters
+        ----------
+        verbose : bool
+            With the criteria of what was not chosen, and why the search ended; what only who looks
+            into the search needs.
+        """
+        noise, offset = self.noise_note(), self.offset_note()
+        if verbose:
+            told = (noise, offset, *self.trace.decisions, self.trace.stopped)
+        else:
+            twice = "noise coloured (" if noise else "\n"
+            kept = (each for each in self.trace.decisions if not each.startswith(twice))
+            told = (noise, offset, *(_CRITERIA.sub("", each) for each in kept))
+        return tuple(dict.fromkeys(note for note in told if note))
+
     def held_note(self, name: str) -> str:
         """Why a coefficient has no standard error ("fixed", "at bound"); empty where it has one."""
         parameter = self.parameters[name]
@@ -517,14 +537,8 @@ class Estimate(EstimateViews):
         lines.append(", ".join(f"{name} {value}" for name, value in figures if value != "nan"))
         for finding in self.findings:
             lines += finding.lines(_WIDTH)
-        for note in (
-            self.noise_note(),
-            self.offset_note(),
-            *self.trace.decisions,
-            self.trace.stopped,
-        ):
-            if note:
-                lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
+        for note in self.notes():
+            lines += textwrap.wrap(note, _WIDTH, initial_indent="- ", subsequent_indent="  ")
         return "\n".join(line.rstrip() for line in (*lines, "=" * _WIDTH))
 
     def model_text(self) -> str:

@@ -199,7 +199,7 @@ class Selection:
         """Notes, and what the Hankel singular values say."""
         told = ["std/value: the largest standard error over its coefficient"]
         told += self.notes
-        if self.hankel is not None:
+        if self.hankel is not None and self.hankel.order:
             h = self.hankel
             several = "value rises" if h.order == 1 else "values rise"
             told.append(

@@ -19,7 +19,7 @@ Instants closer to each other than a thousandth of the smallest mean step are on
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, cast
 
 import numpy as np
@@ -50,9 +50,12 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.record import Record
 
-__all__ = ["Instants", "Wanted", "record_from"]
+__all__ = ["TIME_NAMES", "Instants", "Wanted", "record_from", "time_channels"]
 
 Instants = Literal["auto", "outputs", "all"]
+
+TIME_NAMES = ("t", "time")
+"""What a channel of time is called, in any case."""
 
 JITTER = 0.05
 """Largest departure of a step of recorded time from a stated `dt`, as a fraction of it."""
@@ -110,6 +113,7 @@ def record_from(source: OpenFile, wanted: Wanted, name: str) -> Record:
     DataError
         See `read_record`.
     """
+    wanted = _with_time(source, wanted)
     known = source.channels
     clock = None if wanted.time is None else find_channel(source, wanted.time)
     inputs = [find_channel(source, name) for name in wanted.inputs]
@@ -209,6 +213,29 @@ def _kept_units(
 
 
 # ------------------------------------------------------------------------------------------- time
+def time_channels(source: OpenFile) -> list[Channel]:
+    """Give the channels that are called t or time, in any case, without a time of their own."""
+    named = [channel for channel in source.channels if channel.name.casefold() in TIME_NAMES]
+    return [channel for channel in named if not channel.clock]
+
+
+def _with_time(source: OpenFile, wanted: Wanted) -> Wanted:
+    """What is wanted, with the one channel that is time by its name where time is not stated."""
+    if wanted.time is not None or wanted.dt is not None:
+        return wanted
+    asked = [find_channel(source, name) for name in (*wanted.inputs, *wanted.outputs)]
+    found = time_channels(source)
+    if all(channel.clock for channel in asked) or not found:
+        return wanted
+    if len(found) > 1:
+        listed = " and ".join(shown(channel.header) for channel in found)
+        raise SamplingError(
+            f"found the columns {listed} in {shown(source.path.name)}, and neither time nor dt; "
+            "expected to know the sampling; name the column of time or give dt [s]"
+        )
+    return wanted if found[0] in asked else replace(wanted, time=found[0].header)
+
+
 def _read(
     source: OpenFile,
     channels: list[Channel],

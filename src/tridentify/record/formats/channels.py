@@ -8,12 +8,12 @@ else a channel of the same clock has to be named as time, or the step stated.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from tridentify.checks.names import split_unit
 from tridentify.numerics.arrays import Array
 
 __all__ = ["Channel", "OpenFile", "header_channel"]
@@ -47,7 +47,9 @@ SECONDS = {
 }
 """Units of time, as the formats write them [s]."""
 
-_UNIT = re.compile(r"(?P<name>.*\S)\s*(\[(?P<square>[^][]*)\]|\((?P<round>[^()]*)\))")
+
+CALLER = 6
+"""Frames from where an open file warns to the line that called `read_record`."""
 
 
 @dataclass(frozen=True)
@@ -114,8 +116,5 @@ def header_channel(header: str, samples: int | None = None) -> Channel:
     >>> header_channel("alpha [deg]").unit, header_channel("x[0]").name
     ('deg', 'x[0]')
     """
-    match = _UNIT.fullmatch(header)
-    unit = (match["square"] or match["round"] or "").strip() if match else ""
-    if match is None or unit.isdigit():
-        return Channel(header, header, samples=samples)
-    return Channel(header, match["name"].strip(), unit, samples=samples)
+    name, unit = split_unit(header)
+    return Channel(header, name, unit, samples=samples)

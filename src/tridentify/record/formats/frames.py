@@ -22,8 +22,9 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.assemble import Wanted, record_from
+from tridentify.record.formats.assemble import TIME_NAMES, Wanted, record_from
 from tridentify.record.formats.channels import Channel, header_channel
+from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.requirements import require
 from tridentify.record.record import Record
 
@@ -49,7 +50,8 @@ class FrameTable:
         self._names = [name for name in frame.columns if isinstance(name, str)]
         kinds = frame.schema
         self.channels = tuple(
-            frame_channel(name, kinds[name].is_temporal(), len(frame)) for name in self._names
+            frame_channel(name, kinds[name].is_temporal() or self._is_dated(name), len(frame))
+            for name in self._names
         )
         if not len(frame):
             raise EmptyFileError(
@@ -68,6 +70,27 @@ class FrameTable:
         """Name a row by its number, from 0 as in the frame."""
         return f"row {row}"
 
+    def _is_dated(self, name: str) -> bool:
+        """Whether a column of text begins with a date or a time of day."""
+        import narwhals as nw
+
+        if self.frame.schema[name] != nw.String:
+            return False
+        first = self.frame.get_column(name).drop_nulls().head(1).to_list()
+        return bool(first) and read_moment(first[0]) is not None
+
+    def _dates(self, name: str) -> Array:
+        """A column of dates or times of day as text, in seconds from the first."""
+        instants = Instants()
+        for row, cell in enumerate(self.frame.get_column(name).to_list()):
+            if not instants.take(cell or "", row):
+                raise TextInColumnError(
+                    f"found {shown(cell)} in column {shown(name)}, {self.place(row)} of "
+                    f"{shown(self.path.name)}; expected a date or time as above it; correct it, or "
+                    "convert the column to datetime"
+                )
+        return instants.values()
+
     def _floats(self, name: str) -> Array:
         import narwhals as nw
 
@@ -80,6 +103,8 @@ class FrameTable:
             return _seconds(exact.dt.timestamp("ns"), from_first=True)
         if isinstance(kind, nw.Boolean) or kind.is_numeric():
             return _float_array(column)
+        if self._is_dated(name):
+            return self._dates(name)
         raise not_numbers(kind, name, self.path)
 
 
@@ -141,8 +166,10 @@ def record_from_frame(
         Eager; a missing value of an output becomes nan, one of an input is refused.
     time : str, optional
         Column of time: numbers [s], or in the unit of its name or of `units`; durations; or dates,
-        which count from the first. By default the index of a pandas frame, if that is one of dates
-        or durations; an index that has a name may also be named.
+        also as text (ISO 8601), which count from the first. By default the index of a pandas frame,
+        if that is one of dates or durations or is called ``t`` or ``time``, else the one column
+        that is called so, in any case and with or without a unit in brackets. An index that has a
+        name may also be named.
     dt, inputs, outputs, intersample, units, start, stop
         As in `read_record`.
     name : str
@@ -193,7 +220,7 @@ def _eager(frame: Any, time: str | None, dt: float | None) -> tuple[nw.DataFrame
     if index is None or getattr(index, "nlevels", 1) != 1:
         return table, time
     label = index.name if isinstance(index.name, str) else "index"
-    timed = time is None and dt is None and getattr(index.dtype, "kind", "") in "mM"
+    timed = time is None and dt is None and _is_time(index, label)
     if not timed and (time != label or time in table.columns):
         return table, time
     native: Any = nw.to_native(table)
@@ -201,6 +228,13 @@ def _eager(frame: Any, time: str | None, dt: float | None) -> tuple[nw.DataFrame
         return nw.from_native(native.reset_index(names=label), eager_only=True), label
     except (ValueError, nw.exceptions.NarwhalsError) as error:
         raise _repeated(error) from error
+
+
+def _is_time(index: Any, label: str) -> bool:
+    """Whether an index is one of dates or durations, or of numbers and called t or time."""
+    kind = getattr(index.dtype, "kind", "")
+    called = header_channel(label).name.casefold() in TIME_NAMES
+    return kind in "mM" or (kind in "fiu" and called)
 
 
 def _repeated(error: Exception) -> DuplicateColumnError:

@@ -15,7 +15,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from tridentify.errors import TridentifyError
+from tridentify.errors import DataWarning, TridentifyError
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import OpenFile
 
@@ -33,14 +33,17 @@ def serve() -> None:
     for number in (1, 2):
         os.dup2(null, number)
     warnings.simplefilter("ignore")
+    warnings.simplefilter("always", DataWarning)
     first = json.loads(requests.readline())
     _limit_memory(first["memory"])
     # a polars panic is no Exception, and nothing may leave this process but an answer
     try:
         path = Path(os.fsdecode(first["path"].encode("latin-1")))
-        source = _module_file(first["module"], path)
+        with warnings.catch_warnings(record=True) as caught:
+            source = _module_file(first["module"], path)
         listing = [dataclasses.asdict(channel) for channel in source.channels]
-        _answer(answers, {"channels": listing}, ())
+        said = [str(item.message) for item in caught if issubclass(item.category, DataWarning)]
+        _answer(answers, {"channels": listing, "said": said}, ())
         for line in requests:
             _answer(answers, {}, _arrays(source, json.loads(line)))
     except BaseException as error:

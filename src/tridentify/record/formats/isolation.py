@@ -19,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import warnings
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
@@ -28,6 +29,7 @@ import numpy as np
 
 from tridentify import errors
 from tridentify.errors import (
+    DataWarning,
     FileTooLargeError,
     MissingDependencyError,
     TridentifyError,
@@ -35,7 +37,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.channels import Channel
+from tridentify.record.formats.channels import CALLER, Channel
 
 __all__ = ["IsolatedFile"]
 
@@ -156,6 +158,8 @@ class IsolatedFile:
                 }
             )
             self.channels = tuple(Channel(**entry) for entry in answer["channels"])
+            for text in answer["said"]:
+                warnings.warn(str(text), DataWarning, stacklevel=CALLER)
         except BaseException:
             self.close()
             raise

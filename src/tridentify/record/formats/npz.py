@@ -46,7 +46,7 @@ class NpzFile:
             if not arrays:
                 raise UnreadableFileError(
                     f"found a ZIP archive without arrays in {shown(path.name)}; expected an NPZ "
-                    "file of NumPy; save a workbook as CSV, unpack another archive"
+                    "file of NumPy or an Excel workbook (.xlsx); unpack another archive"
                 )
             for entry in arrays:
                 name = entry.filename.removesuffix(".npy")

@@ -6,16 +6,16 @@ add one row to `FORMATS`.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from tridentify.checks.samples import Intersample
-from tridentify.errors import SamplingError, UnreadableFileError, shown
-from tridentify.record.formats.assemble import Instants, Wanted, find_channel, record_from
+from tridentify.errors import OptionError, UnreadableFileError, shown
+from tridentify.record.formats.assemble import Instants, Wanted, record_from
 from tridentify.record.formats.channels import Channel, OpenFile
+from tridentify.record.formats.contents import Contents, as_file, called
 from tridentify.record.formats.csv import TextFile
 from tridentify.record.formats.isolation import IsolatedFile
 from tridentify.record.formats.requirements import require
@@ -23,7 +23,7 @@ from tridentify.record.formats.text_table import check_readable
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 
-__all__ = ["FORMATS", "Format", "list_channels", "opened", "read_record"]
+__all__ = ["FORMATS", "Format", "list_channels", "opened", "read_record", "read_records"]
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,8 @@ class Format:
     suffixes : tuple of str
     marks : tuple of (int, bytes)
         Bytes that a file begins with, at an offset; one of them must be there.
+    members : tuple of bytes
+        For a ZIP archive: beginnings of the name of its first file, one of which must be there.
     module : str
         The reader, in `tridentify.record.formats`.
     needs, extra : str
@@ -48,11 +50,21 @@ class Format:
     module: str
     needs: str = ""
     extra: str = ""
+    members: tuple[bytes, ...] = ()
 
 
 FORMATS = (
     Format("Parquet", (".parquet", ".pq"), ((0, b"PAR1"),), "arrow"),
     Format("Feather", (".feather", ".arrow", ".ipc"), ((0, b"ARROW1"),), "arrow"),
+    Format(
+        "Excel",
+        (".xlsx", ".xlsm"),
+        ((0, b"PK\x03\x04"),),
+        "excel",
+        "openpyxl",
+        "excel",
+        (b"[Content_Types].xml", b"_rels/", b"docProps/", b"xl/", b"customXml/"),
+    ),
     Format("NPZ", (".npz",), ((0, b"PK\x03\x04"), (0, b"PK\x05\x06")), "npz"),
     Format("MATLAB 5", (".mat",), ((0, b"MATLAB 5.0"),), "matlab"),
     Format(
@@ -75,15 +87,15 @@ FORMATS = (
 )
 """The formats beside delimited text, which is what everything else is taken for."""
 
-TIME_NAMES = ("t", "time")
-"""What a channel of time is called, in any case."""
+MEMBER_NAME = 30
+"""Where the name of the first file of a ZIP archive begins."""
 
 TEXT_SUFFIXES = (".dat",)
 """Suffixes of a binary format that text goes by as well."""
 
 
 def read_record(
-    path: str | os.PathLike[str],
+    path: Contents,
     *,
     time: str | None = None,
     dt: float | None = None,
@@ -99,12 +111,14 @@ def read_record(
 
     Parameters
     ----------
-    path : path-like
-        Delimited text (CSV, TSV), Parquet, Feather, NPZ, MATLAB (``.mat``, version 5 or 7.3), ULog
-        or MDF4, recognised by its content. The last three need the extras ``matlab`` (7.3 only),
-        ``ulog`` and ``mdf`` of this package.
+    path : path-like, bytes, or file open for reading
+        Delimited text (CSV, TSV), Excel (``.xlsx``), Parquet, Feather, NPZ, MATLAB (``.mat``,
+        version 5 or 7.3), ULog or MDF4, recognised by its content. Excel, MATLAB 7.3, ULog and MDF4
+        need the extras ``excel``, ``matlab``, ``ulog`` and ``mdf`` of this package. A file in
+        memory (``io.BytesIO``) or an upload is read from where it stands.
     time : str, optional
-        Name of the channel of time. Its unit is seconds unless the file or `units` say otherwise.
+        Name of the channel of time. Its unit is seconds unless the file or `units` say otherwise;
+        dates (``2026-11-22T10:30:00.25``) and times of day (``10:30:00.25``) count from the first.
         Without it and without `dt`, the channel that is called ``t`` or ``time``, in any case and
         with or without a unit in brackets, is taken if there is exactly one.
         Not needed where the format has a time of its own: ULog, MDF4, and in MATLAB files
@@ -143,8 +157,15 @@ def read_record(
         Time is not stated, does not agree with `dt`, runs backwards, or has no samples in range.
     MissingDependencyError
         The package that reads this format is not installed; the message names the extra.
+    SampleTypeError
+        `path` is neither a path nor bytes nor an open file.
     DataError
         Whatever else `Record` refuses.
+
+    Warns
+    -----
+    DataWarning
+        Lines above the header are taken for a title and passed over.
 
     Examples
     --------
@@ -157,39 +178,70 @@ def read_record(
     Record('doublet', 3 samples, 1 s, dt=0.5 s, auto, inputs: elevator [rad], outputs: q)
     """
     wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop, instants)
-    with opened(path) as source:
-        if time is None and dt is None:
-            wanted = replace(wanted, time=_time_by_name(source, wanted))
-        return record_from(source, wanted, printable(source.path.stem))
+    return _read(path, wanted)
 
 
-def time_channels(source: OpenFile) -> list[Channel]:
-    """Give the channels that are called t or time, in any case, without a time of their own."""
-    named = [channel for channel in source.channels if channel.name.casefold() in TIME_NAMES]
-    return [channel for channel in named if not channel.clock]
+def read_records(
+    paths: Sequence[Contents],
+    *,
+    time: str | None = None,
+    dt: float | None = None,
+    inputs: Sequence[str],
+    outputs: Sequence[str],
+    intersample: Intersample = "auto",
+    units: Mapping[str, str] | None = None,
+    start: float | None = None,
+    stop: float | None = None,
+    instants: Instants = "auto",
+) -> tuple[Record, ...]:
+    r"""Read several experiments with the same channels, a file each, as `identify` takes them.
 
+    Parameters
+    ----------
+    paths : sequence of path-like, bytes, or files open for reading
+        As for `read_record`, one at least.
+    time, dt, inputs, outputs, intersample, units, start, stop, instants
+        As for `read_record`; the same for all files.
 
-def _time_by_name(source: OpenFile, wanted: Wanted) -> str | None:
-    """The one channel that is time by its name; None where it is asked for, or not needed."""
-    asked = [find_channel(source, name) for name in (*wanted.inputs, *wanted.outputs)]
-    found = time_channels(source)
-    if all(channel.clock for channel in asked) or not found:
-        return None
-    if len(found) > 1:
-        listed = " and ".join(shown(channel.header) for channel in found)
-        raise SamplingError(
-            f"found the columns {listed} in {shown(source.path.name)}, and neither time nor dt; "
-            "expected to know the sampling; name the column of time or give dt [s]"
+    Returns
+    -------
+    tuple of Record
+        In the order of `paths`.
+
+    Raises
+    ------
+    OptionError
+        `paths` is a single file, or there is none.
+    DataError
+        As `read_record`.
+
+    Examples
+    --------
+    >>> flights = [b"t,u,y\n0,0,0\n1,1,0\n", b"t,u,y\n0,1,0\n1,1,2\n2,0,3\n"]
+    >>> [record.n_samples for record in read_records(flights, inputs=["u"], outputs=["y"])]
+    [2, 3]
+    """
+    several = isinstance(paths, Sequence) and not isinstance(paths, str | bytes | bytearray)
+    if not several or not paths:
+        raise OptionError(
+            f"found {'no file' if several else shown(paths, 80)}; expected a list of files, one "
+            "for each experiment; put them into a list, or read one file with read_record"
         )
-    return None if found[0] in asked else found[0].header
+    wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop, instants)
+    return tuple(_read(path, wanted) for path in paths)
 
 
-def list_channels(path: str | os.PathLike[str]) -> tuple[Channel, ...]:
+def _read(path: Contents, wanted: Wanted) -> Record:
+    with opened(path) as source:
+        return record_from(source, wanted, printable(Path(called(path)).stem))
+
+
+def list_channels(path: Contents) -> tuple[Channel, ...]:
     r"""List the channels of a file, with units, number of samples and clock where it tells them.
 
     Parameters
     ----------
-    path : path-like
+    path : path-like, bytes, or file open for reading
         As for `read_record`.
 
     Returns
@@ -215,28 +267,30 @@ def list_channels(path: str | os.PathLike[str]) -> tuple[Channel, ...]:
 
 
 @contextmanager
-def opened(path: str | os.PathLike[str]) -> Iterator[OpenFile]:
+def opened(path: Contents) -> Iterator[OpenFile]:
     """Open a file with the reader that its content asks for.
 
     Raises
     ------
-    UnreadableFileError, EmptyFileError, MissingHeaderError, MissingDependencyError
+    UnreadableFileError, EmptyFileError, MissingHeaderError, MissingDependencyError, SampleTypeError
     """
-    file = Path(path)
-    start = check_readable(file)
-    known = next((f for f in FORMATS if _marked(start, f)), None)
-    if known is None:
-        _refuse_suffix(file)
-        yield TextFile(file)
-        return
-    if known.needs:
-        require(known.needs, f"tridentify[{known.extra}]", f"a {known.name} file")
-    with IsolatedFile(file, f"tridentify.record.formats.{known.module}", known.name) as source:
-        yield source
+    with as_file(path) as file:
+        start = check_readable(file)
+        known = next((f for f in FORMATS if _marked(start, f)), None)
+        if known is None:
+            _refuse_suffix(file)
+            yield TextFile(file)
+            return
+        if known.needs:
+            require(known.needs, f"tridentify[{known.extra}]", f"a {known.name} file")
+        module = f"tridentify.record.formats.{known.module}"
+        with IsolatedFile(file, module, known.name) as source:
+            yield source
 
 
 def _marked(start: bytes, known: Format) -> bool:
-    return any(start[at:].startswith(mark) for at, mark in known.marks)
+    marked = any(start[at:].startswith(mark) for at, mark in known.marks)
+    return marked and (not known.members or start[MEMBER_NAME:].startswith(known.members))
 
 
 def _refuse_suffix(file: Path) -> None:

@@ -6,9 +6,10 @@ fault.
 
 What is recognised: the separator (comma, semicolon, tab, bar) by its count in the header; UTF-8,
 UTF-16 with a byte-order mark, and what is neither but has no control characters as Latin-1; lines
-of comments that begin with ``#`` or ``%``, the last of which may be the header; a line of units
-below the header, of which no cell is a number; and a decimal comma, where the cells have one. A
-group of thousands is refused: 1,234 is 1.234 to one reader and 1234 to another.
+of comments that begin with ``#`` or ``%``, the last of which may be the header; lines of title
+above the header, which are told; a line of units below the header, of which no cell is a number;
+columns of dates or times; and a decimal comma, where the cells have one. A group of thousands is
+refused: 1,234 is 1.234 to one reader and 1234 to another.
 
 The encoding is told from the first MiB; a byte further on that is no UTF-8 counts as Latin-1. No
 more of a file is held than one row and the numbers that are asked for.
@@ -18,17 +19,15 @@ from __future__ import annotations
 
 import codecs
 import csv
-import math
 import os
 import re
 from array import array
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
 from pathlib import Path
 from typing import TextIO
-
-import numpy as np
 
 from tridentify.errors import (
     DuplicateColumnError,
@@ -41,16 +40,22 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
+from tridentify.record.formats.cells import (
+    SEPARATORS,
+    Numbers,
+    all_numbers,
+    has_decimal_comma,
+    has_groups,
+    is_missing,
+    read_number,
+    unit_cells,
+)
+from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.isolation import check_size
+from tridentify.record.formats.title_lines import LOOKED_AT, best_separator, header_place
 
-SEPARATORS = ",;\t|"
-MISSING = frozenset(("", "na", "n/a", "nan", "null", "none", "-nan"))
 COMMENTS = ("#", "%")
 
-_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+([eE][-+]?\d+)?")
-_GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([,.' \u00a0\u2009\u202f’])\d{3}(\1\d{3})*([.,]\d*)?")
-_COMMA_GROUP = re.compile(r"[-+]?[1-9]\d{0,2},\d{3}")
-_UNIT_CELL = re.compile(r"[\[(]?\s*(1/)?[^\W\d]?[^\d,;|\t=:\"'?!][^,;|\t=:\"'?!]{0,18}[\])]?")
 _CONTROLS = re.compile(rb"[\x00-\x08\x0e-\x1f\x7f-\x9f]")
 _EXCEL = re.compile(r"sep=.")
 _CHUNK = 1 << 20
@@ -60,6 +65,9 @@ LONGEST_ROW = 1 << 24
 
 MOST_TEXT_COLUMNS = 1_000_000
 """Columns beyond which a header is taken for damage: their names alone would take a gigabyte."""
+
+_LONGEST_TITLE = 1 << 16
+"""Characters in a line behind which no header is looked for."""
 
 _LOOK = 1 << 16
 """Rows between two looks at how much memory they take."""
@@ -87,6 +95,10 @@ class TextTable:
         Number of the first line that is no comment, or of the header in a comment.
     header_lines : int
         Number of the line that the header, or the line of units, ends on.
+    titles : tuple of str
+        Lines above the header that are no comments.
+    dated : tuple of bool
+        Which columns hold dates or times, to judge by the first row that says so.
     """
 
     path: Path
@@ -96,6 +108,8 @@ class TextTable:
     units: tuple[str, ...]
     first_line: int
     header_lines: int
+    titles: tuple[str, ...] = ()
+    dated: tuple[bool, ...] = ()
 
 
 def open_table(path: str | os.PathLike[str]) -> TextTable:
@@ -147,12 +161,25 @@ def open_table(path: str | os.PathLike[str]) -> TextTable:
         below = next(((cells, n) for cells, n in rows if cells), ([], 0))
         units = unit_cells(below[0], len(names))
         line = below[1] if any(units) else line
+        rows = chain([] if any(units) else [below], rows)
     if repeated := repeated_name(names):
         raise DuplicateColumnError(
             f"found the column {shown(repeated[0])} {repeated[1]} times in {shown(file.name)}; "
             "expected every name once; rename one in the header"
         )
-    return TextTable(file, encoding, opening.separator, names, units, first_line, line)
+    dated = _dated([cells for cells, _ in islice(rows, LOOKED_AT)], len(names))
+    return TextTable(
+        file, encoding, opening.separator, names, units, first_line, line, opening.titles, dated
+    )
+
+
+def _dated(rows: Sequence[Sequence[str]], width: int) -> tuple[bool, ...]:
+    """Whether the first cell of a column that is not blank is a date or a time."""
+    first = [""] * width
+    for row in rows:
+        for k, cell in enumerate(row[:width]):
+            first[k] = first[k] or ("" if is_missing(cell) else cell)
+    return tuple(read_moment(cell) is not None for cell in first)
 
 
 def repeated_name(names: Sequence[str]) -> tuple[str, int] | None:
@@ -165,24 +192,6 @@ def repeated_name(names: Sequence[str]) -> tuple[str, int] | None:
     """
     counts = Counter(name for name in names if name)
     return next(((name, count) for name, count in counts.items() if count > 1), None)
-
-
-def all_numbers(cells: Sequence[str]) -> bool:
-    """Whether all cells that are not blank are numbers."""
-    return all(read_number(cell) is not None for cell in cells if cell)
-
-
-def unit_cells(cells: Sequence[str], width: int) -> tuple[str, ...]:
-    """Give the units of a line of units, or blanks if the line is none."""
-    texts = [cell.strip() for cell in cells]
-    blank = ("",) * width
-    if len(texts) != width or not any(len(text) > 0 for text in texts):
-        return blank
-    if any(read_number(text) is not None and text for text in texts) or not all(
-        _UNIT_CELL.fullmatch(text) or text in ("", "-", "°", "%", "1") for text in texts
-    ):
-        return blank
-    return tuple(re.sub(r"^[\[(]\s*|\s*[\])]$", "", text) for text in texts)
 
 
 def read_columns(table: TextTable, columns: Sequence[int]) -> tuple[list[Array], Sequence[int]]:
@@ -305,33 +314,45 @@ codecs.register_error(_LATER_BYTES, _as_latin_1)
 
 @dataclass(frozen=True)
 class _Opening:
-    """How a file begins: its separator, its first line that is no comment, the comment above."""
+    """How a file begins: its separator, the line of its header, the comment and titles above."""
 
     separator: str
     first_line: int
     comment: str
+    titles: tuple[str, ...] = ()
 
 
 def _opening(file: Path, encoding: str) -> _Opening:
     comment, number = "", 0
+    found: list[tuple[str, int]] = []
     try:
         with file.open(encoding=encoding, errors=_LATER_BYTES, newline=None) as stream:
             for number in range(1, 10_000):
                 line = stream.readline(LONGEST_ROW)
                 _check_row(file, len(line), number)
                 text = line.strip()
-                if line and (not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text)):
-                    comment = text.lstrip("#% ") if text.startswith(COMMENTS) else comment
+                if not line:
+                    break
+                if not text or text.startswith(COMMENTS) or _EXCEL.fullmatch(text):
+                    above = text.startswith(COMMENTS) and not found
+                    comment = text.lstrip("#% ") if above else comment
                     continue
-                plain = re.sub(r'"[^"]*"', "", line)
-                return _Opening(max(SEPARATORS, key=plain.count), number, comment)
+                found.append((line.rstrip("\r\n"), number))
+                if len(line) > _LONGEST_TITLE or len(found) == LOOKED_AT:
+                    break
     except UnreadableFileError:
         raise
     except UnicodeError as error:
         raise _not_text(file, "binary content or another encoding") from error
     except OSError as error:
         raise _not_text(file, f"a read error ({error.strerror})") from error
-    return _Opening(",", number, comment)
+    lines = [line for line, _ in found]
+    place = header_place(lines)
+    if not found:
+        return _Opening(",", number, comment)
+    # a workbook fills a title up to the width of the table
+    titles = tuple(line.strip().strip(SEPARATORS) for line in lines[:place])
+    return _Opening(best_separator(lines[place]), found[place][1], comment, titles)
 
 
 def _rows(
@@ -380,21 +401,6 @@ def _check_row(file: Path, length: int, line: int) -> None:
         )
 
 
-def read_number(cell: str, decimal: str = ".") -> float | None:
-    """Give the number a cell holds, nan when it is blank, None when it is text."""
-    text = cell.strip()
-    if text.lower() in MISSING:
-        return math.nan
-    if decimal == ",":
-        # with a point as well, one of the two would have to group thousands
-        text = "_" if "." in text else text.replace(",", ".", 1)
-    try:
-        # Python alone reads 1_000 as a number
-        return None if "_" in text else float(text)
-    except ValueError:
-        return None
-
-
 def _count_clean_rows(table: TextTable) -> int | None:
     """Count the rows, or give None unless their bytes say that all are as long as the header."""
     separators = newlines = returns = 0
@@ -429,6 +435,8 @@ def _read_clean(table: TextTable, columns: Sequence[int]) -> list[Array] | None:
     check_size(8 * n_rows * len(columns), table.path)
     import polars as pl
 
+    if any(table.dated[column] for column in columns):
+        return None
     # by position: how polars names the columns of a file without header depends on its version
     order = sorted(set(columns))
     kinds = [pl.Float64 if k in order else pl.String for k in range(len(table.names))]
@@ -462,9 +470,8 @@ def _in_utf_8(path: Path) -> bool:
 def _read_exactly(
     table: TextTable, columns: Sequence[int], decimal: str
 ) -> tuple[list[Array], Sequence[int]]:
-    values = [array("d") for _ in columns]
+    stores = [Instants() if table.dated[column] else Numbers(decimal) for column in columns]
     lines = array("q")
-    groups = [_Groups() for _ in columns]
     width = len(table.names)
     for cells, line in _rows(table.path, table.encoding, table.separator, table.first_line):
         blank = len(cells) < 2 and not "".join(cells).strip()
@@ -475,50 +482,20 @@ def _read_exactly(
                 f"found {len(cells)} cells in line {line} of {shown(table.path.name)}; expected "
                 f"{width} as in the header; the file may be cut off or damaged: repair that line"
             )
-        for store, column, seen in zip(values, columns, groups, strict=True):
-            number = read_number(cells[column], decimal)
-            if number is None:
-                if decimal == "." and _DECIMAL_COMMA.fullmatch(cells[column].strip()):
+        for store, column in zip(stores, columns, strict=True):
+            cell = cells[column]
+            if not store.take("" if is_missing(cell) else cell, line):
+                if decimal == "." and has_decimal_comma(cell):
                     raise _DecimalCommaFound
-                raise _text_in_column(table, column, line, cells[column], decimal)
-            store.append(number)
-            if decimal == ",":
-                seen.note(cells[column].strip(), line)
+                raise _text_in_column(table, column, line, cell, decimal)
         lines.append(line)
         if len(lines) % _LOOK == 0:
             check_size(8 * len(lines) * (len(columns) + 1), table.path)
-    for column, seen in zip(columns, groups, strict=True):
-        if seen.ambiguous:
-            raise _text_in_column(table, column, seen.line, seen.cell, decimal)
-    return [np.array(store, dtype=np.float64) for store in values], lines
-
-
-@dataclass
-class _Groups:
-    """Whether a column with commas may be one of whole numbers with groups of thousands.
-
-    It may if every comma has three digits behind it and one to three before it, and other cells are
-    whole numbers without a comma: then nothing tells 1,234 from 1234.
-    """
-
-    cell: str = ""
-    line: int = 0
-    whole: bool = False
-    decimals: bool = False
-
-    def note(self, cell: str, line: int) -> None:
-        """Look at one cell."""
-        if "," not in cell:
-            self.whole = self.whole or cell not in ("", "0")
-        elif _COMMA_GROUP.fullmatch(cell):
-            self.cell, self.line = cell, line
-        else:
-            self.decimals = True
-
-    @property
-    def ambiguous(self) -> bool:
-        """Whether nothing speaks for a decimal comma."""
-        return bool(self.cell) and self.whole and not self.decimals
+    for store, column in zip(stores, columns, strict=True):
+        if isinstance(store, Numbers) and store.groups.ambiguous:
+            where = store.groups
+            raise _text_in_column(table, column, where.line, where.cell, decimal)
+    return [store.values() for store in stores], lines
 
 
 def _text_in_column(
@@ -526,9 +503,7 @@ def _text_in_column(
 ) -> TextInColumnError | ThousandsSeparatorError:
     text = cell.strip()
     where = f"in column {shown(table.names[column])}, line {line} of {shown(table.path.name)}"
-    if _GROUPED.fullmatch(text) or (
-        decimal == "," and "." in text and read_number(text) is not None
-    ):
+    if has_groups(text) or (decimal == "," and "." in text and read_number(text) is not None):
         return ThousandsSeparatorError(
             f"found {shown(cell)} {where}, where points and commas may be decimal signs or groups "
             "of thousands; expected numbers without groups, with one decimal sign; write the file "
@@ -536,5 +511,5 @@ def _text_in_column(
         )
     advice = "correct or remove that line"
     if re.match(r"\s*\d+[-/:.]\d+[-/:.]\d+", cell):
-        advice = "give time in seconds"
+        advice = "give time in seconds, or all dates as 2026-11-22T10:30:00.25"
     return TextInColumnError(f"found {shown(cell)} {where}; expected a number; {advice}")

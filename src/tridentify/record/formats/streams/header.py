@@ -16,9 +16,8 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.assemble import find_channel
+from tridentify.record.formats.assemble import TIME_NAMES, find_channel
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile, header_channel
-from tridentify.record.formats.read import TIME_NAMES
 from tridentify.record.formats.text_table import repeated_name
 
 __all__ = ["Asked", "HeaderColumns", "find_columns"]

@@ -35,6 +35,7 @@ from tridentify.checks.values import (
 )
 from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
 from tridentify.numerics.arrays import Array
+from tridentify.record.formats.cells import SEPARATORS, all_numbers, read_number, unit_cells
 from tridentify.record.formats.channels import SECONDS
 from tridentify.record.formats.streams.blocks import (
     MANY,
@@ -44,13 +45,8 @@ from tridentify.record.formats.streams.blocks import (
 )
 from tridentify.record.formats.streams.header import Asked, HeaderColumns, find_columns
 from tridentify.record.formats.streams.lines import LONGEST_LINE, WholeLines
-from tridentify.record.formats.text_table import (
-    COMMENTS,
-    SEPARATORS,
-    all_numbers,
-    read_number,
-    unit_cells,
-)
+from tridentify.record.formats.text_table import COMMENTS
+from tridentify.record.formats.title_lines import best_separator
 
 __all__ = ["BadLine", "RowReader", "Rows"]
 
@@ -280,8 +276,7 @@ class RowReader:
             return False
         if self._names:
             return self._read_units(text)
-        plain = re.sub(r'"[^"]*"', "", text)
-        self._separator = max(SEPARATORS, key=plain.count)
+        self._separator = best_separator(text)
         try:
             cells = [cell.strip() for cell in self._cells(text)]
         except _BadLineError as error:

@@ -1,0 +1,179 @@
+"""What the channels of an open file hold, in a few numbers each: range, mean, missing samples."""
+
+from __future__ import annotations
+
+import time
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tridentify.checks.samples import uniform_step
+from tridentify.errors import DataError
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.assemble import time_channels
+from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
+
+__all__ = ["ChannelSummary", "ClockSummary", "channel_summaries", "clock_summaries"]
+
+
+PATIENCE = 20.0
+"""Time for the channels of a file [s]: a table of many columns of text would take hours."""
+
+
+@dataclass(frozen=True)
+class ChannelSummary:
+    """A channel in numbers; None where it holds no numbers or was not read.
+
+    Attributes
+    ----------
+    channel : Channel
+    tried : bool
+        Whether it was read, or would have been but for what it holds.
+    samples, missing : int or None
+    minimum, maximum, mean : float or None
+        Of the samples that are finite.
+    """
+
+    channel: Channel
+    tried: bool = False
+    samples: int | None = None
+    missing: int | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    mean: float | None = None
+
+
+@dataclass(frozen=True)
+class ClockSummary:
+    """Time of the channels that were sampled together.
+
+    Attributes
+    ----------
+    clock : str
+        As in `Channel.clock`.
+    samples : int
+    start, stop : float
+        First and last instant [s].
+    shortest, longest : float
+        Steps [s].
+    step : float or None
+        The step [s] if it is the same throughout, to a thousandth of it.
+    """
+
+    clock: str
+    samples: int
+    start: float
+    stop: float
+    shortest: float
+    longest: float
+    step: float | None
+
+    @property
+    def rate(self) -> float:
+        """Mean sampling rate [1/s]."""
+        return (self.samples - 1) / (self.stop - self.start)
+
+
+def channel_summaries(source: OpenFile, patience: float = PATIENCE) -> list[ChannelSummary]:
+    """Read all channels of an open file and sum them up.
+
+    Parameters
+    ----------
+    source : OpenFile
+    patience : float
+        Time after which no further reading is begun [s].
+
+    Returns
+    -------
+    list of ChannelSummary
+        In the order of the file; what cannot be read as numbers has none.
+    """
+    end = time.monotonic() + patience
+    read = _readable(source, range(len(source.channels)), end)
+    return [
+        _summed_up(channel, read[k])
+        if k in read
+        else ChannelSummary(channel, False, channel.samples)
+        for k, channel in enumerate(source.channels)
+    ]
+
+
+def _readable(source: OpenFile, indices: Sequence[int], end: float) -> dict[int, Array | None]:
+    """Samples of channels, None for what is no number; found by halving where one of several is.
+
+    Every half costs a reading, in a table of text one of the whole file, so nothing is begun when
+    the time is over.
+    """
+    if not indices or time.monotonic() > end:
+        return {}
+    try:
+        return dict(zip(indices, source.read(list(indices)), strict=True))
+    except DataError:
+        if len(indices) == 1:
+            return {indices[0]: None}
+    middle = len(indices) // 2
+    return _readable(source, indices[:middle], end) | _readable(source, indices[middle:], end)
+
+
+def _unread(channel: Channel) -> ChannelSummary:
+    return ChannelSummary(channel, samples=channel.samples)
+
+
+def _summed_up(channel: Channel, values: Array | None) -> ChannelSummary:
+    if values is None:
+        return ChannelSummary(channel, True, channel.samples)
+    finite = values[np.isfinite(values)]
+    missing = len(values) - len(finite)
+    if not len(finite):
+        return ChannelSummary(channel, True, len(values), missing)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # a sum beyond any float is told as inf
+        mean = float(finite.mean())
+    low, high = float(finite.min()), float(finite.max())
+    return ChannelSummary(channel, True, len(values), missing, low, high, mean)
+
+
+def clock_summaries(source: OpenFile) -> dict[str, ClockSummary]:
+    """Sum up the time of every clock that the file knows or names.
+
+    Parameters
+    ----------
+    source : OpenFile
+
+    Returns
+    -------
+    dict of str to ClockSummary
+        Without clocks whose time is unknown, not finite or not increasing.
+    """
+    found = {}
+    for clock in dict.fromkeys(channel.clock for channel in source.channels):
+        t = _instants(source, clock)
+        if t is None or len(t) < 2 or not np.isfinite(t).all():
+            continue
+        steps = np.diff(t)
+        if steps.min() > 0.0:
+            found[clock] = ClockSummary(
+                clock,
+                len(t),
+                float(t[0]),
+                float(t[-1]),
+                float(steps.min()),
+                float(steps.max()),
+                uniform_step(t),
+            )
+    return found
+
+
+def _instants(source: OpenFile, clock: str) -> Array | None:
+    """Give the time of a clock, or the one column of its channels that is called t or time [s]."""
+    try:
+        if clock:
+            return source.instants(clock)
+        named = time_channels(source)
+        if len(named) != 1 or named[0].unit not in SECONDS:
+            return None
+        return source.read([source.channels.index(named[0])])[0] * SECONDS[named[0].unit]
+    except DataError:
+        return None
