@@ -61,3 +61,10 @@ def test_two_poles_without_a_zero_are_refused(record):
     first, _ = record.split(800.0)
     with pytest.raises(UnsupportedOrderError):
         identify(first, structure(2, 0), PLAIN)
+
+
+@pytest.mark.judged
+def test_a_lamp_that_heats_a_plate_is_not_said_to_do_nothing(record):
+    """The fit with coloured noise ends in a valley where noise alone does as well."""
+    estimate = identify(record, Structure(2, 1), throw=False)
+    assert "no-response" not in [f.code for f in estimate.findings]

@@ -18,6 +18,7 @@ from tridentify import (
     validate,
 )
 from tridentify.judgement.causes import explain
+from tridentify.judgement.causes.fewer import _moved
 from tridentify.judgement.causes.saturation import levels
 from tridentify.judgement.validation import tried
 
@@ -402,3 +403,15 @@ def test_no_output_is_looked_at_twice_and_nothing_is_tried_beside_lost_rows_in_v
     assert len(looked) == len(set(looked)) > 1
     # with the bad samples and without them
     assert len(made) == 2
+
+
+def test_a_test_of_response_by_least_squares():
+    rng = np.random.default_rng(8)
+    u = rng.choice([0.0, 1.0], 40).repeat(20)[:, None]
+    noise = lfilter([1.0], [1.0, -0.9], rng.standard_normal(800))
+    moved = lfilter([0.0, 0.5], [1.0, -0.95], u[:, 0]) + noise
+    assert _moved([moved], [u], 4, 4)
+    assert not _moved([noise], [u], 4, 4)
+    walks = [np.cumsum(np.random.default_rng(k).standard_normal(600)) for k in range(40)]
+    pairs = zip(walks[::2], walks[1::2], strict=True)
+    assert not any(_moved([y - y.mean()], [x[:, None]], 4, 4) for y, x in pairs)

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import chdtri
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
@@ -44,6 +45,11 @@ VAGUE = 0.5
 MANY = 3
 """Poles from which they are fitted whatever the errors say: the error of a mode that was picked
 among many is that of this mode, not of the choice."""
+
+MORE_LAGS = 2
+"""Lags of the input beyond the number of poles: a model of that order and a sample of delay."""
+MOVED_BY_CHANCE = 1e-4
+"""Probability that inputs without effect seem to have one; a response is then only not denied."""
 
 WANDERS = 20.0
 """Memories of an output by itself in its record, below which it wanders: one that wanders seems to
@@ -125,7 +131,50 @@ def _is_noise(fitted: _Fitted) -> bool:
     price = 2.0 * (end.unknowns - unknowns) + 2.0 * pairs * float(np.log(end.count))
     longest = max(record.n_samples for record in present.records)
     price *= WANDERING if (1.0 - slowest) * longest < WANDERS else 1.0
-    return alone - end.deviance < price
+    if alone - end.deviance >= price:
+        return False
+    inputs = [record.u for record in present.records]
+    lags = present.poles.size + MORE_LAGS
+    return not any(
+        _moved([one[:, i] for one in levelled], inputs, _noise_of(levelled, i).size, lags)
+        for i in range(present.n_outputs)
+    )
+
+
+def _moved(series: Sequence[Array], inputs: Sequence[Array], order: int, lags: int) -> bool:
+    """Whether inputs foretell what the past of one output does not: least squares on both.
+
+    Where a fit with coloured noise ends in a valley of its own this shows a response all the same:
+    the problem is convex, and the differences of two walks know nothing of each other.
+    """
+    longest = max(order, lags - 1)
+    rows, targets = [], []
+    for y, u in zip(series, inputs, strict=True):
+        if y.size <= longest:
+            continue
+        k = np.arange(longest, y.size)
+        past = [y[k - 1 - j] for j in range(order)]
+        given = [u[k - j, m] - u[:, m].mean() for j in range(lags) for m in range(u.shape[1])]
+        rows.append(np.column_stack([np.ones(k.size), *past, *given]))
+        targets.append(y[k])
+    if not rows:
+        return False
+    table, target = np.vstack(rows), np.concatenate(targets)
+    seen = np.isfinite(target) & np.all(np.isfinite(table), axis=1)
+    table, target = table[seen], target[seen]
+    sizes = np.linalg.norm(table, axis=0)
+    table /= np.where(sizes > 0.0, sizes, 1.0)
+    if target.size < 2 * table.shape[1]:
+        return False
+    left = []
+    for part in (table[:, : order + 1], table):
+        found, _, rank, _ = np.linalg.lstsq(part, target, rcond=1e-10)
+        left.append((float(np.sum((target - part @ found) ** 2)), int(rank)))
+    (alone, fewer), (whole, more) = left
+    if not (more > fewer and whole > 0.0):
+        return False
+    gain = target.size * float(np.log(alone / whole))
+    return bool(gain > chdtri(more - fewer, MOVED_BY_CHANCE))
 
 
 def _noise_of(series: Sequence[Array], output: int) -> Array:
