@@ -53,7 +53,8 @@ def test_public_name_has_an_example(name: str) -> None:
 def test_readme_examples_run(
     repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    blocks = python_blocks((repository / "README.md").read_text(encoding="utf-8"))
+    text = (repository / "README.md").read_text(encoding="utf-8")
+    blocks = python_blocks(text)
     assert blocks, "the README lost its Python example"
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
@@ -62,8 +63,19 @@ def test_readme_examples_run(
     estimate = names["estimate"]
     assert isinstance(estimate, tridentify.Estimate)
     # of the aircraft's linearised equations; see src/tridentify/data/README.md
+    shown = re.search(r"```text\n(.*?)```", text, re.DOTALL)
+    assert shown is not None
+    printed = estimate.summary().splitlines()
+    assert [line for line in shown.group(1).splitlines() if line not in printed] == []
     error = np.abs(estimate.theta - np.array([2.0423, 12.294, -11.972, -11.961])) / estimate.std
     assert np.all(error < 5.0)
+
+
+def test_readme_is_short_and_links_every_page(repository: Path) -> None:
+    text = (repository / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) < 150
+    pages = {page.name for page in (repository / "docs").glob("*.md")}
+    assert pages - set(re.findall(r"\(docs/([a-z_]+\.md)\)", text)) == set()
 
 
 EXAMPLES = sorted((Path(__file__).parents[2] / "examples").glob("*.py"))
