@@ -1,4 +1,4 @@
-"""Bad samples beside another cause: what is found without comparing all causes twice is the same."""
+"""Bad samples beside another cause: one look at that cause does for comparing all of them twice."""
 
 from __future__ import annotations
 
