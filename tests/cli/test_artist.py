@@ -36,8 +36,8 @@ def test_another_process_draws_the_same_pictures(case):
     with hired() as artist:
         assert isinstance(artist, Beside)
         found = estimate_model(record, Structure(2, 0), artist=artist)
-        pictures = [*artist.model(found, [record]), *artist.tests(checked)]
-    here = [*Here().model(estimate, [record]), *Here().tests(checked)]
+        pictures = [*artist.model(found, [record]), *artist.tests(checked)()]
+    here = [*Here().model(estimate, [record]), *Here().tests(checked)()]
     assert [p.stem for p in pictures] == [p.stem for p in here]
     assert [p.svg for p in pictures] == [p.svg for p in here]
 
@@ -52,7 +52,7 @@ def test_a_process_that_dies_leaves_the_drawing_to_this_one(case):
         worker.join()
         time.sleep(0.1)
         assert next(p.stem for p in artist.model(estimate, [record])) == "fit"
-        assert len(artist.tests(validate(estimate, record))) == 1
+        assert len(artist.tests(validate(estimate, record))()) == 1
 
 
 def test_without_a_second_processor_nobody_is_hired():

@@ -355,10 +355,10 @@ def test_text_fits_a_terminal_and_tells_the_truth(counted):
 def test_pictures_are_written(counted, tmp_path):
     paths = save_study_figures(counted[0], tmp_path / "new")
     assert [path.name for path in paths] == [
-        "aircraft-step-response.png",
-        "aircraft-noise-levels.png",
+        "aircraft-step-response.svg",
+        "aircraft-noise-levels.svg",
     ]
-    assert all(path.read_bytes().startswith(b"\x89PNG") for path in paths)
+    assert all("<svg" in path.read_text(encoding="utf-8") for path in paths)
     assert save_study_figures(object(), tmp_path) == ()  # type: ignore[arg-type]
 
 

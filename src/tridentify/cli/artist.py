@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -46,12 +46,20 @@ class Beside:
         except BrokenProcessPool:
             return Here().model(estimate, records)
 
-    def tests(self, validation: Validation) -> list[Picture]:
-        """As `Here.tests`."""
+    def tests(self, validation: Validation) -> Callable[[], list[Picture]]:
+        """As `Here.tests`; they are begun at once."""
         try:
-            return self._pool.submit(tests_pictures, validation).result()
+            begun = self._pool.submit(tests_pictures, validation)
         except BrokenProcessPool:
             return Here().tests(validation)
+
+        def finished() -> list[Picture]:
+            try:
+                return begun.result()
+            except BrokenProcessPool:
+                return Here().tests(validation)()
+
+        return finished
 
 
 def _made_ready() -> None:

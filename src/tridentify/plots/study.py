@@ -14,9 +14,6 @@ from tridentify.studies.base import StudyResult
 from tridentify.writing.files import write_atomically
 from tridentify.writing.views import unseen
 
-RESOLUTION = 150
-"""Of the pixels in saved figures [1/inch]."""
-
 
 @unseen()
 def save_study_figures(result: StudyResult, folder: str | os.PathLike[str]) -> tuple[Path, ...]:
@@ -31,7 +28,7 @@ def save_study_figures(result: StudyResult, folder: str | os.PathLike[str]) -> t
     Returns
     -------
     tuple of Path
-        ``aircraft-step-response.png`` (after the paper's Fig. 5) and ``aircraft-noise-levels.png``
+        ``aircraft-step-response.svg`` (after the paper's Fig. 5) and ``aircraft-noise-levels.svg``
         (after its Fig. 6); none for a result that has no pictures.
 
     Raises
@@ -49,6 +46,6 @@ def save_study_figures(result: StudyResult, folder: str | os.PathLike[str]) -> t
     for stem, ax in pictures.items():
         buffer = io.BytesIO()
         figure: Any = ax.figure
-        figure.savefig(buffer, format="png", dpi=RESOLUTION)
-        written.append(write_atomically(Path(folder) / f"{stem}.png", buffer.getvalue()))
+        figure.savefig(buffer, format="svg")
+        written.append(write_atomically(Path(folder) / f"{stem}.svg", buffer.getvalue()))
     return tuple(written)

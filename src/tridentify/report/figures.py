@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Protocol
 
@@ -127,8 +128,8 @@ class Artist(Protocol):
     def model(self, estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
         """As `model_pictures`."""
 
-    def tests(self, validation: Validation) -> list[Picture]:
-        """As `tests_pictures`."""
+    def tests(self, validation: Validation) -> Callable[[], list[Picture]]:
+        """As `tests_pictures`, to be called for when they are needed."""
 
 
 class Here:
@@ -138,9 +139,9 @@ class Here:
         """As `model_pictures`."""
         return model_pictures(estimate, records)
 
-    def tests(self, validation: Validation) -> list[Picture]:
-        """As `tests_pictures`."""
-        return tests_pictures(validation)
+    def tests(self, validation: Validation) -> Callable[[], list[Picture]]:
+        """As `tests_pictures`, to be called for when they are needed."""
+        return partial(tests_pictures, validation)
 
 
 def draw_fit(

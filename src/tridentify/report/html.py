@@ -21,7 +21,7 @@ from tridentify.report.first_screen import (
     title_of,
     trust_of,
 )
-from tridentify.report.page import Page, Section, beside
+from tridentify.report.page import Page, Section, beside, prepare
 from tridentify.report.pictures import Picture, save_picture
 from tridentify.report.settings import code_again, settings_table
 from tridentify.report.tables import course_tables, result_tables, validation_tables
@@ -129,10 +129,16 @@ def report_page(
     say("testing the residual")
     checked, untested = checked_on(estimate, records)
     say("writing the report and the figures")
+    tests = None if checked is None else draw.tests(checked)
     model = draw.model(estimate, records)
-    tests = () if checked is None else draw.tests(checked)
     findings = joined(checked.findings if checked else (), estimate.findings)
     placed = {place: [p for p in model if p.place == place] for place in ("response", "course")}
+    before = (
+        model_section(estimate),
+        Section("figures", "Responses and poles", figures=beside(placed["response"])),
+    )
+    after = (_course_section(estimate, placed["course"]), *ends(estimate, records))
+    prepare()
     return Page(
         title or title_of(estimate.output_names, estimate.input_names),
         "identified model",
@@ -144,13 +150,7 @@ def report_page(
         key_numbers(estimate) if estimate.status.ok else (),
         [p for p in model if p.place == "fit"],
         findings,
-        (
-            model_section(estimate),
-            Section("figures", "Responses and poles", figures=beside(placed["response"])),
-            validation_section(checked, tests, untested),
-            _course_section(estimate, placed["course"]),
-            *ends(estimate, records),
-        ),
+        (*before, validation_section(checked, tests() if tests else (), untested), *after),
         # no tag can end inside the text
         document_text("schema", SCHEMA, estimate).replace("<", "\\u003c"),
     )

@@ -139,6 +139,11 @@ def _columns(pictures: Sequence[Picture]) -> tuple[tuple[Picture, ...], ...]:
     return tuple(tuple(column) for column in columns if column)
 
 
+def prepare() -> None:
+    """Compile the page's frame, for who has to wait for something anyway."""
+    _template()
+
+
 @cache
 def _template() -> Template:
     from jinja2 import Environment

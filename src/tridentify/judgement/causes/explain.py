@@ -9,7 +9,7 @@ rival gains the greater part of what the best one gains.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -126,10 +126,11 @@ class Explanations:
         Of several rivals of that cause, the one with fewest unknowns that gains nearly as much as
         the best of them. None where the input reacts to the output.
         """
-        return None if any(self.reacts) else self._best
+        return None if any(self.reacts) else self.best
 
     @cached_property
-    def _best(self) -> Explanation | None:
+    def best(self) -> Explanation | None:
+        """The same, whatever the input does."""
         clear = [
             one
             for one in self.found
@@ -160,7 +161,11 @@ class Explanations:
 
 
 def explain(
-    present: Present, *, skip: Collection[str] = (), torn: Sequence[Place] = ()
+    present: Present,
+    *,
+    skip: Collection[str] = (),
+    torn: Sequence[Place] = (),
+    only: str = "",
 ) -> Explanations | None:
     """Fit all that may explain the records better.
 
@@ -171,6 +176,9 @@ def explain(
         Codes that are not tried.
     torn : sequence of Place
         Where the state of the model seems to jump (`lost.jumps`).
+    only : str
+        The one code that is tried, where it is not lost rows; whether the input reacts is left
+        open then.
 
     Returns
     -------
@@ -182,12 +190,12 @@ def explain(
     if base is None:
         return None
     settled = _from(present, base)
-    found = [] if "lost-rows" in skip else _fitted(lost_rival(settled, torn), base)
+    found = [] if only or "lost-rows" in skip else _fitted(lost_rival(settled, torn), base)
     if torn and not any(one.is_clear for one in found):
         return Explanations(base, tuple(found), (None,) * base.point.problem.n_outputs)
     pairs = zip(base.point.problem.experiments, base.point.residuals(), strict=True)
     fitted = [experiment.y - residual for experiment, residual in pairs]
-    for code, rivals in _rivals(settled, fitted).items():
+    for code, rivals in _rivals(settled, fitted, only).items():
         if code not in skip:
             found += _fitted(rivals, base)
     found += _sharper(found, settled, base)
@@ -197,6 +205,8 @@ def explain(
         more = _fitted(neighbours(settled, named.rival), base)
         every = sorted([*result.found, *more], key=lambda one: -one.gain)
         result = Explanations(base, tuple(every))
+    if only:
+        return result
     most = max((one.gain for one in result.found), default=0.0)
     return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0))))
 
@@ -243,21 +253,23 @@ def _from(present: Present, base: Attempt) -> Present:
     return replace(present, poles=base.point.poles, noise=base.point.problem.noise)
 
 
-def _rivals(present: Present, fitted: Sequence[Array]) -> dict[str, list[Rival]]:
-    """Of every code but lost rows those that promise most."""
-    every = [
-        *_intersample_rivals(present),
-        *delay_rivals(present),
-        *saturation_rivals(present, fitted),
-        *nonlinear_rivals(present, fitted),
-        *varying_rivals(present),
-        *drift_rivals(present),
-        *slow_rivals(present),
-        *order_rivals(present),
-    ]
+def _rivals(present: Present, fitted: Sequence[Array], only: str) -> dict[str, list[Rival]]:
+    """Of every code but lost rows, or of one, those that promise most."""
+    makers: tuple[tuple[tuple[str, ...], Callable[[], Iterable[Rival]]], ...] = (
+        (("intersample",), lambda: _intersample_rivals(present)),
+        (("delay",), lambda: delay_rivals(present)),
+        (("saturation",), lambda: saturation_rivals(present, fitted)),
+        (("nonlinear",), lambda: nonlinear_rivals(present, fitted)),
+        (("varying", "disagreeing-experiments"), lambda: varying_rivals(present)),
+        (("drift",), lambda: drift_rivals(present)),
+        (("drift",), lambda: slow_rivals(present)),
+        (("order-low",), lambda: order_rivals(present)),
+    )
     sorted_: dict[str, list[Rival]] = {}
-    for rival in every:
-        sorted_.setdefault(rival.code, []).append(rival)
+    for codes, make in makers:
+        for rival in make() if not only or only in codes else ():
+            if rival.code == (only or rival.code):
+                sorted_.setdefault(rival.code, []).append(rival)
     return {
         code: own if len(own) <= FOLLOWED else sorted(own, key=_promised)[:FOLLOWED]
         for code, own in sorted_.items()

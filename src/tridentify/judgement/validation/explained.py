@@ -51,7 +51,11 @@ HARDLY = 1.0
 
 
 def explanations(
-    view: View, estimate: Estimate, noises: Sequence[Array], torn: Sequence[Place] = ()
+    view: View,
+    estimate: Estimate,
+    noises: Sequence[Array],
+    torn: Sequence[Place] = (),
+    only: str = "",
 ) -> Explanations | None:
     """Fit what may explain the records of a view better than the estimate.
 
@@ -63,6 +67,8 @@ def explanations(
         Model of each output's noise.
     torn : sequence of Place
         Where the state of the model seems to jump.
+    only : str
+        The one code that is tried; all where it is left out.
 
     Returns
     -------
@@ -72,7 +78,7 @@ def explanations(
     if estimate.structure.constrained and not _integrates(estimate):
         return None
     skip = ("delay",) if estimate.structure.delay == "free" else ()
-    return explain(_present(view, estimate, noises), skip=skip, torn=torn)
+    return explain(_present(view, estimate, noises), skip=skip, torn=torn, only=only)
 
 
 def _integrates(estimate: Estimate) -> bool:

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.explain import Explanation, Explanations
 from tridentify.judgement.causes.feedback import coming_in, guard_of
 from tridentify.judgement.causes.intersample import is_staircase
@@ -139,8 +140,10 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
     if not found or not without.cause:
         return without
     # what the model misses has far samples too: do they stand out where the cause is fitted along?
+    if _stand_out(view, setting, without.cause, FADED * found):
+        return without
     whole = _tried(view, setting, False)
-    rows = _far_beside(view, whole, rate)
+    rows = _far_beside(view, _ends(whole), rate)
     if whole.cause != without.cause or sum(len(one) for one in rows) > FADED * found:
         return without
     whole = _looked_again(whole, view, setting)
@@ -217,11 +220,31 @@ def _beside(named: Explanation, view: View, i: int, one: Evidence) -> Evidence:
     return replace(one, normality=replace(one.normality, outliers=rows))
 
 
-def _far_beside(view: View, tried: TriedCauses, rate: float) -> list[Array]:
-    """Outliers of every output in what the cause that is named leaves, whitened."""
+def _ends(tried: TriedCauses) -> tuple[Attempt, ...]:
+    """Where the cause that is named ended, or the present explanation."""
     assert tried.explained is not None
     named = tried.named
-    ends = (tried.explained.present,) if named is None else named.attempts
+    return (tried.explained.present,) if named is None else named.attempts
+
+
+def _stand_out(view: View, setting: _Setting, cause: str, most: float) -> bool:
+    """Whether far samples do stand out where a cause is fitted along, or it is no cause with them.
+
+    That cause alone is fitted, which is a part of the work. Where it is not so sure all causes have
+    to be compared.
+    """
+    if cause in ("feedback", "lost-rows"):
+        return False
+    noises = [_examined(view, i, setting).noise for i in range(len(view.outputs))]
+    explained = explanations(view, setting.estimate, noises, only=cause)
+    if explained is None or explained.best is None:
+        return True
+    rows = _far_beside(view, explained.best.attempts, setting.rate)
+    return sum(len(one) for one in rows) > most
+
+
+def _far_beside(view: View, ends: Sequence[Attempt], rate: float) -> list[Array]:
+    """Outliers of every output in what an explanation leaves, whitened."""
     lengths = np.cumsum([record.n_samples for record in view.records])[:-1]
     times, found = [record.t for record in view.records], []
     for i, output in enumerate(view.outputs):
