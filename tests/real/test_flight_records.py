@@ -12,7 +12,7 @@ import json
 import numpy as np
 import pytest
 
-from tridentify import Record, Structure, ThreeModel, identify, read_record
+from tridentify import Record, Structure, ThreeModel, identify, read_record, validate
 
 pytestmark = pytest.mark.unjudged
 
@@ -203,3 +203,13 @@ def test_jsbsim_standard_errors_are_those_of_its_readme(folder, name):
         parameter = estimate.parameters[key]
         assert parameter.std == pytest.approx(expected, rel=0.25)
         assert abs(parameter.value - reference["fit_4par"][key]) < 4.5 * expected
+
+
+@pytest.mark.judged
+def test_attas_first_samples_of_the_second_flight_are_named(folder):
+    """They are wild; four poles with a free start fit them, and predict the rest no better."""
+    first, second = (attas(folder, name, ["y_q"]) for name in ATTAS)
+    findings = validate(identify(first, Structure(2, 1)), second).findings
+    assert findings[0].code == "bad-samples"
+    assert {0.0, 0.04} <= set(findings[0].times)
+    assert "order-low" not in [one.code for one in findings]

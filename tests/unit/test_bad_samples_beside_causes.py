@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tridentify import Record, Structure, TransferFunction, identify, simulate
 from tridentify.judgement.validation import tried, validate
@@ -42,3 +43,23 @@ def test_one_look_at_the_cause_decides_as_the_whole_comparison_does(seed, monkey
     assert asked == ["", ""]
     assert [f.text for f in short.findings] == [f.text for f in full.findings]
     assert [t.p_value for t in short.tests] == [t.p_value for t in full.tests]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_wild_samples_at_the_start_of_another_record_are_not_taken_for_two_poles_more(seed):
+    """A larger model with a free start fits whatever stands there."""
+    rng = np.random.default_rng(seed)
+    plant = TransferFunction([-7.0, -6.5], [1.0, 2.5, 6.4])
+    records = []
+    for _ in range(2):
+        u = np.interp(np.arange(600), np.arange(0, 601, 25), rng.standard_normal(25)) * 2.0
+        y = simulate(plant, Record(u, u, dt=0.04, intersample="foh"))[:, 0]
+        y += lfilter([1.0], [1.0, -0.7], 0.03 * rng.standard_normal(600))
+        records.append(Record(u, y, dt=0.04, intersample="foh"))
+    wild = records[1].y[:, 0].copy()
+    wild[:3] += np.array([-1.1, 0.8, -0.4])
+    other = records[1].with_outputs(wild)
+    checked = validate(identify(records[0], Structure(2, 1)), other)
+    assert checked.findings[0].code == "bad-samples"
+    assert set(checked.findings[0].times) >= {0.0, 0.04}
+    assert "order-low" not in [f.code for f in checked.findings]

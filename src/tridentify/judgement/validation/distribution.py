@@ -79,13 +79,15 @@ def distribution(
 
 
 def _first_hand(far: Array, limit: float, noise: Array) -> list[int]:
-    """Places beyond a limit but for echoes of one before, ``far[k] noise[j - 1]`` at ``k + j``."""
+    """Places beyond a limit but for echoes of one before, ``size noise[j - 1]`` at ``k + j``."""
     left, found = far.copy(), []
     for k in np.flatnonzero(np.abs(far) > limit).tolist():
         if min(abs(left[k]), abs(far[k])) > limit:
             found.append(k)
+            if k < noise.size:  # whitened by fewer than all coefficients, on a scale of its own
+                continue
             echo = left[k + 1 : k + 1 + noise.size]
-            echo -= far[k] * noise[: echo.size]
+            echo -= left[k] * noise[: echo.size]
     return found
 
 

@@ -46,8 +46,12 @@ FADED = 0.5
 NOTHING = 1.0
 """p-value of a test whose result another cause explains."""
 
+FIRST_SAMPLES = 8
+"""Samples at the start of a record that four poles, with a free start, fit whatever they are."""
 FEW_LEFT = 0.9
 """Share of the samples that must be left where outliers are taken out and the tests made again."""
+LOOKS = 3
+"""Times that bad samples are looked for beside those that were found."""
 FEW_BAD = 0.97
 """Share of the samples that must be left where those that stand alone are taken out."""
 
@@ -139,6 +143,10 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
     found = sum(len(one.normality.outliers) for one in without.evidence)
     if not found or not without.cause:
         return without
+    # the start of a larger model follows whatever stands at the start of a record
+    early = sum(len(_first_ones(view, one.normality.outliers)) for one in without.evidence)
+    if without.cause == "order-low" and early > FADED * found:
+        return without
     # what the model misses has far samples too: do they stand out where the cause is fitted along?
     if _stand_out(view, setting, without.cause, FADED * found):
         return without
@@ -227,6 +235,12 @@ def _ends(tried: TriedCauses) -> tuple[Attempt, ...]:
     return (tried.explained.present,) if named is None else named.attempts
 
 
+def _first_ones(view: View, rows: Array) -> Array:
+    """Those of some far samples that are among the first of a record."""
+    last = [record.t[min(FIRST_SAMPLES, record.n_samples) - 1] for record in view.records]
+    return rows[rows[:, 1] <= np.take(last, rows[:, 0].astype(int))] if len(rows) else rows
+
+
 def _stand_out(view: View, setting: _Setting, cause: str, most: float) -> bool:
     """Whether far samples do stand out where a cause is fitted along, or it is no cause with them.
 
@@ -288,35 +302,63 @@ def _after(torn: Sequence[Place], view: View, rows: Array) -> Array:
 def _without_bad_samples(
     view: View, evidence: list[Evidence], setting: _Setting
 ) -> tuple[View, list[Evidence], str]:
-    """The same model fitted without samples that stand alone, where these are few.
+    """The same model without samples that stand alone, where these are few.
 
     Returns
     -------
     view : View
-        Seen from there, where that is the identified record and something but noise was left.
+        Seen from there, where something but noise was left; fitted to the identified record, as it
+        is on another one.
     evidence : list of Evidence
     said : str
         How far the coefficients move.
     """
-    clean = view
-    for i, one in enumerate(evidence):
-        if len(one.normality.outliers):
-            clean = without_outliers(clean, i, one)
+    clean, evidence = _cleaned(view, evidence, setting)
     kept = [a.count / b.count for a, b in zip(clean.outputs, view.outputs, strict=True)]
     if min(kept) < FEW_BAD:
         return view, evidence, ""
     end = settled(clean, setting.estimate, [one.noise for one in evidence])
     if end is None:
         return view, evidence, ""
-    said = change(end, setting.estimate)
-    if not (view.own and any(_called(one) for one in evidence)):
+    said = change(end, setting.estimate) if view.own else ""
+    if not any(_called(one) for one in evidence):
         return view, evidence, said
-    seen = refitted(clean, end.point)
+    seen = refitted(clean, end.point) if view.own else clean
     found = []
     for i, one in enumerate(evidence):
         again = _examined(seen, i, setting)
         found.append(replace(again, normality=one.normality, innovations=one.innovations))
-    return replace(seen, own=True, has_errors=view.has_errors), found, said
+    return replace(seen, own=view.own, has_errors=view.has_errors), found, said
+
+
+def _cleaned(
+    view: View, evidence: list[Evidence], setting: _Setting
+) -> tuple[View, list[Evidence]]:
+    """Without bad samples, and without those at the start that are seen once these are gone.
+
+    A free start follows the first samples as far as it can, however wild they are.
+    """
+    for _ in range(LOOKS):
+        clean = view
+        for i, one in enumerate(evidence):
+            if len(one.normality.outliers):
+                clean = without_outliers(clean, i, one)
+        again = [
+            _first_ones(view, _examined(clean, i, setting).normality.outliers)
+            for i in range(len(evidence))
+        ]
+        if not any(len(rows) for rows in again):
+            break
+        evidence = [
+            replace(
+                one,
+                normality=replace(
+                    one.normality, outliers=np.vstack([one.normality.outliers, rows])
+                ),
+            )
+            for one, rows in zip(evidence, again, strict=True)
+        ]
+    return clean, evidence
 
 
 def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
