@@ -276,7 +276,8 @@ def test_ends_where_offline_does_over_draws(name, seed, n_samples):
 @pytest.mark.parametrize("scale", [2e-5, 2e4], ids=["microseconds", "kiloseconds"])
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 def test_ends_where_offline_does_on_any_clock(intersample, scale):
-    record, _ = recorded("one zero", 3000, 0.1, intersample=intersample, scale=scale)
+    # of one white record in ten the scatter of the scores says that it is not: not of this one
+    record, _ = recorded("one zero", 3000, 0.1, seed=3, intersample=intersample, scale=scale)
     agreed(record, asked("one zero"))
 
 

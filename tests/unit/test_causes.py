@@ -388,9 +388,9 @@ def test_no_output_is_looked_at_twice_and_nothing_is_tried_beside_lost_rows_in_v
         looked.append((view, index))
         return examine(view, index, *rest)
 
-    def make(present, fitted):
+    def make(present, *rest):
         made.append(present)
-        return rivals(present, fitted)
+        return rivals(present, *rest)
 
     monkeypatch.setattr(tried, "examine", look)
     monkeypatch.setattr(explain, "_rivals", make)

@@ -140,17 +140,22 @@ def test_it_does_not_matter_where_a_record_is_cut(name):
 @pytest.mark.parametrize("name", ["least squares", "forgetting", "three models, started"])
 def test_quiet_samples_do_go_through_blocks(name):
     """Or the tests above would compare steps with steps."""
-    u, y = samples(8, 1, "plain", 6000)
+    u, y = samples(8, 1, "plain", 12_000)
     method = METHODS[name]
     state = method.init(STRUCTURES["rest"], DT)
     state, _, _ = method.feed(state, u[:3000], y[:3000])
+    first = 3000
+    # a look goes on sample by sample, and so does what the clock asks for
+    while state.values[slots.SUSPECT] or 0 < state.values[slots.TICK] - first <= LONGEST:
+        first += 1
+        state, _, _ = method.feed(state, u[first - 1 : first], y[first - 1 : first])
     ints, x = state.stage.blueprint.ints, state.values.copy()
     taken = method.kernels().block()(
-        ints, state.stage.blueprint.constants, x, u, y, 3000, 2000, np.empty(y.shape),
+        ints, state.stage.blueprint.constants, x, u, y, first, 2000, np.empty(y.shape),
         np.empty(len(y), dtype=np.int64), *Workspace.of(ints, x),
     )  # fmt: skip
     assert taken == LONGEST
-    assert x[slots.COUNT] == 3000 + LONGEST
+    assert x[slots.COUNT] == first + LONGEST
 
 
 def test_a_record_that_cannot_be_written_to_is_taken():

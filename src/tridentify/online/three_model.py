@@ -346,11 +346,15 @@ class ThreeModel(Planner):
     def _dropped(self, state: State, witness: Old | None) -> State:
         """No suspicion any more; samples are kept only where all of them are."""
         x, stage = state
+        looked = x[slots.COUNT] - x[slots.OWN_TICK] if x[slots.DUE] else 0.0
+        if not looked:
+            calm(x, stage)
         x[slots.SUSPECT] = x[slots.DUE] = x[slots.OWN_TICK] = 0.0
-        calm(x, stage)
         if x[slots.SINCE] > len(kept_samples(state)):
             x, stage = self._emptied(state)
-        x[slots.TICK] = self.next_tick(x, stage.setting)
+        # a look that the clock asked for does not hold the clock up
+        due = self.next_tick(x, stage.setting) - (1.0 + SHARE) * looked
+        x[slots.TICK] = max(np.ceil(due), x[slots.COUNT] + SHORTEST_TICK // 2)
         return State(x, stage.but(extra=() if witness is None else packed(witness)))
 
     def _emptied(self, state: State) -> State:
