@@ -76,9 +76,8 @@ class ExcelFile:
 
     def instants(self, clock: str) -> Array | None:
         """Give the column of a sheet that is called t or time [s], if it is the only one."""
-        if clock not in self._sheets:  # of one sheet alone the time is a column, as in text
-            return None
-        sheet = self._sheets[clock]
+        # channels of one sheet alone do not name it
+        sheet = self._sheets[clock] if clock else next(iter(self._sheets.values()))
         named = [k for k, c in enumerate(sheet.channels) if c.name.casefold() in TIME_NAMES]
         if len(named) != 1 or sheet.channels[named[0]].unit not in SECONDS:
             return None
