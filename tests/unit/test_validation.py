@@ -157,7 +157,7 @@ def test_an_order_that_is_too_low_is_named(low):
     assert "correlated with elevator at lag" in low.verdict
     assert "the order is too low" in low.verdict
     assert "poles=2" in finding.remedy
-    assert "sum of squares falls" in finding.effect
+    assert "the sum of squares of the whitened residual falls by" in finding.effect
     # one cause, one finding
     assert [f.code for f in low.findings if f.matters] == ["order-low"]
 

@@ -90,7 +90,7 @@ def _answer(
             activity.stage("no --poles: the numbers of poles and zeros are chosen")
         estimate = estimate_model(records, structure, method, activity.stage, artist)
         if results is not None:
-            write_results(estimate, records, results.draft, activity, title, artist)
+            estimate = write_results(estimate, records, results.draft, activity, title, artist)
             written = results.publish()
     if as_json:
         document = tables.estimate_document(estimate, records)

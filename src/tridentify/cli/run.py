@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -73,8 +74,14 @@ def write_results(
     activity: Activity,
     title: str | None,
     artist: Beside | None = None,
-) -> None:
-    """Write model.json, report.html and the figures into a folder."""
+) -> Estimate:
+    """Write model.json, report.html and the figures into a folder.
+
+    Returns
+    -------
+    Estimate
+        With the findings of the report, whose judgement is the fuller one.
+    """
     from tridentify.report.html import report_page, settled, write_page
 
     estimate.save(folder / "model.json")
@@ -82,6 +89,7 @@ def write_results(
         estimate, settled(estimate, records), title=title, progress=activity.stage, artist=artist
     )
     write_page(page, folder / "report.html", folder)
+    return replace(estimate, findings=tuple(page.findings))
 
 
 def show_estimate(

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from tridentify.cli.terminal import paragraph
 from tridentify.estimation.answer.estimate import Estimate, Parameter
+from tridentify.estimation.answer.trust import unusable
 from tridentify.record.record import Record
 from tridentify.uncertainty import DerivedQuantity, derived
 from tridentify.writing.layout import IN_TABLES, format_std, format_value, printable, short
@@ -131,6 +132,8 @@ def _described(record: Record) -> str:
 def describe_status(estimate: Estimate) -> str:
     """Say how the estimation ended, and what to beware of."""
     lines = [paragraph(f"{estimate.method}: {estimate.status.message}")]
+    if estimate.status.ok and (why := unusable(estimate, estimate.findings)):
+        lines.append(paragraph(why))
     if estimate.status.remedy:
         lines.append(paragraph(estimate.status.remedy, "  what to do: ", "    "))
     lines += [paragraph(text, "  caution: ", "    ") for text in estimate.cautions]

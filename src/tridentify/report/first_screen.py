@@ -11,6 +11,7 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.answer.finding import CODES, Finding
 from tridentify.estimation.answer.parameter import Parameter
+from tridentify.estimation.answer.trust import HEADS, class_of, unusable
 from tridentify.judgement.validation.result import ABOUT_NOISE
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -112,25 +113,13 @@ def fits_in_words(names: Sequence[str], fits: Sequence[float]) -> str:
     return ", ".join(f"{fit:.1f} % of {short(name, LONGEST_TITLE)}" for name, fit in pairs)
 
 
-def class_of(estimate: Estimate, findings: Sequence[Finding]) -> str:
-    """How far to trust the estimate: "good", "caution" or "bad"."""
-    if not estimate.status.ok:
-        return "bad"
-    doubts = any(finding.matters for finding in findings)
-    return "caution" if doubts or estimate.status is not Status.CONVERGED else "good"
-
-
-HEADS = {"good": "Usable", "caution": "Usable with caution", "bad": "Not usable"}
-
-
 def headline_of(estimate: Estimate, findings: Sequence[Finding]) -> str:
     """What was found, in one sentence."""
-    verdict = class_of(estimate, findings)
-    if verdict == "bad":
-        return f"{HEADS[verdict]}: {estimate.status.message}."
+    if why := unusable(estimate, findings):
+        return why
     fits = fits_in_words(estimate.output_names, estimate.fit.tolist())
     words = orders_in_words(estimate.structure)
-    return f"{HEADS[verdict]}: a model of {words} fits {fits}."
+    return f"{HEADS[class_of(estimate, findings)]}: a model of {words} fits {fits}."
 
 
 def trust_of(estimate: Estimate, findings: Sequence[Finding], tested: bool = True) -> str:

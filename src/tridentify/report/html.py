@@ -10,11 +10,11 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.encoding import document_text
 from tridentify.estimation.answer.estimate import SCHEMA, Estimate
 from tridentify.estimation.answer.finding import joined
+from tridentify.estimation.answer.trust import class_of
 from tridentify.judgement.validation import Validation, validate
 from tridentify.record.record import Record
 from tridentify.report.figures import Artist, Here, draw_diagrams
 from tridentify.report.first_screen import (
-    class_of,
     headline_of,
     key_numbers,
     subtitle_of,

@@ -14,6 +14,7 @@ from tridentify.estimation.answer.encoding import document_text
 from tridentify.estimation.answer.estimate import SCHEMA, Estimate
 from tridentify.estimation.answer.finding import Finding, joined
 from tridentify.estimation.answer.parameter import Parameter
+from tridentify.estimation.answer.trust import HEADS, class_of, unusable
 from tridentify.judgement.selection import Selection
 from tridentify.judgement.validation import Validation
 from tridentify.judgement.validation.residuals import View, look
@@ -22,10 +23,8 @@ from tridentify.plots import plot_hankel, plot_selection
 from tridentify.record.record import Record
 from tridentify.report.figures import draw_fit, identified_fits, model_pictures, tests_pictures
 from tridentify.report.first_screen import (
-    HEADS,
     NUMBERS,
     KeyNumber,
-    class_of,
     fits_in_words,
     key_numbers,
     orders_in_words,
@@ -177,6 +176,8 @@ def contradictions(found: PhysicalEstimate) -> tuple[Finding, ...]:
 
 
 def _physical_headline(found: PhysicalEstimate, findings: Sequence[Finding]) -> str:
+    if why := unusable(found.estimate, findings):
+        return why
     head = HEADS[class_of(found.estimate, findings)]
     known = sum(np.isfinite(found.values))
     fits = fits_in_words(found.estimate.output_names, found.fit.tolist())

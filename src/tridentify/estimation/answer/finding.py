@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
@@ -35,7 +35,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "varying": "the system changes during the record",
         "disagreeing-experiments": "the experiments are not of one system",
         "drift": "a slow disturbance or a drift is missing",
-        "order-low": "more poles or zeros are needed",
+        "order-low": "the order is too low",
         "order-high": "the record does not support so many poles and zeros",
         "not-determined": "coefficients that the record does not tell",
         "unmodelled-response": "part of the response is missing, by no cause that was tried",
@@ -151,7 +151,8 @@ def ranked(findings: Iterable[Finding]) -> tuple[Finding, ...]:
 def joined(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
     """Ranked, without what a later group says again of the same outputs and experiment.
 
-    An estimate and a validation of it look at one record: what both find is told once.
+    An estimate and a validation of it look at one record: what both find is told once, and what
+    contradicts a better founded finding is left out (`agreed`).
 
     Examples
     --------
@@ -163,7 +164,38 @@ def joined(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
     for group in groups:
         before = tuple(known)
         known += [one for one in group if not any(same_thing(one, other) for other in before)]
-    return ranked(known)
+    return ranked(agreed(known))
+
+
+FEWER = ", or use fewer poles or zeros"
+"""What the remedy for coefficients that a record does not tell ends with."""
+
+
+def agreed(findings: Iterable[Finding]) -> list[Finding]:
+    """Without what contradicts a larger model that was fitted, or without that model.
+
+    A model without half of the response (an error of ``order-low``) shows no response for want of
+    poles. Where fewer poles explain a record as well, more of them are no advice.
+
+    Examples
+    --------
+    >>> low = Finding("order-low", "warning", "The order is too low.", "Use poles=3.")
+    >>> vague = Finding("not-determined", "warning", "b0.", f"Excite the system more{FEWER}.")
+    >>> agreed([low, vague])[1].remedy
+    'Excite the system more.'
+    >>> [f.severity for f in agreed([low, Finding("order-high", "warning", "Fewer will do.")])]
+    ['note', 'warning']
+    """
+    found = list(findings)
+    low = [one for one in found if one.code == "order-low" and one.matters]
+    if any(one.severity == "error" for one in low):
+        found = [one for one in found if one.code not in ("no-response", "order-high")]
+    elif any(one.code == "order-high" for one in found):
+        found = [replace(one, severity="note", remedy="") if one in low else one for one in found]
+        return found
+    if any(one.remedy for one in low):
+        found = [replace(one, remedy=one.remedy.replace(FEWER, "")) for one in found]
+    return found
 
 
 def same_thing(one: Finding, other: Finding) -> bool:

@@ -68,6 +68,11 @@ class _Fitted:
     end: Attempt
 
 
+def unsure(estimate: Estimate) -> list[str]:
+    """Parameters whose standard error is above `VAGUE` of the value; what is fixed has none."""
+    return [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
+
+
 def order_findings(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
     """A word where a smaller structure does as well, or none at all.
 
@@ -82,7 +87,7 @@ def order_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
     open_ = not given.constrained and given.delay != "free" and estimate.loss == "squared"
     if not (isinstance(order, int) and open_ and estimate.status.ok):
         return []
-    vague = any(p.std and not p.relative_std < VAGUE for p in estimate.parameters.values())
+    vague = bool(unsure(estimate))
     if not (vague or order >= MANY):
         return []
     fitted = _fitted(estimate, records)

@@ -7,12 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.finding import FEWER, Finding
 from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
+from tridentify.judgement.causes.fewer import unsure
 from tridentify.record.record import Record
-
-VAGUE = 0.5
-"""Relative standard error above which a coefficient says little about itself."""
 
 BEYOND_RECORD = 3.0
 """Time constant over the length of the record from which its response is hardly seen: in a third
@@ -35,10 +33,9 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
         Those that were identified.
     """
     found = [*_no_response(estimate, records), *_constant_input(estimate, records)]
-    # what is fixed has no standard error, whatever its value
-    unsure = [p.name for p in estimate.parameters.values() if p.std and not p.relative_std < VAGUE]
-    vague = [name for name in unsure if not name.startswith("delay")]
-    late = [name for name in unsure if name.startswith("delay")]
+    wide = unsure(estimate)
+    vague = [name for name in wide if not name.startswith("delay")]
+    late = [name for name in wide if name.startswith("delay")]
     if vague and np.isnan(estimate.std).all():
         found.append(
             Finding(
@@ -55,7 +52,7 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
                 "warning",
                 f"Standard error above half of the value: {', '.join(vague)}. Do not rely on these "
                 "coefficients one by one.",
-                "Excite the system more, or use fewer poles or zeros.",
+                f"Excite the system more{FEWER}.",
             )
         )
     if not np.isnan(estimate.std).all():

@@ -353,9 +353,16 @@ def _notes(view: View, evidence: Sequence[Evidence]) -> tuple[str, ...]:
             "over "
             "a fixed time is not tested, and the noise is taken as white in the estimate"
         )
-    lost = sum(int(np.isnan(one).sum()) for output in view.outputs for one in output.residual)
+    lost = bad = 0
+    for i, output in enumerate(view.outputs):
+        for record, residual in zip(view.records, output.residual, strict=True):
+            gone = np.isnan(record.y[:, i])
+            lost += int(gone.sum())
+            bad += int((np.isnan(residual) & ~gone).sum())
     if lost:
         told.append(f"{lost} missing samples do not count")
+    if bad:
+        told.append(f"{bad} sample{' is' if bad == 1 else 's are'} left out as bad")
     for one, output in zip(evidence, view.outputs, strict=True):
         if one.noise.size and one.noise is not output.noise:
             told.append(

@@ -7,11 +7,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.finding import Finding, Severity
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.explain import Explanation, Explanations, explain, moved, settle
+from tridentify.judgement.causes.fewer import unsure
 from tridentify.judgement.causes.lost import Place
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.validation.residuals import View
@@ -45,6 +46,17 @@ more poles, which choose their frequency, by 19, so that these need a test."""
 
 MOSTLY = 0.5
 """Share of a bad sample's residual that a cause leaves, below which it explains that sample."""
+
+RISES = 0.02
+"""Fall of the misfit (100 % minus the fit, relative) from which a larger model follows an output
+better: a mode more took up to 1 % of it from the noise of 800 samples, and 5 % or more where it
+was there and could be seen."""
+
+HALVED = 0.5
+"""The same from which the model misses most of what can be followed."""
+
+LITTLE = 10.0
+"""Fit [percent] below which such a model shows nothing of the response."""
 
 HARDLY = 1.0
 """Movement of a coefficient [standard errors] below which it may stay as it is."""
@@ -153,17 +165,63 @@ def finding_of(
         What the residual shows, a sentence.
     """
     rival = found.rival
-    verb = "explain" if rival.code in ("order-low", "lost-rows") else "explains"
+    if rival.code == "order-low":
+        return _order_low(found, base, estimate, outputs, where)
+    verb = "explain" if rival.code == "lost-rows" else "explains"
     message = f"{where}: {HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
     return Finding(
         rival.code,
         "error" if rival.refits and rival.code in SPOILS else "warning",
         message,
-        rival.advice,
+        _remedy(found, estimate),
         tuple(outputs),
         times=rival.times,
         effect=_effect(found, base, estimate),
     )
+
+
+def _remedy(found: Explanation, estimate: Estimate) -> str:
+    """What to do, but for what this estimate does already or cannot do."""
+    slow = found.rival.code == "drift" and not found.rival.refits
+    modelled = any(a.size for a in estimate.noise_model)
+    if not slow or not (modelled or estimate.loss != "squared"):
+        return found.rival.advice
+    if estimate.structure.drift:
+        return "Cut the record to where it is calm."
+    return "Try a drift (drift=True, --drift yes), or cut the record to where it is calm."
+
+
+def raised(found: Explanation, base: Attempt) -> float:
+    """By which share of itself the misfit of an output falls, at most."""
+    before, after = 100.0 - base.fits, 100.0 - found.fits(base)
+    return float(np.max(1.0 - after / np.maximum(before, np.finfo(float).tiny)))
+
+
+def follows_no_better(found: Explanation, base: Attempt) -> bool:
+    """Whether a larger model explains the correlation of a residual alone, not the response."""
+    return found.rival.code == "order-low" and raised(found, base) < RISES
+
+
+def _order_low(
+    found: Explanation, base: Attempt, estimate: Estimate, outputs: Sequence[str], where: str
+) -> Finding:
+    """A larger model: advice only where the response is followed better, and is determined."""
+    rival, rise = found.rival, raised(found, base)
+    tried = f"{TRIED}, {rival.what} explain it best"
+    severity: Severity = "warning"
+    remedy = rival.advice
+    if follows_no_better(found, base):
+        severity, remedy = "note", ""
+        said = f"{where}. A larger model ({rival.what}) explains this correlation, not the response"
+    elif rise < HALVED and unsure(estimate):
+        remedy = ""
+        said = f"{where}. {tried}, but the record does not even tell all coefficients of this order"
+    else:
+        said = f"{where}: {HEADLINES[rival.code]}. {tried}"
+        if rise >= HALVED and np.max(estimate.fit) < LITTLE:
+            severity = "error"
+    effect = _effect(found, base, estimate)
+    return Finding("order-low", severity, f"{said}.", remedy, tuple(outputs), effect=effect)
 
 
 def _effect(found: Explanation, base: Attempt, estimate: Estimate) -> str:
@@ -176,7 +234,7 @@ def _effect(found: Explanation, base: Attempt, estimate: Estimate) -> str:
     if k >= 0 and size > 0.1:
         name = estimate.names[k]
         said.append(f"{name} from {before:.4g} to {after:.4g} ({size:.1f} standard errors)")
-    said.append(f"its sum of squares falls by {_percent(found.share)}")
+    said.append(f"the sum of squares of the whitened residual falls by {_percent(found.share)}")
     return f"With it: {', '.join(said)}."
 
 

@@ -12,7 +12,11 @@ from tridentify.estimation.answer.finding import Finding, Severity, ranked
 from tridentify.judgement.causes.explain import Explanation, Explanations
 from tridentify.judgement.causes.feedback import Coming
 from tridentify.judgement.validation.evidence import CALLED, Evidence
-from tridentify.judgement.validation.explained import finding_of, told_alone
+from tridentify.judgement.validation.explained import (
+    finding_of,
+    follows_no_better,
+    told_alone,
+)
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Check, CrossCorrelation, Transfer
 from tridentify.numerics.arrays import Array
@@ -71,6 +75,18 @@ class KnownCauses(NamedTuple):
         return None if self.explained is None else self.explained.named
 
     @property
+    def robust(self) -> bool:
+        """Whether the estimate has a robust loss, which goes with no noise model."""
+        return self.estimate.loss != "squared"
+
+    @property
+    def no_better(self) -> bool:
+        """Whether that cause is a larger model which follows the record no better."""
+        if self.named is None or self.explained is None:
+            return False
+        return follows_no_better(self.named, self.explained.present)
+
+    @property
     def torn(self) -> str:
         """Where rows were lost, if that is the cause; empty where it is another one."""
         if self.named is None or self.named.rival.code != "lost-rows":
@@ -92,6 +108,10 @@ class KnownCauses(NamedTuple):
 
 CALLING = ("past inputs", "level", "coefficients constant", "linear")
 """Tests that a cause may explain."""
+
+ROBUST = "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing"
+WEIGHED = "mark them as missing where they are wrong; the robust loss gives them little weight"
+"""What to do about bad samples under the squared loss, and under one that does so already."""
 
 SAID_BY = {
     "level": ("drift",),
@@ -136,10 +156,13 @@ def findings(
         if (calling or beside.torn) and beside.named is not None:
             concerned.append((name, beside.torn or _where(one, own, calling)))
             left = _left(rejected, name, beside.again[i], beside.named.rival.code)
+            if beside.no_better:
+                # this model stays, and its standard errors do not allow for what is left
+                left |= {key: p for key, p in rejected.items() if key == ("white", name)}
         elif ("past inputs", name) in rejected:
             found.append(_unexplained(one, own, beside))
         reacts = None if beside.explained is None else beside.explained.reacts[i]
-        found += _about_one(view, one, name, left, own, beside.without_bad, reacts)
+        found += _about_one(view, one, name, left, own, beside, reacts)
     if concerned and beside.named is not None and beside.explained is not None:
         names = [name for name, _ in concerned]
         where = _sentence(concerned[0][1])[:-1]
@@ -285,7 +308,7 @@ def _about_one(
     name: str,
     rejected: dict[tuple[str, str], float],
     pictures: Sequence[CrossCorrelation],
-    without_bad: str,
+    beside: KnownCauses,
     reacts: Coming | None,
 ) -> list[Finding]:
     found = []
@@ -312,7 +335,7 @@ def _about_one(
         f"the residual of {name} is correlated with itself at {_reach(view, one)}: {noise}, and "
         "the standard errors do not allow for it",
         "take the standard errors for too small"
-        if modelled
+        if modelled or beside.robust
         else "use noise='ar' (--noise ar), which estimates the noise along",
     )
     add(
@@ -329,7 +352,7 @@ def _about_one(
         "samples",
         "identify the parts on their own, or use online.ThreeModel(forgetting=...)",
     )
-    found += _about_noise(view, one, name, rejected, without_bad)
+    found += _about_noise(view, one, name, rejected, beside)
     return found
 
 
@@ -382,7 +405,7 @@ def _about_noise(
     one: Evidence,
     name: str,
     rejected: dict[tuple[str, str], float],
-    without_bad: str,
+    beside: KnownCauses,
 ) -> list[Finding]:
     found = []
     if len(one.normality.outliers) and not np.isnan(one.scale):
@@ -398,9 +421,9 @@ def _about_noise(
                 name,
                 f"{many} up to {np.abs(far[0, 2]):.0f} standard deviations from the model of "
                 f"{name} ({which} {at})",
-                "use a robust loss (loss='huber' or 'student'; --loss), or mark them as missing",
+                WEIGHED if beside.robust else ROBUST,
                 times=np.sort(rows[:, 1]).tolist(),
-                effect=without_bad.rstrip("."),
+                effect=beside.without_bad.rstrip("."),
                 experiment=first if len(view.records) > 1 and np.all(rows[:, 0] == first) else None,
             )
         )
@@ -411,7 +434,9 @@ def _about_noise(
                 name,
                 f"the residual of {name} is not Gaussian (skewness {one.normality.skewness:.2f}, "
                 f"excess kurtosis {one.normality.kurtosis:.2f}); the estimate holds all the same",
-                "nothing, unless the tails are heavy: then loss='student' is more accurate",
+                ""
+                if beside.robust
+                else "nothing, unless the tails are heavy: then loss='student' is more accurate",
                 "note",
             )
         )
@@ -512,6 +537,8 @@ def in_words(
         return text + (f" Besides, {'; '.join(others[:3])}." if others else "")
     what = "noise alone" if transfer is None else "noise and the standard errors alone"
     text = f"Nothing speaks against the model: the residual is explained by {what} ({where})."
+    if any(f.code == "order-low" for f in found):
+        text = f"Nothing speaks against the response of the model ({where})."
     if found:
         text += f" To be known: {_decapitalised(found[0].message)}"
     return text
