@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import io
 import json
 import os
@@ -348,6 +349,39 @@ def test_out_writes_everything_and_keeps_what_is_there(run, tmp_path, noisy, que
     page = (folder / "report.html").read_text(encoding="utf-8")
     assert "Pitch &lt;rate&gt;" in page
     assert sorted(path.name for path in tmp_path.iterdir()) == ["deep", "noisy.csv"]
+
+
+def test_the_terminal_says_what_the_report_says(run, tmp_path):
+    rng = np.random.default_rng(11)
+    u = np.repeat(rng.choice([-1.0, 1.0], 100), 6)
+    system = signal.cont2discrete(([2.0], DEN), 0.1)
+    y = signal.dlsim((*system[:2], 0.1), u[:, None])[1][:, 0] + 0.01 * rng.standard_normal(600)
+    # far samples, and a limit: what the report tests and what the terminal saw have other words
+    y = np.minimum(y, 0.2)
+    y[[100, 250, 251]] += [0.5, -0.4, 0.6]
+    path = tmp_path / "limited.csv"
+    lines = [f"{0.1 * k:.1f},{a:g},{b:.6f}" for k, (a, b) in enumerate(zip(u, y, strict=True))]
+    path.write_text("t,u,y\n" + "\n".join(lines) + "\n")
+    asked = ("--time", "t", "--input", "u", "--output", "y", "--poles", "2", "--zeros", "0")
+    shown = run("identify", path, *asked, "--out", tmp_path / "out")
+    told = " ".join(shown.out.split())
+    page = " ".join(html.unescape((tmp_path / "out" / "report.html").read_text()).split())
+    document = answers(run("identify", path, *asked, "--out", tmp_path / "out", "--json").out)
+    assert document["findings"]
+    for finding in document["findings"]:
+        assert finding["message"] in page
+        assert finding["message"] in told
+    counted = told.count("caution: ") + told.count("note: ")
+    assert counted == len(document["findings"]) == page.count('<li class="finding')
+
+
+def test_a_model_of_too_low_an_order_is_not_usable(run, tmp_path):
+    data = Path(tridentify.__file__).parent / "data" / "short_period.csv"
+    asked = ("--time", "t", "--input", "delta_e", "--output", "q", "--poles", "1", "--zeros", "0")
+    told = " ".join(run("identify", data, *asked).out.split())
+    assert "Not usable: a constant follows q more closely" in told
+    assert "the order is too low" in told
+    assert "use fewer poles" not in told
 
 
 def test_without_out_nothing_is_written(run, tmp_path, noisy, question, monkeypatch):

@@ -12,7 +12,7 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.encoding import document_text
 from tridentify.estimation.answer.estimate import SCHEMA, Estimate
-from tridentify.estimation.answer.finding import Finding, joined
+from tridentify.estimation.answer.finding import Finding, joined, without_fewer
 from tridentify.estimation.answer.parameter import Parameter
 from tridentify.estimation.answer.trust import HEADS, class_of, unusable
 from tridentify.judgement.selection import Selection
@@ -128,7 +128,7 @@ def _physical_page(
         class_of(free, findings),
         _physical_headline(found, findings),
         trust_of(free, findings, checked is not None),
-        free.status.remedy,
+        without_fewer(free.status.remedy, findings),
         _physical_numbers(found),
         _fits_of_map(found, records) or [p for p in model if p.place == "fit"],
         findings,

@@ -34,7 +34,7 @@ from tridentify.estimation.answer.encoding import (
     load_document,
     save_document,
 )
-from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.finding import Finding, without_fewer
 from tridentify.estimation.answer.parameter import Nuisance, Parameter
 from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace, freeze_arrays
 from tridentify.numerics import delta_method
@@ -507,7 +507,8 @@ class Estimate(EstimateViews):
 
     def summary(self) -> str:
         """Fixed-width text: status, model, coefficients, derived quantities, fit, decisions."""
-        advice = f"what to do: {self.status.remedy}" if self.status.remedy else ""
+        advice = without_fewer(self.status.remedy, self.findings)
+        advice = f"what to do: {advice}" if advice else ""
         remedy = textwrap.wrap(advice, _WIDTH, initial_indent="  ", subsequent_indent="    ")
         head = [
             "=" * _WIDTH,
@@ -568,7 +569,8 @@ class Estimate(EstimateViews):
         caption = f"{self.method}: {self.status.message}; fit {fits}"
         rows = [_row(p, self.held_note(p.name)) for p in self.parameters.values()]
         rows += [_row(quantity) for quantity in self.derived()]
-        advice = [f"What to do: {self.status.remedy}."] if self.status.remedy else []
+        remedy = without_fewer(self.status.remedy, self.findings)
+        advice = [f"What to do: {remedy}."] if remedy else []
         doubts = "".join(f"<li>{html.escape(text)}</li>" for text in (*advice, *self.cautions))
         warned = f"<ul>{doubts}</ul>" if doubts else ""
         return f"{warned}{self.model_mathml()}{html_table(_TITLES, rows, caption)}"

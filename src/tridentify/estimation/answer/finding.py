@@ -193,9 +193,20 @@ def agreed(findings: Iterable[Finding]) -> list[Finding]:
     elif any(one.code == "order-high" for one in found):
         found = [replace(one, severity="note", remedy="") if one in low else one for one in found]
         return found
-    if any(one.remedy for one in low):
-        found = [replace(one, remedy=one.remedy.replace(FEWER, "")) for one in found]
-    return found
+    return [replace(one, remedy=without_fewer(one.remedy, low)) for one in found]
+
+
+def without_fewer(remedy: str, findings: Iterable[Finding]) -> str:
+    """A remedy without fewer poles where a finding advises more.
+
+    Examples
+    --------
+    >>> low = Finding("order-low", "warning", "The order is too low.", "Use poles=3.")
+    >>> without_fewer("record longer, or use fewer poles or zeros", [low])
+    'record longer'
+    """
+    more = any(one.code == "order-low" and one.matters and one.remedy for one in findings)
+    return remedy.replace(FEWER, "") if more else remedy
 
 
 def same_thing(one: Finding, other: Finding) -> bool:
