@@ -143,7 +143,7 @@ class Record:
         self,
         u: ArrayLike,
         y: ArrayLike,
-        *,
+        *unnamed: object,
         dt: float | None = None,
         t: ArrayLike | None = None,
         intersample: Intersample = "zoh",
@@ -152,6 +152,11 @@ class Record:
         units: Mapping[str, str] | None = None,
         name: str | None = None,
     ) -> None:
+        if unnamed:
+            raise SamplingError(
+                f"found {shown(unnamed[0])} as a third argument without a name; expected input, "
+                "output, and all else by its name; write Record(u, y, dt=0.02), or t=times"
+            )
         check_intersample(intersample)
         inputs, outputs = sample_array("u", u), sample_array("y", y)
         step, time = time_axis(dt, t, len(inputs))
