@@ -78,8 +78,8 @@ def select_structure(
     records : Record or sequence of Record
         One or several experiments on the same system.
     candidates : sequence of Structure or of pairs of int, optional
-        ``(2, 1)`` or ``[2, 1]`` stands for ``Structure(2, 1)``. Default `default_candidates`: 1 to 4
-        poles with every relative degree from 1 on.
+        ``(2, 1)`` or ``[2, 1]`` stands for ``Structure(2, 1)``. Default `default_candidates`: 1 to
+        4 poles with every relative degree from 1 on.
     method : Method, optional
         Default ``ThreeModel()``. With another method every candidate is identified by it and
         nothing is shared.
