@@ -11,6 +11,8 @@ from tridentify import (
     Structure,
     TransferFunction,
     identify,
+    read_record,
+    record_from_frame,
     select_structure,
     simulate,
 )
@@ -103,3 +105,67 @@ def test_a_file_or_a_frame_is_to_be_read_first(tmp_path):
     refused(SampleTypeError, ("read_record",), lambda: identify(tmp_path / "a.csv", (1, 0)))
     refused(SampleTypeError, ("record_from_frame",), lambda: identify(frame, (1, 0)))
     refused(DataError, ("record_from_frame",), lambda: select_structure(frame, [(1, 0)]))
+
+
+def test_a_name_like_another_is_proposed(tmp_path):
+    frame = pd.DataFrame({"t": [0.0, 0.1, 0.2], "u_elevator": [0, 1, 1], "Q [deg/s]": [0, 1, 2]})
+    frame.to_csv(tmp_path / "flight.csv", index=False)
+
+    def read(inputs, outputs, **options):
+        return lambda: record_from_frame(frame, inputs=[inputs], outputs=[outputs], **options)
+
+    refused(DataError, ("did you mean 'u_elevator'?",), read("u_elev", "Q"))
+    refused(DataError, ("did you mean 'Q [deg/s]'?",), read("u_elevator", "q"))
+    refused(DataError, ("did you mean 'Q [deg/s]'?",), read("u_elevator", "Q", units={"q": "x"}))
+    refused(
+        DataError,
+        ("did you mean 'u_elevator'?",),
+        lambda: read_record(tmp_path / "flight.csv", inputs=["elevator"], outputs=["Q"]),
+    )
+    record = read("u_elevator", "Q")()
+    refused(DataError, ("did you mean 'u_elevator'?",), lambda: record.select(inputs=["elevator"]))
+    refused(
+        DataError,
+        ("did you mean 'u'?",),
+        lambda: Record([0, 1, 1], [0, 1, 2], dt=0.1, units={"U": "rad"}),
+    )
+    with pytest.raises(DataError) as caught:
+        read("gamma", "Q")()
+    assert "did you mean" not in str(caught.value)
+
+
+DATES = ["2026-01-01 00:00:00.00", "2026-01-01 00:00:00.02", "2026-01-01 00:00:00.04"]
+
+
+@pytest.mark.parametrize("name", ["Timestamp", "timestamp", "date", "datetime", "DateTime"])
+def test_dates_of_a_usual_name_are_time(name, tmp_path):
+    frame = pd.DataFrame({name: DATES, "u": [0, 1, 1], "y": [0, 1, 2]})
+    frame.to_csv(tmp_path / "dated.csv", index=False)
+    read = read_record(tmp_path / "dated.csv", inputs=["u"], outputs=["y"])
+    text = record_from_frame(frame, inputs=["u"], outputs=["y"])
+    frame[name] = pd.to_datetime(frame[name])
+    stamps = record_from_frame(frame, inputs=["u"], outputs=["y"])
+    for record in (read, text, stamps):
+        assert record.dt == pytest.approx(0.02)
+
+
+def test_numbers_of_such_a_name_are_not_time_and_t_comes_first():
+    numbers = pd.DataFrame({"timestamp": [0.0, 0.1, 0.2], "u": [0, 1, 1], "y": [0, 1, 2]})
+    refused(
+        SamplingError, ("time",), lambda: record_from_frame(numbers, inputs=["u"], outputs=["y"])
+    )
+    both = pd.DataFrame({"date": DATES, "t": [0.0, 0.5, 1.0], "u": [0, 1, 1], "y": [0, 1, 2]})
+    assert record_from_frame(both, inputs=["u"], outputs=["y"]).dt == 0.5
+
+
+def test_an_even_index_without_a_name_is_mentioned():
+    frame = pd.DataFrame({"u": [0, 1, 1], "y": [0, 1, 2]}, index=[0.0, 0.25, 0.5])
+    refused(
+        SamplingError,
+        ("index", "0.25", 'time="index"', "reset_index"),
+        lambda: record_from_frame(frame, inputs=["u"], outputs=["y"]),
+    )
+    assert record_from_frame(frame, time="index", inputs=["u"], outputs=["y"]).dt == 0.25
+    assert record_from_frame(frame, dt=0.1, inputs=["u"], outputs=["y"]).dt == 0.1
+    frame["t"] = [0.0, 1.0, 2.0]
+    assert record_from_frame(frame, inputs=["u"], outputs=["y"]).dt == 1.0
