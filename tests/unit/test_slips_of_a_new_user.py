@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
 
+import tridentify
+import tridentify.plots
 from tridentify import (
     Record,
     Structure,
@@ -26,6 +32,7 @@ from tridentify.errors import (
     TridentifyError,
 )
 from tridentify.report import write_report
+from tridentify.writing.pointers import OF_A_RECORD, OF_AN_ESTIMATE
 
 
 @pytest.fixture(scope="module")
@@ -169,3 +176,43 @@ def test_an_even_index_without_a_name_is_mentioned():
     assert record_from_frame(frame, dt=0.1, inputs=["u"], outputs=["y"]).dt == 0.1
     frame["t"] = [0.0, 1.0, 2.0]
     assert record_from_frame(frame, inputs=["u"], outputs=["y"]).dt == 1.0
+
+
+@pytest.mark.parametrize(
+    ("name", "use"),
+    [
+        ("params", "estimate.parameters"),
+        ("bse", "estimate.std"),
+        ("conf_int", "estimate.to_frame"),
+        ("num", "estimate.model.num"),
+        ("a0", 'estimate.parameters["a0"].value'),
+    ],
+)
+def test_names_of_other_packages_point_to_those_here(estimate, name, use):
+    with pytest.raises(
+        AttributeError, match=re.escape(f"found no {name!r} in an Estimate; use {use}")
+    ):
+        getattr(estimate, name)
+    assert not hasattr(estimate, name)
+
+
+def test_what_is_pointed_to_is_there(record, estimate):
+    known = {"estimate": estimate, "record": record, "tridentify": tridentify}
+    for use in (*OF_AN_ESTIMATE.values(), *OF_A_RECORD.values()):
+        for call in re.findall(r"(?:estimate|record|tridentify)[.][^ ,]+(?: record[)])?", use):
+            assert eval(call, dict(known)) is not None
+
+
+def test_pointers_leave_copies_pickles_and_other_names_as_they_are(record, estimate):
+    with pytest.raises(AttributeError, match="plot_record"):
+        record.plot()
+    for one in (record, estimate):
+        again = pickle.loads(pickle.dumps(one))
+        assert type(copy.copy(one)) is type(copy.deepcopy(one)) is type(again) is type(one)
+        assert repr(again) == repr(one)
+        with pytest.raises(AttributeError, match="object has no attribute 'colour'"):
+            _ = one.colour
+        assert getattr(one, "colour", None) is None
+        assert not hasattr(one, "__array__")
+    empty = object.__new__(Record)
+    assert not hasattr(empty, "u")

@@ -56,6 +56,7 @@ from tridentify.errors import (
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST, lowpass
 from tridentify.writing.notebook import sparkline
+from tridentify.writing.pointers import OF_A_RECORD, Pointers
 
 __all__ = ["Intersample", "Record"]
 
@@ -65,7 +66,7 @@ _DRAWN = 6
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Record:
+class Record(Pointers):
     """Sampled inputs and outputs of one experiment.
 
     Parameters
@@ -128,6 +129,8 @@ class Record:
     >>> record.slice(0.5, 1.0).t
     array([0.5, 1. ])
     """
+
+    _elsewhere = OF_A_RECORD
 
     u: Array
     y: Array

@@ -22,6 +22,7 @@ from typing import Any
 
 from tridentify.errors import MissingDependencyError, OptionError
 from tridentify.numerics.arrays import Array
+from tridentify.writing.pointers import OF_AN_ESTIMATE, Pointers
 
 
 def room(name: str) -> Any:
@@ -116,8 +117,10 @@ class ModelViews:
         return room("plots").plot_pole_zero(self, **options)
 
 
-class EstimateViews(ModelViews):
+class EstimateViews(ModelViews, Pointers):
     """What an estimate shows beside its model's pictures."""
+
+    _elsewhere = OF_AN_ESTIMATE
 
     def plot(self, record: Any, **options: Any) -> Any:
         """Draw record and model response: `tridentify.plots.plot_fit`."""
