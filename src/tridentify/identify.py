@@ -17,6 +17,7 @@ from tridentify.errors import (
 )
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.methods.base import Method, Progress
+from tridentify.judgement.causes.intersample import IN_WORDS
 from tridentify.judgement.choice import (
     METHODS,
     checked_method,
@@ -217,5 +218,8 @@ def _of_chosen_order(
             "expected one that the record determines; state poles and zeros, or record longer"
         )
     told = f"poles, zeros = {row.label} chosen of {len(candidates)} candidates: {selection.reason}"
-    trace = replace(row.estimate.trace, decisions=(told, *row.estimate.trace.decisions))
+    between: tuple[str, ...] = ()
+    if any(record.intersample == "auto" for record in records):
+        between = (f"input taken as {IN_WORDS[row.estimate.intersample]}",)
+    trace = replace(row.estimate.trace, decisions=(told, *between, *row.estimate.trace.decisions))
     return replace(row.estimate, trace=trace)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import pickle
 import re
 
@@ -22,6 +23,7 @@ from tridentify import (
     select_structure,
     simulate,
 )
+from tridentify.cli.tables import _row
 from tridentify.errors import (
     CandidateError,
     DataError,
@@ -32,6 +34,9 @@ from tridentify.errors import (
     TridentifyError,
 )
 from tridentify.report import write_report
+from tridentify.report.tables import quantity_row
+from tridentify.writing.layout import format_polynomial, with_error
+from tridentify.writing.notebook import fraction
 from tridentify.writing.pointers import OF_A_RECORD, OF_AN_ESTIMATE
 
 
@@ -216,3 +221,47 @@ def test_pointers_leave_copies_pickles_and_other_names_as_they_are(record, estim
         assert not hasattr(one, "__array__")
     empty = object.__new__(Record)
     assert not hasattr(empty, "u")
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "text"),
+    [
+        (5.2e-4, 6.7e-5, "(5.20 +/- 0.67)e-04"),
+        (-5.2e-4, 6.7e-5, "(-5.20 +/- 0.67)e-04"),
+        (2.5e8, 2e6, "(2.500 +/- 0.020)e+08"),
+        (-1e-9, 6e-5, "(0.0 +/- 6.0)e-05"),
+        (0.0, 6e-5, "(0.0 +/- 6.0)e-05"),
+        (3.14159, 0.023, "(3.142 +/- 0.023)"),
+        (1e-310, 1e-311, "(1.00e-310 +/- 1.0e-311)"),
+    ],
+)
+def test_a_value_and_its_error_share_one_exponent(value, std, text):
+    assert with_error(value, std) == text
+    assert text in format_polynomial([1.0, value], [0.0, std])
+
+
+def test_the_mathml_has_one_exponent_too():
+    text = fraction("y / u", [(5.2e-4, 6.7e-5)], [(1.0, 0.0)], "")
+    assert text.count("<mn>-4</mn>") == 1
+    assert "<mn>-5</mn>" not in text
+    assert "<mn>5.20</mn><mo>&#177;</mo><mn>0.67</mn><mo>)</mo>" in text
+
+
+def test_a_time_constant_of_a_pole_that_may_be_zero_is_not_determined(estimate):
+    one = dataclasses.replace(estimate, cov=np.diag([4.0**2, 0.01]))
+    (line,) = [line for line in one.summary().splitlines() if line.startswith("time constant")]
+    assert line.split() == ["time", "constant", "not", "determined", "s"]
+    (pole,) = [line for line in one.summary().splitlines() if line.startswith("real pole")]
+    assert "not determined" not in pole
+    rows = {item.name: item for item in one.derived()}
+    assert quantity_row(rows["time constant"])[1] == _row(rows["time constant"])[1]
+    assert quantity_row(rows["time constant"])[1] == "not determined"
+    (line,) = [r for r in estimate.summary().splitlines() if r.startswith("time constant")]
+    assert "not determined" not in line
+
+
+@pytest.mark.parametrize("structure", [None, (1, 0)])
+def test_the_behaviour_that_was_taken_is_among_the_notes(record, structure):
+    found = identify(record.between("auto"), structure)
+    (note,) = [note for note in found.notes() if note.startswith("input taken as")]
+    assert note == "input taken as held between its samples (zoh)"
