@@ -13,7 +13,6 @@ from tridentify.errors import (
     OrderError,
     SampleTypeError,
     UnsupportedOrderError,
-    shown,
 )
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.methods.base import Method, Progress
@@ -200,8 +199,8 @@ def _wanted(structure: object, poles: object, zeros: object) -> Structure | Auto
     if is_pair(structure):
         return Structure(*structure)  # type: ignore[misc]
     raise OptionError(
-        f"found structure={shown(structure)}; expected one Structure or one pair (poles, zeros); "
-        "write for example identify(record, (2, 1)), and select_structure for several"
+        f"found structure={type(structure).__name__}; expected a Structure or a pair (poles, "
+        "zeros); write for example identify(record, (2, 1)), and select_structure for several"
     )
 
 
