@@ -5,15 +5,18 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
+from tridentify.checks.orders import is_pair
 from tridentify.errors import (
     ConvergenceError,
     IdentifiabilityError,
     OptionError,
     OrderError,
+    SampleTypeError,
     UnsupportedOrderError,
 )
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.methods.base import Method, Progress
+from tridentify.judgement.causes.intersample import IN_WORDS
 from tridentify.judgement.choice import (
     METHODS,
     checked_method,
@@ -32,7 +35,7 @@ __all__ = ["METHODS", "identify"]
 
 def identify(
     records: Record | Sequence[Record],
-    structure: Structure | AutoStructure | tuple[int, int] | None = None,
+    structure: Structure | AutoStructure | Sequence[int] | None = None,
     method: Method | None = None,
     *,
     poles: int | Sequence[Sequence[int]] | None = None,
@@ -46,10 +49,10 @@ def identify(
     ----------
     records : Record or sequence of Record
         One or several experiments on the same system.
-    structure : Structure, AutoStructure or tuple of (int, int), optional
-        Numbers of poles and zeros, and which nuisance terms are estimated along; ``(2, 1)`` for
-        ``Structure(2, 1)``. Left out, or `Structure.auto`, it is the one that `select_structure`
-        recommends, and the decisions in ``trace`` say why.
+    structure : Structure, AutoStructure or pair of int, optional
+        Numbers of poles and zeros, and which nuisance terms are estimated along; ``(2, 1)`` or
+        ``[2, 1]`` for ``Structure(2, 1)``. Left out, or `Structure.auto`, it is the one that
+        `select_structure` recommends, and the decisions in ``trace`` say why.
     method : Method, optional
         Default ``ThreeModel()``.
     poles, zeros : int or nested sequence of int, optional
@@ -67,7 +70,7 @@ def identify(
     Raises
     ------
     DataError, StructureError
-        If records and structure are not usable.
+        If records and structure are not usable, or swapped.
     OrderError
         If one of ``poles`` and ``zeros`` is missing, or they stand beside a structure.
     OptionError
@@ -88,6 +91,7 @@ def identify(
     >>> identify(Record(u, y, dt=0.02), poles=1, zeros=0).names
     ('a0', 'b0')
     """
+    _check_order(records, structure)
     wanted = _wanted(structure, poles, zeros)
     estimate = search(records, wanted, method, progress).judged()
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
@@ -166,6 +170,17 @@ def search(
     return Searched(found, tuple(seen), judged)
 
 
+def _check_order(records: object, structure: object) -> None:
+    """Refuse a structure where the records belong."""
+    if isinstance(records, Structure | AutoStructure) or (
+        is_pair(records) and isinstance(structure, Record)
+    ):
+        raise SampleTypeError(
+            "found the structure before the record: swapped; expected the record first; write "
+            "identify(record, structure)"
+        )
+
+
 def _wanted(structure: object, poles: object, zeros: object) -> Structure | AutoStructure:
     """What is asked for, in whichever way it was said."""
     if poles is not None or zeros is not None:
@@ -181,11 +196,11 @@ def _wanted(structure: object, poles: object, zeros: object) -> Structure | Auto
         return AutoStructure()
     if isinstance(structure, Structure | AutoStructure):
         return structure
-    if isinstance(structure, tuple) and len(structure) == 2:
-        return Structure(*structure)
+    if is_pair(structure):
+        return Structure(*structure)  # type: ignore[misc]
     raise OptionError(
-        f"found structure={type(structure).__name__}; expected a Structure; write for example "
-        "Structure(poles=2, zeros=1)"
+        f"found structure={type(structure).__name__}; expected a Structure or a pair (poles, "
+        "zeros); write for example identify(record, (2, 1)), and select_structure for several"
     )
 
 
@@ -202,5 +217,8 @@ def _of_chosen_order(
             "expected one that the record determines; state poles and zeros, or record longer"
         )
     told = f"poles, zeros = {row.label} chosen of {len(candidates)} candidates: {selection.reason}"
-    trace = replace(row.estimate.trace, decisions=(told, *row.estimate.trace.decisions))
+    between: tuple[str, ...] = ()
+    if any(record.intersample == "auto" for record in records):
+        between = (f"input taken as {IN_WORDS[row.estimate.intersample]}",)
+    trace = replace(row.estimate.trace, decisions=(told, *between, *row.estimate.trace.decisions))
     return replace(row.estimate, trace=trace)

@@ -31,6 +31,7 @@ from tridentify.checks.orders import (
     checked_gain,
     checked_orders,
     checked_priors,
+    is_pair,
 )
 from tridentify.errors import (
     BoundsError,
@@ -142,7 +143,7 @@ class Structure:
     """
 
     poles: int | Sequence[Sequence[int]]
-    zeros: int | Sequence[Sequence[int]]
+    zeros: int | Sequence[Sequence[int]] = None  # type: ignore[assignment]
     _: KW_ONLY
     delay: float | Sequence[Sequence[float]] | Literal["free"] = 0.0
     offset: Choice = "auto"
@@ -195,6 +196,12 @@ class Structure:
         return AutoStructure(max_poles, template)
 
     def __post_init__(self) -> None:
+        if self.zeros is None and is_pair(self.poles):
+            raise OrderError(
+                f"found Structure({shown(self.poles)}) without zeros; expected poles and zeros; "
+                "write Structure(2, 1), or the pair (2, 1) where identify or select_structure "
+                "takes one"
+            )
         clean: dict[str, object] = {
             "poles": checked_orders("poles", self.poles, lowest=1),
             "zeros": checked_orders("zeros", self.zeros, lowest=0),
@@ -603,8 +610,9 @@ class Structure:
         2
         """
         try:
-            return cls(**content)
-        except TypeError as error:
+            others = dict(content)
+            return cls(others.pop("poles"), others.pop("zeros"), **others)
+        except (KeyError, TypeError) as error:
             if isinstance(error, StructureError):
                 raise
             raise StructureError(

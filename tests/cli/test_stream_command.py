@@ -805,3 +805,15 @@ def test_the_table_shows_what_the_line_says(run, file):
     for said in ("flight.csv: 1,500 samples, 29.98 s, 1,234 samples/s", "stuck", "a1 3.0", "b0 3.0",
                  "changed at 0.14 s", "3 malformed lines"):  # fmt: skip
         assert said in text
+
+
+@pytest.mark.parametrize("how", ["zoh", "foh"])
+def test_a_line_does_not_contradict_itself(run, file, how):
+    file.write_text("\n".join(lines_of(file)[:202]) + "\n")
+    found = objects(run("stream", file, *QUESTION, "--every", 0.5, "--intersample", how).out)
+    assert {line["ready"] for line in found} == {False, True}
+    for line in found:
+        assert line["ready"] is ("not-ready" not in line["flags"])
+        assert line["intersample"] == how
+        assert line["innovation_std"]["q"] != 0.0
+    assert found[0]["innovation_std"]["q"] is None

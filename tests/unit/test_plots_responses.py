@@ -430,3 +430,39 @@ def test_comparison_cuts_an_interval_that_would_squeeze_the_others(single):
 def test_comparison_refuses(single, count, names, truth, message):
     with pytest.raises(OptionError, match=message):
         plots.plot_comparison([single.estimate] * count, names, truth=truth)
+
+
+@pytest.mark.parametrize("kind", ["step", "impulse"])
+@pytest.mark.parametrize("final", [0.3, 10, 200.0])
+def test_one_number_is_the_final_time(single, kind, final):
+    (ax,) = PICTURES[kind](single.estimate, final)
+    t, response = ax.lines[0].get_data()
+    assert (t[0], t[-1]) == (0.0, final)
+    assert t.size > 200
+    assert np.all(np.diff(t) > 0)
+    assert np.ptp(response) > 0
+    drawn = np.diff(ax.get_xlim())[0]
+    assert 0.9 * final < drawn < 1.2 * final
+
+
+def test_a_final_time_within_the_delay_and_beyond(single):
+    late = TransferFunction([1.0], [1.0, 1.0], delay=2.0)
+    for final in (1.0, 5.0):
+        (ax,) = plots.plot_step(late, final)
+        t, response = ax.lines[0].get_data()
+        assert t[-1] == final
+        np.testing.assert_allclose(response, 1 - np.exp(-np.maximum(t - 2.0, 0.0)), atol=1e-12)
+    assert single.estimate.step(10)[0].lines[0].get_xdata()[-1] == 10.0
+
+
+@pytest.mark.parametrize("given", [0, -1.0])
+def test_a_final_time_that_is_none_is_refused_in_one_line(single, given):
+    with pytest.raises(OptionError, match="final time") as caught:
+        plots.plot_step(single.estimate, given)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("draw", [plots.plot_bode, plots.plot_nyquist])
+def test_one_frequency_is_no_curve(single, draw):
+    with pytest.raises(OptionError, match="found one frequency, omega=10; expected several"):
+        draw(single.estimate, 10)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 
 from tridentify.errors import ChannelNameError, UnitError, shown
 
@@ -53,6 +54,31 @@ def check_names(names: Iterable[object]) -> None:
                 f"found the channel name {shown(name)}{length}; expected printable text that is "
                 f"not blank, of at most {LONGEST_NAME} characters; rename the channel"
             )
+
+
+def did_you_mean(name: object, known: Iterable[str]) -> str:
+    """A name like the one that was not found, as an addition to a message; empty without one.
+
+    Parameters
+    ----------
+    name : object
+        What was asked for.
+    known : iterable of str
+        Names that there are, with or without a unit in brackets.
+
+    Examples
+    --------
+    >>> did_you_mean("u_elev", ["t", "u_elevator", "q"])
+    " (did you mean 'u_elevator'?)"
+    >>> did_you_mean("elevator", ["Elevator [deg]"]), did_you_mean("x", ["t", "q"])
+    (" (did you mean 'Elevator [deg]'?)", '')
+    """
+    alike: dict[str, str] = {}
+    for each in known:
+        for form in (each, split_unit(each)[0]):
+            alike.setdefault(form.casefold(), each)
+    near = get_close_matches(str(name).strip().casefold(), alike, n=1)
+    return f" (did you mean {shown(alike[near[0]])}?)" if near else ""
 
 
 def split_unit(header: str) -> tuple[str, str]:

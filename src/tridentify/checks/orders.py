@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Mapping, Sequence
+from numbers import Integral
 from types import MappingProxyType
 from typing import Any, TypeVar, cast
 
@@ -79,6 +80,19 @@ def checked_orders(label: str, value: object, lowest: int) -> int | Matrix[int]:
     if not isinstance(value, (list, tuple)) and np.ndim(cast(Any, value)) == 0:
         return order(value)
     return tuple(tuple(order(item) for item in row) for row in _nested(label, value))
+
+
+def is_pair(given: object) -> bool:
+    """Whether this is poles and zeros as a tuple or list of two, a number for one at least.
+
+    Examples
+    --------
+    >>> is_pair((2, 1)), is_pair([2, 1]), is_pair([(1, 0), (2, 1)]), is_pair((2, 1, 0))
+    (True, True, False, False)
+    """
+    if not isinstance(given, list | tuple) or len(given) != 2:
+        return False
+    return any(isinstance(item, Integral) for item in given)
 
 
 def checked_delays(value: object) -> float | str | Matrix[float]:

@@ -15,7 +15,7 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tridentify.checks.names import check_names, check_units, labels_of
+from tridentify.checks.names import check_names, check_units, did_you_mean, labels_of
 from tridentify.checks.scales import check_samples, check_time
 from tridentify.errors import (
     ChannelNameError,
@@ -474,6 +474,7 @@ def checked_units(units: Mapping[str, str] | None, names: tuple[str, ...]) -> Ma
             raise UnitError(
                 f"found a unit for {shown(key)}; expected a channel name among "
                 f"{shown(', '.join(names), 300)[1:-1]} or 't'; correct the name"
+                f"{did_you_mean(key, names)}"
             )
     check_units(given)
     return MappingProxyType(dict(units or {}))
@@ -490,6 +491,7 @@ def chosen_channels(
         if name not in present:
             raise ChannelNameError(
                 f"found no {kind} {shown(name)}; expected one of {', '.join(present)}; correct it"
+                f"{did_you_mean(name, present)}"
             )
     if not names:
         raise ChannelNameError(f"found no {kind} chosen; expected one of {', '.join(present)}")

@@ -17,6 +17,7 @@ from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.stored_models import MODEL, in_folder
 from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity, show, show_json
 from tridentify.cli.validate_command import Held, Inputs, Outputs, columns_of, renamed
@@ -26,7 +27,6 @@ from tridentify.judgement.comparison import Comparison, compare
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.files import write_atomically
 
-MODEL = "model.json"
 Files = Annotated[
     list[Path],
     typer.Argument(
@@ -92,7 +92,7 @@ def compare_models(
 
 def _told_apart(files: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Files of models, and of records."""
-    places = [file / MODEL if file.is_dir() else file for file in files]
+    places = [in_folder(file) for file in files]
     models = [place for place in places if place.suffix.lower() == ".json"]
     tables = [place for place in places if place.suffix.lower() != ".json"]
     if not models or not tables:

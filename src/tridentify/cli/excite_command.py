@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from tridentify.cli.knowledge import NUMBER
+from tridentify.cli.stored_models import model_file
 from tridentify.cli.terminal import say, show, show_json
 from tridentify.errors import OptionError, shown
 
@@ -122,7 +123,9 @@ def excite(
     model: Annotated[
         Path | None,
         typer.Option(
-            metavar="MODEL", help="model.json of the plant: say what precision to expect."
+            metavar="MODEL",
+            help="model.json of the plant, or the folder of identify --out: say what precision to "
+            "expect.",
         ),
     ] = None,
     noise: Annotated[
@@ -152,7 +155,8 @@ def excite(
     from tridentify.excitation import precision
     from tridentify.export import read_json
 
-    plant = None if model is None else read_json(model)
+    how = "tridentify excite SIGNAL --model result/model.json"
+    plant = None if model is None else read_json(model_file(model, how))
     unit = _unit_of_input(plant)
     size, stated = _amplitude(amplitude, unit, free=plant is None)
     wish = Wish(

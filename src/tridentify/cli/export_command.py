@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from tridentify.cli.stored_models import model_file
 from tridentify.cli.terminal import show, show_json
 from tridentify.errors import OptionError, shown
 
@@ -28,7 +29,7 @@ class Digits(StrEnum):
 
 def export(
     model: Annotated[
-        Path, typer.Argument(metavar="MODEL", help="model.json, as identify --out wrote it.")
+        Path, typer.Argument(metavar="MODEL", help="model.json, or the folder of identify --out.")
     ],
     file: Annotated[
         Path,
@@ -64,6 +65,7 @@ def export(
     """
     from tridentify.export import read_json, write_c_header, write_json, write_matlab
 
+    model = model_file(model, "tridentify export result/model.json short_period.h", [file])
     suffix = file.suffix.lower()
     if suffix not in (".mat", ".m", ".h", ".json"):
         raise OptionError(

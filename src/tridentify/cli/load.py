@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from tridentify.checks.names import did_you_mean
 from tridentify.checks.samples import Intersample
 from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.terminal import Activity
@@ -194,6 +195,7 @@ def without(record: Record, rules: Sequence[MissingRule], activity: Activity) ->
             raise ChannelNameError(
                 f"found --missing for {shown(rule.channel)}; expected an output, one of "
                 f"{', '.join(record.output_names)}; correct the name"
+                f"{did_you_mean(rule.channel, record.output_names)}"
             )
         column = record.output_names.index(rule.channel)
         where = np.zeros(record.y.shape, dtype=np.bool_)
@@ -260,6 +262,8 @@ def _compare_unused_time(table: OpenFile, dt: float, activity: Activity) -> None
         return
     mean = math.nan if scale is None else scale * float(values[-1] - values[0])
     mean /= max(len(values) - 1, 1)
+    if found[0].dated and not mean:
+        return  # the day alone
     if abs(mean - dt) > JITTER * dt:
         activity.note(
             f"caution: column {shown(found[0].header)} is not used; its mean step is {mean:.6g} s, "

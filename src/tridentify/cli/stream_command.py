@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from tridentify.checks.names import did_you_mean
 from tridentify.cli import options
 from tridentify.cli import stream_options as own
 from tridentify.cli.ask import nested_delays, nested_poles, nested_zeros
@@ -207,7 +208,7 @@ def _check_rules(channels: list[str], outputs: list[str]) -> None:
         if channel not in outputs:
             raise ChannelNameError(
                 f"found --missing for {shown(channel)}; expected an output, one of "
-                f"{', '.join(outputs)}; correct the name"
+                f"{', '.join(outputs)}; correct the name{did_you_mean(channel, outputs)}"
             )
 
 

@@ -85,7 +85,11 @@ Step = Annotated[
 ]
 Intersample = Annotated[
     HeldInput,
-    record_option(metavar="HOW", help="What the input does between samples: zoh (held) or foh."),
+    record_option(
+        metavar="HOW",
+        help="What the input does between samples: zoh (held) or foh. Unlike identify, stream "
+        "compares no behaviours: pass the one that identify found.",
+    ),
 ]
 ColumnNames = Annotated[
     str | None,

@@ -472,8 +472,10 @@ class Session:
             estimate = self.question.method.estimate(self.state)
         except online.NotReadyError as error:
             self.refused = error
-        # whether it is ready is a matter of now
-        flags = (online.Flag(self._flags) & ~online.Flag.NOT_READY) | self.state.flags
+        # whether it is ready is a matter of now, and of whether this line has an answer
+        flags = (online.Flag(self._flags) | self.state.flags) & ~online.Flag.NOT_READY
+        if estimate is None:
+            flags |= online.Flag.NOT_READY
         self._flags = 0
         at = {
             "number": self.place.emitted + 1,

@@ -127,13 +127,17 @@ def line_of(
     dict
         Plain values; not yet free of nan.
     """
-    noise = dict(zip(state.output_names, map(rounded, state.noise_std.tolist()), strict=True))
+    # none was seen yet: a zero would be a perfect prediction
+    predicts = state.stage.method.is_ready(state)
+    spread = [value if value or predicts else math.nan for value in state.noise_std.tolist()]
+    noise = dict(zip(state.output_names, map(rounded, spread), strict=True))
     document: dict[str, Any] = {
         "number": at["number"],
         "time": at["time"],
         "n_samples": state.n_samples,
         "ready": estimate is not None,
         "final": final,
+        "intersample": state.stage.setting.intersample,
     }
     if estimate is None:
         document["reason"] = why

@@ -14,6 +14,7 @@ from rich.table import Table
 from tridentify.cli.terminal import paragraph
 from tridentify.estimation.answer.estimate import Estimate, Parameter
 from tridentify.estimation.answer.finding import without_fewer
+from tridentify.estimation.answer.parameter import NOT_DETERMINED
 from tridentify.estimation.answer.trust import unusable
 from tridentify.record.record import Record
 from tridentify.uncertainty import DerivedQuantity, derived
@@ -237,6 +238,8 @@ def _outliers(estimate: Estimate) -> dict[str, Any]:
 
 
 def _row(item: Parameter, held: str = "") -> tuple[str, ...]:
+    if not item.determined:
+        return short(item.name, IN_TABLES), NOT_DETERMINED, "", "", "", short(item.unit, IN_TABLES)
     ends = [format_value(end, item.std) for end in item.interval()] if item.std > 0 else ["", ""]
     value, std = format_value(item.value, item.std), format_std(item.std) or held
     return short(item.name, IN_TABLES), value, std, *ends, short(item.unit, IN_TABLES)

@@ -16,6 +16,7 @@ from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.stored_models import model_file
 from tridentify.cli.tables import describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import ChannelNameError, DataError
@@ -28,7 +29,11 @@ from tridentify.writing.layout import format_p
 NOT_TRUSTED = 1
 
 ModelFile = Annotated[
-    Path, typer.Argument(metavar="MODEL", help="model.json, as identify --out or save writes it.")
+    Path,
+    typer.Argument(
+        metavar="MODEL",
+        help="model.json, as identify --out or save writes it, or the folder of identify --out.",
+    ),
 ]
 Files = Annotated[
     list[Path],
@@ -113,7 +118,8 @@ def validate(
 
     Example: tridentify validate result/model.json flight.csv
     """
-    estimate = Estimate.load(model)
+    order = "tridentify validate result/model.json flight.csv"
+    estimate = Estimate.load(model_file(model, order, files))
     source = reading.source(
         files,
         columns_of("input", inputs, estimate.input_names),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
@@ -140,6 +141,10 @@ def listed(records: Record | Sequence[Record]) -> list[Record]:
     """
     if isinstance(records, Record):
         return [records]
+    if isinstance(records, str | os.PathLike):
+        raise _not_read(f"the file {shown(str(records))}", "read_record(file")
+    if hasattr(records, "columns"):
+        raise _not_read(f"a {type(records).__name__}", "record_from_frame(frame")
     found = list(records) if isinstance(records, Sequence) else [records]
     wrong = [type(item).__name__ for item in found if not isinstance(item, Record)]
     if wrong:
@@ -148,3 +153,11 @@ def listed(records: Record | Sequence[Record]) -> list[Record]:
             "Record(u, y, dt=...)"
         )
     return found
+
+
+def _not_read(found: str, call: str) -> SampleTypeError:
+    """The error about a file or a frame where a record belongs."""
+    return SampleTypeError(
+        f"found {found} in place of a record; expected a Record, which says what is input and what "
+        f"output; write {call}, inputs=[...], outputs=[...]) and pass what it gives"
+    )

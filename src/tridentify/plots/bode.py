@@ -11,7 +11,7 @@ import numpy.typing as npt
 from tridentify.judgement.advice import FrequencyResponse
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array
-from tridentify.plots.lines import Line, band_label, lines_of, named_first, numbers
+from tridentify.plots.lines import Line, band_label, frequencies, lines_of, named_first
 from tridentify.plots.measured import draw_measured, whole_turns
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import (
@@ -89,7 +89,7 @@ def plot_bode(
     ['stiff', 'soft']
     """
     lines = lines_of(models, names, "plot_bode(estimate) or plot_bode([one, other])", axes)
-    grid = default_frequencies(*lines) if omega is None else numbers("omega", omega, EXAMPLE)
+    grid = default_frequencies(*lines) if omega is None else frequencies(omega, EXAMPLE)
     bands = [_band(line, grid, level) for line in lines]
     named = named_first(lines)
     n_outputs, n_inputs = len(named.output_names), len(named.input_names)

@@ -165,3 +165,20 @@ def numbers(what: str, given: object, example: str) -> Array:
     if found.ndim != 1 or not found.size or not np.all(np.isfinite(found)):
         raise OptionError(f"found {what}={shown(given)}; expected numbers in a row; correct it")
     return found
+
+
+def frequencies(given: object, example: str) -> Array:
+    """An axis of angular frequencies: two at least, as one makes no curve.
+
+    Raises
+    ------
+    SampleTypeError, OptionError
+        As `numbers`, or it is a single one.
+    """
+    found = numbers("omega", given, example)
+    if found.size < 2:
+        raise OptionError(
+            f"found one frequency, omega={found[0]:.6g}; expected several [rad/s] to draw a curve "
+            "over; give np.geomspace(low, high, 200), or ask model.frequency_response for one"
+        )
+    return found

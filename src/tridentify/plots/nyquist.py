@@ -13,7 +13,7 @@ from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.delta_method import confidence_ellipse
 from tridentify.plots.bode import default_frequencies
-from tridentify.plots.lines import Line, lines_of, named_first, numbers
+from tridentify.plots.lines import Line, frequencies, lines_of, named_first
 from tridentify.plots.over_time import wrapped
 from tridentify.plots.style import (
     BLACK,
@@ -97,7 +97,7 @@ def plot_nyquist(
     """
     checked_level(level)
     lines = lines_of(models, names, "plot_nyquist(estimate) or plot_nyquist([one, other])", axes)
-    grid = _frequencies(lines) if omega is None else numbers("omega", omega, EXAMPLE)
+    grid = _frequencies(lines) if omega is None else frequencies(omega, EXAMPLE)
     named = named_first(lines)
     n_outputs, n_inputs = len(named.output_names), len(named.input_names)
     drawn = make_axes(axes, [WIDTH / ASPECT] * (n_outputs * n_inputs))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.errors import OptionError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array
@@ -40,12 +41,14 @@ AIR = 0.6
 """How far a band may reach beyond the line, as a share of the line's range."""
 
 
-def default_times(*shown: Shown) -> Array:
+def default_times(*shown: Shown, final: float | None = None) -> Array:
     """Times over which all models settle, finer at the beginning where one has fast modes.
 
     Parameters
     ----------
     *shown : Estimate or Line
+    final : float, optional
+        Where the times end instead [s].
 
     Returns
     -------
@@ -58,8 +61,9 @@ def default_times(*shown: Shown) -> Array:
     far = AT_ZERO * np.abs(poles).max(initial=0.0)
     ends = np.sort([_shown(pole) for pole in poles[np.abs(poles) > far]])
     horizon = float(ends[-1]) if ends.size else max(map(_length, shown))
+    horizon = horizon if final is None else final
     edges, steps = [0.0], [_step(poles, 0.0, horizon)]
-    for end in ends[:-1]:
+    for end in ends[ends < horizon]:
         if end > 4.0 * edges[-1] and horizon > 4.0 * end:
             edges.append(float(end))
             steps.append(_step(poles, float(end), horizon))
@@ -68,9 +72,9 @@ def default_times(*shown: Shown) -> Array:
         for first, last, step in zip(edges, [*edges[1:], horizon], steps, strict=True)
     ]
     grid = np.concatenate([*times, [horizon]])
-    if not late:
-        return grid
-    return np.concatenate([np.linspace(0.0, late, 20, endpoint=False), late + grid])
+    if late:
+        grid = np.concatenate([np.linspace(0.0, late, 20, endpoint=False), late + grid])
+    return grid if final is None else np.append(grid[grid < final], final)
 
 
 def _length(one: Shown) -> float:
@@ -165,7 +169,8 @@ def courses_of(
     lines = lines_of(models, names, example, axes)
     checked_level(level)
     if t is not None:
-        times = checked_times(numbers("t", t, f"{reply.name}([one, other], t)"))
+        given = numbers("t", t, f"{reply.name}([one, other], t)")
+        times = _until(lines, float(given[0])) if given.size == 1 else checked_times(given)
         return times, [_course(line, times, level, reply) for line in lines]
     times = default_times(*lines)
     found = [_course(line, times, level, reply) for line in lines]
@@ -173,6 +178,16 @@ def courses_of(
     return times[:stop], [
         Course(one.line, one.response[:stop], one.low[:stop], one.high[:stop]) for one in found
     ]
+
+
+def _until(lines: Sequence[Line], final: float) -> Array:
+    """Times from zero to a final one, as ``step(sys, Tfinal)`` means a single number."""
+    if final <= 0.0:
+        raise OptionError(
+            f"found t={final:.6g}; expected rising times, or one number above zero, the final time "
+            "[s]; correct it"
+        )
+    return default_times(*lines, final=final)
 
 
 def _course(line: Line, t: Array, level: float, reply: Reply) -> Course:

@@ -35,8 +35,9 @@ def plot_step(
     ----------
     models : Estimate, TransferFunction, sequence of these, or mapping of names to them
         Of the same channels. A transfer function has no band.
-    t : array_like, shape (n_times,), optional
-        Rising times [s]; the step comes at zero. By default until the model has settled.
+    t : float or array_like, shape (n_times,), optional
+        Final time, or rising times [s]; the step comes at zero. By default until the model has
+        settled.
     names : sequence of str, optional
         One a model, for the legend; by default the keys of a mapping, the orders where they differ,
         else the methods.

@@ -56,6 +56,7 @@ from tridentify.errors import (
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST, lowpass
 from tridentify.writing.notebook import sparkline
+from tridentify.writing.pointers import OF_A_RECORD, Pointers
 
 __all__ = ["Intersample", "Record"]
 
@@ -65,7 +66,7 @@ _DRAWN = 6
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Record:
+class Record(Pointers):
     """Sampled inputs and outputs of one experiment.
 
     Parameters
@@ -129,6 +130,8 @@ class Record:
     array([0.5, 1. ])
     """
 
+    _elsewhere = OF_A_RECORD
+
     u: Array
     y: Array
     dt: float | None
@@ -143,7 +146,7 @@ class Record:
         self,
         u: ArrayLike,
         y: ArrayLike,
-        *,
+        *unnamed: object,
         dt: float | None = None,
         t: ArrayLike | None = None,
         intersample: Intersample = "zoh",
@@ -152,6 +155,11 @@ class Record:
         units: Mapping[str, str] | None = None,
         name: str | None = None,
     ) -> None:
+        if unnamed:
+            raise SamplingError(
+                f"found {shown(unnamed[0])} as a third argument without a name; expected input, "
+                "output, and all else by its name; write Record(u, y, dt=0.02), or t=times"
+            )
         check_intersample(intersample)
         inputs, outputs = sample_array("u", u), sample_array("y", y)
         step, time = time_axis(dt, t, len(inputs))

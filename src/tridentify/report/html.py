@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tridentify.errors import TridentifyError
+from tridentify.errors import SampleTypeError, TridentifyError
 from tridentify.estimation.answer.encoding import document_text
 from tridentify.estimation.answer.estimate import SCHEMA, Estimate
 from tridentify.estimation.answer.finding import joined, without_fewer
@@ -60,11 +60,26 @@ def write_report(
 
     Raises
     ------
+    SampleTypeError
+        The arguments are others, or in another order.
     OutputPathError
         The file cannot be written; nothing is left behind.
     """
+    _check_order(estimate, record, path)
     page = report_page(estimate, settled(estimate, record), title=title, progress=progress)
     return write_page(page, path, figures)
+
+
+def _check_order(estimate: object, record: object, path: object) -> None:
+    """Refuse what is no estimate, records and path in this order, in one line."""
+    records = record if isinstance(record, list | tuple) else [record]
+    sound = all(isinstance(one, Record) for one in records)
+    if not (isinstance(estimate, Estimate) and sound and isinstance(path, str | os.PathLike)):
+        found = ", ".join(type(each).__name__ for each in (estimate, record, path))
+        raise SampleTypeError(
+            f"found {found}; expected an estimate, its record or records, and the file, in this "
+            'order; write write_report(estimate, record, "page.html")'
+        )
 
 
 def settled(estimate: Estimate, record: Record | Sequence[Record]) -> tuple[Record, ...]:

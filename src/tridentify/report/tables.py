@@ -93,7 +93,7 @@ def quantity_row(item: Parameter, held: str = "") -> Row:
     """Name, value, standard error, relative error, interval, unit."""
     value, std = item.value, item.std
     name, unit = short(item.name, IN_TABLES), short(item.unit, IN_TABLES)
-    if math.isnan(value):
+    if math.isnan(value) or not item.determined:
         return (name, "not determined", "", "", "", "", unit)
     if not std > 0:
         return (name, format_value(value), held, "", "", "", unit)

@@ -9,6 +9,12 @@ import re
 import unicodedata
 from collections.abc import Iterable, Mapping, Sequence
 
+MOST_POWER = 300
+"""Of ten: beyond it a power leaves the range of a float."""
+
+MOST_DIGITS = 9
+"""Behind the point: `format_value` shows ten of a value at most."""
+
 _SUPPORTED_UNIT = re.compile(r"[^\s/*^0-9()]+(\^-?\d+)?([*/][^\s/*^0-9()]+(\^-?\d+)?)*")
 
 
@@ -79,6 +85,39 @@ def format_std(std: float) -> str:
     return f"{std:.1e}"
 
 
+def format_pair(value: float, std: float) -> tuple[str, str, str]:
+    """A value and its standard error in one notation: both numbers, and the exponent they share.
+
+    The exponent is empty where both are short without one, or too far apart to share one.
+
+    Examples
+    --------
+    >>> format_pair(5.2e-4, 6.7e-5), format_pair(1.02, 0.04), format_pair(1.5e8, 2e6)
+    (('5.20', '0.67', 'e-04'), ('1.020', '0.040', ''), ('1.500', '0.020', 'e+08'))
+    """
+    plain = format_value(value, std), format_std(std)
+    if not any("e" in text for text in plain) or not (math.isfinite(value) and std < math.inf):
+        return *plain, ""
+    shared = math.floor(math.log10(max(abs(value), std)))
+    digits = shared - math.floor(math.log10(std)) + 1
+    if digits > MOST_DIGITS or abs(shared) > MOST_POWER:
+        return *plain, ""
+    scaled = round(value / 10.0**shared, digits) + 0.0  # no minus before a zero
+    return f"{scaled:.{digits}f}", f"{std / 10.0**shared:.{digits}f}", f"e{shared:+03d}"
+
+
+def with_error(value: float, std: float) -> str:
+    """A value with its standard error in brackets, as text.
+
+    Examples
+    --------
+    >>> with_error(5.2e-4, 6.7e-5), with_error(1.02, 0.04)
+    ('(5.20 +/- 0.67)e-04', '(1.020 +/- 0.040)')
+    """
+    number, error, power = format_pair(value, std)
+    return f"({number} +/- {error}){power}"
+
+
 def format_p(p_value: float) -> str:
     """A p-value to the digits that say something; a dash where the test was not made.
 
@@ -120,7 +159,7 @@ def format_polynomial(coefficients: Iterable[float], std: Iterable[float]) -> st
         power = len(pairs) - k
         factor = "" if power == 0 else "s" if power == 1 else f"s^{power}"
         if error and not math.isnan(error):
-            number = f"({format_value(value, error)} +/- {format_std(error)})"
+            number = with_error(value, error)
             sign = "+"
         else:
             number = format_value(abs(value))

@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from tridentify.numerics.arrays import Array
-from tridentify.writing.layout import format_std, format_value
+from tridentify.writing.layout import format_pair, format_value
 
 WIDTH, HEIGHT = 260, 36
 COLUMNS = 260
@@ -53,11 +53,12 @@ def _polynomial(pairs: Sequence[tuple[float, float]]) -> str:
         power = len(pairs) - k
         known = bool(error) and not math.isnan(error)
         sign = "-" if value < 0 and not known else "+"
-        number = format_value(value if known else abs(value), error if known else 0.0)
         if known:
-            shown = f"<mo>(</mo>{_number(number)}<mo>&#177;</mo>{_number(format_std(error))}"
-            shown = f"<mrow>{shown}<mo>)</mo></mrow>"
+            number, spread, exponent = format_pair(value, error)
+            shown = f"<mo>(</mo>{_number(number)}<mo>&#177;</mo>{_number(spread)}<mo>)</mo>"
+            shown = f"<mrow>{shown}{_power(exponent)}</mrow>"
         else:
+            number = format_value(abs(value))
             shown = "" if number == "1" and power else _number(number)
         base = "<mi>s</mi>" if power else ""
         raised = f"<msup>{base}<mn>{power}</mn></msup>" if power > 1 else base
@@ -72,9 +73,15 @@ def _number(text: str) -> str:
     digits, _, power = text.partition("e")
     minus = "<mo>&#8722;</mo>" if digits.startswith("-") else ""
     body = f"{minus}<mn>{digits.lstrip('-')}</mn>"
-    if power:
-        body += f"<mo>&#183;</mo><msup><mn>10</mn><mn>{int(power)}</mn></msup>"
-    return body
+    return body + _power(power)
+
+
+def _power(exponent: str) -> str:
+    """A power of ten behind a number; empty without one."""
+    if not exponent:
+        return ""
+    power = int(exponent.removeprefix("e"))
+    return f"<mo>&#183;</mo><msup><mn>10</mn><mn>{power}</mn></msup>"
 
 
 def sparkline(values: Array, label: str) -> str:

@@ -20,8 +20,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from tridentify.errors import MissingDependencyError
+from tridentify.errors import MissingDependencyError, OptionError
 from tridentify.numerics.arrays import Array
+from tridentify.writing.pointers import OF_AN_ESTIMATE, Pointers
 
 
 def room(name: str) -> Any:
@@ -116,8 +117,10 @@ class ModelViews:
         return room("plots").plot_pole_zero(self, **options)
 
 
-class EstimateViews(ModelViews):
+class EstimateViews(ModelViews, Pointers):
     """What an estimate shows beside its model's pictures."""
+
+    _elsewhere = OF_AN_ESTIMATE
 
     def plot(self, record: Any, **options: Any) -> Any:
         """Draw record and model response: `tridentify.plots.plot_fit`."""
@@ -142,11 +145,18 @@ class EstimateViews(ModelViews):
 
         Raises
         ------
+        OptionError
+            ``path`` is no name of a file.
         OutputPathError
             The file cannot be written; nothing is left behind.
         """
         if not isinstance(path, str | os.PathLike) and isinstance(record, str | os.PathLike):
             path, record = record, path
+        if not isinstance(path, str | os.PathLike):
+            raise OptionError(
+                f"found {type(path).__name__} in place of the file; expected the name of the page, "
+                'then what was identified; write estimate.report("page.html", record)'
+            )
         records = () if record is None else record
         written: Path = room("report").write_report(self, records, path, **options)
         return written

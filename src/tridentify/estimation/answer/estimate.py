@@ -35,7 +35,7 @@ from tridentify.estimation.answer.encoding import (
     save_document,
 )
 from tridentify.estimation.answer.finding import Finding, without_fewer
-from tridentify.estimation.answer.parameter import Nuisance, Parameter
+from tridentify.estimation.answer.parameter import NOT_DETERMINED, Nuisance, Parameter
 from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace, freeze_arrays
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
@@ -51,6 +51,7 @@ from tridentify.writing.layout import (
     html_table,
     short,
     unit_ratio,
+    with_error,
 )
 from tridentify.writing.notebook import fraction
 from tridentify.writing.views import EstimateViews
@@ -555,7 +556,7 @@ class Estimate(EstimateViews):
                 top, bottom = (textwrap.wrap(part, _WIDTH - 2) for part in parts)
                 width = max(map(len, top + bottom))
                 late = format_value(self.model.delay[i, j], std[-1])
-                late = f"({late} +/- {format_std(std[-1])})" if std[-1] > 0 else late
+                late = with_error(self.model.delay[i, j], std[-1]) if std[-1] > 0 else late
                 delay = f"exp(-{late} s) x"
                 fraction = [row.center(width) for row in top] + ["-" * width]
                 lines += [""] if lines else []
@@ -649,5 +650,7 @@ class Estimate(EstimateViews):
 
 def _row(parameter: Parameter, held: str = "") -> tuple[str, ...]:
     value, std = parameter.value, parameter.std
+    if not parameter.determined:
+        return parameter.name, NOT_DETERMINED, "", "", "", parameter.unit
     ends = [format_value(end, std) for end in parameter.interval()] if std > 0 else ["", ""]
     return parameter.name, format_value(value, std), format_std(std) or held, *ends, parameter.unit

@@ -11,6 +11,9 @@ import numpy as np
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
 
+NOT_DETERMINED = "not determined"
+"""What tables show in place of such a number (`Parameter.determined`)."""
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Parameter:
@@ -28,6 +31,23 @@ class Parameter:
     std: float
     unit: str = ""
     draws: Array = dataclasses.field(default_factory=lambda: np.zeros(0), repr=False)
+
+    @property
+    def determined(self) -> bool:
+        """Whether there is a number to show: a time constant has none where its pole may be zero.
+
+        To first order the interval of the one contains zero where that of the other does; what
+        lies between the ends of such an interval is not what the time constant may be.
+
+        Examples
+        --------
+        >>> Parameter("time constant", 2700.0, 8900.0, "s").determined
+        False
+        """
+        if not self.name.startswith("time constant") or not self.std > 0:
+            return True
+        low, high = self.interval()
+        return not low <= 0.0 <= high
 
     def interval(self, level: float = 0.95) -> tuple[float, float]:
         """Interval that holds the probability ``level``.

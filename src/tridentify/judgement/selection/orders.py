@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
+from tridentify.checks.orders import is_pair
 from tridentify.errors import CandidateError, OptionError, shown
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -80,28 +81,30 @@ def checked_candidates(given: Any) -> tuple[Structure, ...]:
     """
     if isinstance(given, Structure):
         return (given,)
+    if is_pair(given):
+        return (Structure(*given),)
     try:
         listed = list(given)
     except TypeError:
         raise CandidateError(
-            f"found candidates={shown(given)}; expected a list of Structure; write for example "
-            "[Structure(1, 0), Structure(2, 1)]"
+            f"found candidates={shown(given)}; expected a list of Structure or of pairs (poles, "
+            "zeros); write for example [(1, 0), (2, 1)]"
         ) from None
     if not listed:
         raise CandidateError(
             "found no candidate; expected at least one Structure; leave candidates out for a table "
             "of orders"
         )
-    for item in listed:
-        if not isinstance(item, Structure):
-            raise CandidateError(
-                f"found {shown(item)} among the candidates; expected a Structure; write for "
-                "example Structure(poles=2, zeros=1)"
-            )
     kept: list[Structure] = []
     for item in listed:
-        if item not in kept:
-            kept.append(item)
+        if not isinstance(item, Structure) and not is_pair(item):
+            raise CandidateError(
+                f"found {shown(item)} among the candidates; expected a Structure or a pair (poles, "
+                "zeros); write for example Structure(poles=2, zeros=1) or (2, 1)"
+            )
+        structure = item if isinstance(item, Structure) else Structure(*item)
+        if structure not in kept:
+            kept.append(structure)
     return tuple(kept)
 
 

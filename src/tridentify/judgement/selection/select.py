@@ -63,7 +63,7 @@ by twice, and once more is room for what it lacks."""
 
 def select_structure(
     records: Record | Sequence[Record],
-    candidates: Sequence[Structure] | None = None,
+    candidates: Sequence[Structure | Sequence[int]] | None = None,
     *,
     method: Method | None = None,
     validation: Record | Sequence[Record] | None = None,
@@ -77,8 +77,9 @@ def select_structure(
     ----------
     records : Record or sequence of Record
         One or several experiments on the same system.
-    candidates : sequence of Structure, optional
-        Default `default_candidates`: 1 to 4 poles with every relative degree from 1 on.
+    candidates : sequence of Structure or of pairs of int, optional
+        ``(2, 1)`` or ``[2, 1]`` stands for ``Structure(2, 1)``. Default `default_candidates`: 1 to
+        4 poles with every relative degree from 1 on.
     method : Method, optional
         Default ``ThreeModel()``. With another method every candidate is identified by it and
         nothing is shared.

@@ -24,7 +24,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from tridentify.checks.names import file_units
+from tridentify.checks.names import did_you_mean, file_units
 from tridentify.checks.samples import (
     TIME_TOLERANCE,
     Intersample,
@@ -56,6 +56,10 @@ Instants = Literal["auto", "outputs", "all"]
 
 TIME_NAMES = ("t", "time")
 """What a channel of time is called, in any case."""
+
+DATE_NAMES = ("timestamp", "datetime", "date")
+"""What a channel of time may be called besides if it holds dates: numbers under such a name count
+from who knows when in who knows what."""
 
 JITTER = 0.05
 """Largest departure of a step of recorded time from a stated `dt`, as a fraction of it."""
@@ -167,6 +171,7 @@ def find_channel(source: OpenFile, name: str) -> Channel:
         raise MissingColumnError(
             f"found no column {shown(name)} in {shown(source.path.name)}; expected one of "
             f"{shown(listed, 300)[1:-1]}; correct the name"
+            f"{did_you_mean(wanted, [channel.header for channel in source.channels])}"
         )
     if len(fits) > 1:
         headers = shown(" or ".join(channel.header for channel in fits), 200)[1:-1]
@@ -200,6 +205,7 @@ def _given_units(
         if not fits:
             raise UnitError(
                 f"found a unit for {shown(name)}; expected the name of a column; correct the name"
+                f"{did_you_mean(name, [channel.header for channel in channels])}"
             )
         given.update(dict.fromkeys(fits, unit))
     return given
@@ -214,9 +220,13 @@ def _kept_units(
 
 # ------------------------------------------------------------------------------------------- time
 def time_channels(source: OpenFile) -> list[Channel]:
-    """Give the channels that are called t or time, in any case, without a time of their own."""
-    named = [channel for channel in source.channels if channel.name.casefold() in TIME_NAMES]
-    return [channel for channel in named if not channel.clock]
+    """Give the channels that are time by their name, in any case, without a time of their own.
+
+    Those called t or time; where there are none, those called `DATE_NAMES` that hold dates.
+    """
+    free = [channel for channel in source.channels if not channel.clock]
+    named = [channel for channel in free if channel.name.casefold() in TIME_NAMES]
+    return named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
 
 
 def _with_time(source: OpenFile, wanted: Wanted) -> Wanted:

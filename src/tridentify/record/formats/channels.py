@@ -68,6 +68,8 @@ class Channel:
         Channels of the same clock were sampled together.
     samples : int or None
         Number of samples; None where the file has to be read to know.
+    dated : bool
+        Whether it holds dates, times of day or durations, which are read as seconds.
     """
 
     header: str
@@ -75,6 +77,7 @@ class Channel:
     unit: str = ""
     clock: str = ""
     samples: int | None = None
+    dated: bool = False
 
 
 class OpenFile(Protocol):

@@ -37,7 +37,7 @@ class TextFile:
         self._table = open_table(path)
         self._lines: Sequence[int] = [0]
         self.channels: tuple[Channel, ...] = tuple(
-            Channel(name, header_channel(name).name, "s")
+            Channel(name, header_channel(name).name, "s", dated=True)
             if dated
             else _with_unit(header_channel(name), unit)
             for name, unit, dated in zip(

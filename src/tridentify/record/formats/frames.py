@@ -7,22 +7,24 @@ so that no digit is lost to the decades since 1970.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from tridentify.checks.samples import Intersample
+from tridentify.checks.samples import Intersample, uniform_step
 from tridentify.errors import (
     DuplicateColumnError,
     EmptyFileError,
     OptionError,
     SampleTypeError,
+    SamplingError,
     TextInColumnError,
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.assemble import TIME_NAMES, Wanted, record_from
+from tridentify.record.formats.assemble import TIME_NAMES, Wanted, record_from, time_channels
 from tridentify.record.formats.channels import Channel, header_channel
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.requirements import require
@@ -125,7 +127,7 @@ def frame_channel(name: str, temporal: bool, samples: int) -> Channel:
     ('s', 'deg/s')
     """
     channel = header_channel(name, samples)
-    return Channel(name, channel.name, "s", samples=samples) if temporal else channel
+    return replace(channel, header=name, unit="s", dated=True) if temporal else channel
 
 
 def _float_array(column: nw.Series[Any]) -> Array:
@@ -168,7 +170,8 @@ def record_from_frame(
         Column of time: numbers [s], or in the unit of its name or of `units`; durations; or dates,
         also as text (ISO 8601), which count from the first. By default the index of a pandas frame,
         if that is one of dates or durations or is called ``t`` or ``time``, else the one column
-        that is called so, in any case and with or without a unit in brackets. An index that has a
+        that is called so, in any case and with or without a unit in brackets, or ``timestamp``,
+        ``datetime`` or ``date`` and holds dates. An index that has a
         name may also be named.
     dt, inputs, outputs, intersample, units, start, stop
         As in `read_record`.
@@ -185,6 +188,8 @@ def record_from_frame(
         `frame` is no eager data frame.
     MissingColumnError, DuplicateColumnError, TextInColumnError, EmptyFileError
         A column does not exist, occurs twice, or holds no numbers; there is no row.
+    SamplingError
+        Nothing is time by its name; an index of even steps without a name is not taken unasked.
     DataError
         As `read_record`.
 
@@ -199,8 +204,11 @@ def record_from_frame(
     array([ 0., nan,  2.])
     """
     table, time = _eager(frame, time, dt)
+    source = FrameTable(table)
+    if time is None and dt is None and not time_channels(source):
+        _check_index(table)
     wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop)
-    return record_from(FrameTable(table), wanted, name)
+    return record_from(source, wanted, name)
 
 
 def _eager(frame: Any, time: str | None, dt: float | None) -> tuple[nw.DataFrame[Any], str | None]:
@@ -235,6 +243,29 @@ def _is_time(index: Any, label: str) -> bool:
     kind = getattr(index.dtype, "kind", "")
     called = header_channel(label).name.casefold() in TIME_NAMES
     return kind in "mM" or (kind in "fiu" and called)
+
+
+def _check_index(table: nw.DataFrame[Any]) -> None:
+    """Refuse to guess whether an index of numbers without a name is time.
+
+    Raises
+    ------
+    SamplingError
+        It rises evenly, as time does.
+    """
+    import narwhals as nw
+
+    index: Any = nw.maybe_get_index(table)
+    kind = getattr(getattr(index, "dtype", None), "kind", "")
+    if kind != "f" or index.name is not None or len(index) < 2:
+        return
+    step = uniform_step(np.asarray(index, dtype=np.float64))
+    if step is not None and step > 0.0:
+        raise SamplingError(
+            f"found no column of time, and an index without a name that rises by {step:.6g}; "
+            'expected to know whether that is seconds; give time="index" (or reset_index() and '
+            "name the column) if it is, else dt"
+        )
 
 
 def _repeated(error: Exception) -> DuplicateColumnError:

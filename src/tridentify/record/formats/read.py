@@ -120,7 +120,8 @@ def read_record(
         Name of the channel of time. Its unit is seconds unless the file or `units` say otherwise;
         dates (``2026-11-22T10:30:00.25``) and times of day (``10:30:00.25``) count from the first.
         Without it and without `dt`, the channel that is called ``t`` or ``time``, in any case and
-        with or without a unit in brackets, is taken if there is exactly one.
+        with or without a unit in brackets, is taken if there is exactly one; else one of dates
+        that is called ``timestamp``, ``datetime`` or ``date``.
         Not needed where the format has a time of its own: ULog, MDF4, and in MATLAB files
         timeseries, ``iddata`` and Simulink's structures with time.
     dt : float, optional
