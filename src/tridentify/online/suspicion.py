@@ -38,6 +38,7 @@ from tridentify.online.steps import estimate_of, solving
 from tridentify.record.record import Record
 
 CLEAR_GAIN = 30.0  # of -2 log L: one in a million for four coefficients, were the noise model true
+WORTH_A_SEARCH = 15.0  # of -2 log L: half of what it has to show
 AGREEING = 0.6  # of the pieces; of noise alone, half
 RARE = 1e-5
 """Probability with which an unchanged plant is taken for another: changes are suspected often."""
@@ -76,8 +77,12 @@ def trying(
     samples: Array,
     reference: Array,
     witness: Old | None,
+    alarm: bool,
 ) -> Slices[Look]:
     """Whether the samples since an alarm are of another plant, and how to go on from them.
+
+    Without an alarm a change is too small to be far off: steps from the present coefficients show
+    whether a search is worth its time.
 
     Parameters
     ----------
@@ -93,6 +98,8 @@ def trying(
         Trim input.
     witness : Old or None
         What earlier looks have come to.
+    alarm : bool
+        Whether there was one, or the clock asked for a look.
     """
     nothing = Look(None, witness)
     try:
@@ -101,6 +108,20 @@ def trying(
         estimate = estimate_of(setting, blueprint, x, solution, "", poles)
     except (TridentifyError, np.linalg.LinAlgError):
         return nothing
+    present = Old(estimate.theta, estimate.cov)
+    if not alarm:
+        try:
+            record = record_of(setting, samples)
+            near = yield from refined(setting, record, estimate.theta, estimate.std)
+        except (TridentifyError, np.linalg.LinAlgError):
+            return nothing
+        if near is None or not is_determined(setting, near):
+            return nothing
+        yield
+        old, moved = witness or present, differ(witness or present, near)
+        if not moved or gained(setting, record, old, near)[0] < WORTH_A_SEARCH:
+            taken = Old(near.theta, LARGER * near.cov)
+            return nothing if moved else Look(None, together(old, taken))
     samples = yield from far_off(setting, samples)
     found = yield from searching(setting, samples, True)
     if found is None or not found.certain:
@@ -110,7 +131,6 @@ def trying(
     if new is None or not is_determined(setting, new):
         return nothing
     yield
-    present = Old(estimate.theta, estimate.cov)
     old = witness or present
     moved = differ(old, new)
     better = explains_better(setting, record, old, new)

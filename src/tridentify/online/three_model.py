@@ -255,7 +255,8 @@ class ThreeModel(Planner):
         plan = (self, setting, stage.blueprint, stage.poles, stage.extra[0], samples, reference)
         if x[slots.SUSPECT]:
             witness = _witness(stage)
-            return Task(trying, *plan, unpacked(witness) if witness else None)
+            old = unpacked(witness) if witness else None
+            return Task(trying, *plan, old, not x[slots.DUE])
         return Task(following, *plan, begun_anew)
 
     def _gone_on(self, state: State, found: Launch | Turn | Look | None) -> State:
@@ -311,7 +312,8 @@ class ThreeModel(Planner):
         if not blueprint.ints[slots.CHUNK]:
             room = with_room(blueprint, True)
             x, blueprint, past = rearranged(blueprint, x, room), room, ()
-        x[slots.SUSPECT], x[slots.TICK] = here, here + TRIED * first_try(stage.setting)
+        wait = (TRIED if alarm else DOUBTED) * first_try(stage.setting)
+        x[slots.SUSPECT], x[slots.TICK] = here, here + wait
         x[slots.DUE] = x[slots.OWN_TICK] = 0.0 if alarm else here
         extra = (x.copy(), *_witness(stage))
         return State(x, stage.but(blueprint=blueprint, past=past, extra=extra, task=None))
