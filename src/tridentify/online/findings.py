@@ -101,7 +101,7 @@ def _changes(state: State) -> tuple[Finding, ...]:
                 times=tuple(k * stage.setting.dt for k in stage.changes),
             )
         )
-    if x[slots.SUSPECT] > 0.0 and x[slots.SUSPECT] != x[slots.DUE]:
+    if x[slots.SUSPECT] > 0.0 and x[slots.SUSPECT] != x[slots.LOOK]:
         since = (x[slots.SUSPECT] - 1.0) * stage.setting.dt
         found.append(
             Finding(

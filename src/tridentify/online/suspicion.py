@@ -106,22 +106,16 @@ def trying(
         solution = yield from solving(setting, blueprint, x, poles, choose=False)
         yield
         estimate = estimate_of(setting, blueprint, x, solution, "", poles)
-    except (TridentifyError, np.linalg.LinAlgError):
-        return nothing
-    present = Old(estimate.theta, estimate.cov)
-    if not alarm:
-        try:
+        present = Old(estimate.theta, estimate.cov)
+        old = witness or present
+        if not alarm:
             record = record_of(setting, samples)
             near = yield from refined(setting, record, estimate.theta, estimate.std)
-        except (TridentifyError, np.linalg.LinAlgError):
-            return nothing
-        if near is None or not is_determined(setting, near):
-            return nothing
-        yield
-        old, moved = witness or present, differ(witness or present, near)
-        if not moved or gained(setting, record, old, near)[0] < WORTH_A_SEARCH:
-            taken = Old(near.theta, LARGER * near.cov)
-            return nothing if moved else Look(None, together(old, taken))
+            yield
+            if near is None or not _worth_a_search(setting, record, old, near):
+                return _learnt(setting, old, near, witness)
+    except (TridentifyError, np.linalg.LinAlgError):
+        return nothing
     samples = yield from far_off(setting, samples)
     found = yield from searching(setting, samples, True)
     if found is None or not found.certain:
@@ -131,19 +125,29 @@ def trying(
     if new is None or not is_determined(setting, new):
         return nothing
     yield
-    old = witness or present
-    moved = differ(old, new)
-    better = explains_better(setting, record, old, new)
+    changed = differ(old, new) and explains_better(setting, record, old, new)
     yield
     # what was missed so far is half believed by now: that leaves more, but not clearly
-    if not (moved and better and (witness is None or gained(setting, record, present, new)[0] > 0)):
-        taken = Old(new.theta, LARGER * new.cov)
-        return nothing if moved else Look(None, together(old, taken))
+    if not changed or (witness is not None and gained(setting, record, present, new)[0] <= 0.0):
+        return _learnt(setting, old, new, witness)
     nuisance = NuisanceColumns.of(setting.structure, True)
     launch, _ = yield from launching(
         method, setting, found.poles, nuisance, samples, found.noise_std, reference
     )
     return Look(launch, Old(new.theta, LARGER * new.cov))
+
+
+def _worth_a_search(setting: Setting, record: Record, old: Old, near: Refined) -> bool:
+    """Whether a few steps from the present coefficients show something that may be a change."""
+    moved = is_determined(setting, near) and differ(old, near)
+    return moved and gained(setting, record, old, near)[0] >= WORTH_A_SEARCH
+
+
+def _learnt(setting: Setting, old: Old, new: Refined | None, witness: Old | None) -> Look:
+    """No change: what the samples say is counted in, if it agrees with the old coefficients."""
+    if new is None or not is_determined(setting, new) or differ(old, new):
+        return Look(None, witness)
+    return Look(None, together(old, Old(new.theta, LARGER * new.cov)))
 
 
 def explains_better(setting: Setting, record: Record, old: Old, new: Refined) -> bool:

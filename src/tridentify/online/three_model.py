@@ -256,7 +256,7 @@ class ThreeModel(Planner):
         if x[slots.SUSPECT]:
             witness = _witness(stage)
             old = unpacked(witness) if witness else None
-            return Task(trying, *plan, old, not x[slots.DUE])
+            return Task(trying, *plan, old, not x[slots.LOOK])
         return Task(following, *plan, begun_anew)
 
     def _gone_on(self, state: State, found: Launch | Turn | Look | None) -> State:
@@ -296,7 +296,7 @@ class ThreeModel(Planner):
         """Suspect a change: keep the samples from here on (`online.suspicion`)."""
         x, stage = state
         calm(x, stage)
-        if stage.searching or (x[slots.SUSPECT] and not x[slots.DUE]):
+        if stage.searching or (x[slots.SUSPECT] and not x[slots.LOOK]):
             return state
         state = idle(state)
         if x[slots.SUSPECT]:
@@ -314,7 +314,7 @@ class ThreeModel(Planner):
             x, blueprint, past = rearranged(blueprint, x, room), room, ()
         wait = (TRIED if alarm else DOUBTED) * first_try(stage.setting)
         x[slots.SUSPECT], x[slots.TICK] = here, here + wait
-        x[slots.DUE] = x[slots.OWN_TICK] = 0.0 if alarm else here
+        x[slots.LOOK] = x[slots.FIRST_LOOK] = 0.0 if alarm else here
         extra = (x.copy(), *_witness(stage))
         return State(x, stage.but(blueprint=blueprint, past=past, extra=extra, task=None))
 
@@ -333,13 +333,13 @@ class ThreeModel(Planner):
             x[slots.FLAGS] = float(int(x[slots.FLAGS]) | slots.CHANGED)
             return state
         if len(samples) >= DOUBTED * first_try(stage.setting):
-            looked = count - x[slots.OWN_TICK]
-            if not x[slots.DUE]:
+            looked = count - x[slots.FIRST_LOOK]
+            if not x[slots.LOOK]:
                 wonted(stage.blueprint, x)
             elif looked < LOOKS * DOUBTED * first_try(stage.setting):
-                first = x[slots.OWN_TICK]
+                first = x[slots.FIRST_LOOK]
                 state = self._suspecting(self._dropped(state, found.after), False)
-                state.values[slots.OWN_TICK] = first
+                state.values[slots.FIRST_LOOK] = first
                 return state
             return self._dropped(state, found.after)
         x[slots.TICK] = count + max(len(samples) - 2 * len(rest), 1)
@@ -348,10 +348,10 @@ class ThreeModel(Planner):
     def _dropped(self, state: State, witness: Old | None) -> State:
         """No suspicion any more; samples are kept only where all of them are."""
         x, stage = state
-        looked = x[slots.COUNT] - x[slots.OWN_TICK] if x[slots.DUE] else 0.0
+        looked = x[slots.COUNT] - x[slots.FIRST_LOOK] if x[slots.LOOK] else 0.0
         if not looked:
             calm(x, stage)
-        x[slots.SUSPECT] = x[slots.DUE] = x[slots.OWN_TICK] = 0.0
+        x[slots.SUSPECT] = x[slots.LOOK] = x[slots.FIRST_LOOK] = 0.0
         if x[slots.SINCE] > len(kept_samples(state)):
             x, stage = self._emptied(state)
         # a look that the clock asked for does not hold the clock up

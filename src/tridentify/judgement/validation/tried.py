@@ -317,13 +317,14 @@ def _without_bad_samples(
     kept = [a.count / b.count for a, b in zip(clean.outputs, view.outputs, strict=True)]
     if min(kept) < FEW_BAD:
         return view, evidence, ""
-    end = settled(clean, setting.estimate, [one.noise for one in evidence])
-    if end is None:
-        return view, evidence, ""
-    said = change(end, setting.estimate) if view.own else ""
+    seen, said = clean, ""
+    if view.own:
+        end = settled(clean, setting.estimate, [one.noise for one in evidence])
+        if end is None:
+            return view, evidence, ""
+        seen, said = refitted(clean, end.point), change(end, setting.estimate)
     if not any(_called(one) for one in evidence):
         return view, evidence, said
-    seen = refitted(clean, end.point) if view.own else clean
     found = []
     for i, one in enumerate(evidence):
         again = _examined(seen, i, setting)
@@ -338,27 +339,34 @@ def _cleaned(
 
     A free start follows the first samples as far as it can, however wild they are.
     """
+    clean = _all_taken_out(view, evidence)
     for _ in range(LOOKS):
-        clean = view
-        for i, one in enumerate(evidence):
-            if len(one.normality.outliers):
-                clean = without_outliers(clean, i, one)
+        # nothing is hidden where nothing is wild
         again = [
             _first_ones(view, _examined(clean, i, setting).normality.outliers)
-            for i in range(len(evidence))
+            if len(_first_ones(view, one.normality.outliers))
+            else one.normality.outliers[:0]
+            for i, one in enumerate(evidence)
         ]
-        if not any(len(rows) for rows in again):
+        if not any(map(len, again)):
             break
-        evidence = [
-            replace(
-                one,
-                normality=replace(
-                    one.normality, outliers=np.vstack([one.normality.outliers, rows])
-                ),
-            )
-            for one, rows in zip(evidence, again, strict=True)
-        ]
+        evidence = [_with_outliers(one, rows) for one, rows in zip(evidence, again, strict=True)]
+        clean = _all_taken_out(view, evidence)
     return clean, evidence
+
+
+def _all_taken_out(view: View, evidence: Sequence[Evidence]) -> View:
+    """The same view with the outliers of all outputs missing."""
+    for i, one in enumerate(evidence):
+        if len(one.normality.outliers):
+            view = without_outliers(view, i, one)
+    return view
+
+
+def _with_outliers(one: Evidence, rows: Array) -> Evidence:
+    """With some more outliers."""
+    both = np.vstack([one.normality.outliers, rows])
+    return replace(one, normality=replace(one.normality, outliers=both))
 
 
 def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:

@@ -10,11 +10,12 @@ from __future__ import annotations
 COUNT, TIME, FLAGS, SEEN, EVENT, TICK, SINCE, FIRST, FILLED, ALARM, BORN, EXTRA = range(12)
 # of the work beside the stream (`online.task`): samples that it is about, slices that are done; the
 # sample since which a change is suspected; and while it is, the ticks of the method itself and of
-# the suspicion, the first of which is that of the estimator (`online.suspecting`); of the three
-# models, DUE is the sample of a look that the clock asked for, not an alarm, and OWN_TICK that of
-# the first of several
+# the suspicion, the first of which is that of the estimator (`online.suspecting`)
 WORK_AT, WORK_DONE, SUSPECT = 16, 17, 18
 OWN_TICK, DUE = 12, 19
+# the three models have no use for these two ticks: in their places the sample since which the clock
+# looks without an alarm, and that of the first of several such looks; zero where there was an alarm
+FIRST_LOOK, LOOK = OWN_TICK, DUE
 INBOX = 20
 """Place in x of the sample that comes in; what a method holds follows."""
 
