@@ -205,7 +205,7 @@ def _course_section(estimate: Estimate, pictures: Sequence[Picture]) -> Section:
         "How it was reached",
         folded="Decisions, diagrams of the steps, passes and starts",
         figures=beside(pictures),
-        notes=estimate.trace.decisions,
+        notes=estimate.decisions(),
         diagrams=draw_diagrams(estimate),
         tables=course_tables(estimate),
     )

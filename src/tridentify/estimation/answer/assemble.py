@@ -37,6 +37,8 @@ class Request:
         Theirs; empty where the samples are not kept.
     told : tuple of str
         What was done to them before they were fitted.
+    route : {"open-loop", "reference", "direct"}
+        As `Estimate.route`.
     """
 
     records: tuple[Record, ...]
@@ -46,6 +48,7 @@ class Request:
     dt: float | None
     fingerprint: str
     told: tuple[str, ...] = ()
+    route: str = "open-loop"
 
     @classmethod
     def of(
@@ -54,6 +57,7 @@ class Request:
         structure: Structure,
         method: str,
         fitted: Sequence[Record] | None = None,
+        route: str = "open-loop",
     ) -> Request:
         """Records and structure, given to a method.
 
@@ -65,6 +69,7 @@ class Request:
         method : str
         fitted : sequence of Record, optional
             The same with the rows put back that are missing from a uniform raster.
+        route : {"open-loop", "reference", "direct"}
         """
         used = tuple(records if fitted is None else fitted)
         seen = sum(record.n_samples for record in records)
@@ -72,7 +77,7 @@ class Request:
         told = f"{lost} rows missing from a uniform raster: taken for samples without an output"
         return cls(
             used, structure, method, seen, records[0].dt, fingerprint(records),
-            (told,) if lost else (),
+            (told,) if lost else (), route,
         )  # fmt: skip
 
 
@@ -143,6 +148,7 @@ def assemble(asked: Request, solved: Solved) -> Estimate:
         noise_model=solved.noise_model,
         draws=solved.draws,
         errors=solved.errors,
+        route=asked.route,
     )
 
 

@@ -23,12 +23,14 @@ from tridentify.checks.names import check_names, check_units
 from tridentify.checks.samples import check_distinct, checked_units
 from tridentify.errors import DataError, ParameterNameError, ShapeError, shown
 from tridentify.estimation.answer.encoding import (
+    LEFT_OUT,
     check_covariance,
     check_draws,
     check_model,
     check_noise,
     check_nuisance,
     check_outliers,
+    check_route,
     check_sampling,
     decode,
     load_document,
@@ -62,6 +64,7 @@ Row = tuple[str, float, float, str]
 _FOR_OTHER_ROOMS = frozenset(
     (
         "call",
+        "decisions",
         "channel_draws",
         "derived_rows",
         "derived_values",
@@ -71,11 +74,22 @@ _FOR_OTHER_ROOMS = frozenset(
         "noise_note",
         "nuisance_rows",
         "offset_note",
+        "route_note",
     )
 )
 """What tables, pages and files are made of: not offered to those who look an estimate over."""
 SCHEMA = 2
 """Version of the file format: raised when a field is added, dropped or changes its meaning."""
+ROUTES = MappingProxyType(
+    {
+        "open-loop": "",
+        "reference": "by the reference route: a controller was running, and only what of input and "
+        "output follows the reference counts",
+        "direct": "by the direct route: a controller was running and no reference is given, so "
+        "that the noise has a model, on which the coefficients depend",
+    }
+)
+"""Way that an estimate was reached -> what is told of it."""
 HELD = 1e-17
 """A derived error below this share of its value is no error: a tenth of the rounding of a
 double."""
@@ -121,6 +135,9 @@ class Estimate(EstimateViews):
     errors : {"likelihood", "scores"}
         What the covariance comes from: the curvature of the likelihood, or the scatter of the
         scores over blocks where that is clearly larger (`likelihood.scores`).
+    route : {"open-loop", "reference", "direct"}
+        What was made of a controller that may have been running: nothing; the parts of input and
+        output that follow the reference were fitted; or the noise got a model in any case.
     call : str
         The method with its options, as one writes it; empty if it was not called by `identify`.
 
@@ -165,6 +182,7 @@ class Estimate(EstimateViews):
     outliers: Array = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
     call: str = ""
     errors: str = "likelihood"
+    route: str = dataclasses.field(default="open-loop", metadata=LEFT_OUT)
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -179,6 +197,7 @@ class Estimate(EstimateViews):
             raise DataError(
                 f"found errors={self.errors!r}; expected 'likelihood' or 'scores'; name one of them"
             )
+        check_route(self.route, ROUTES)
         self._check_shapes()
         self._check_names()
         object.__setattr__(self, "units", dict(self.units))
@@ -396,12 +415,22 @@ class Estimate(EstimateViews):
         """
         noise, offset = self.noise_note(), self.offset_note()
         if verbose:
-            told = (noise, offset, *self.trace.decisions, self.trace.stopped)
+            told = (noise, offset, *self.decisions(), self.trace.stopped)
         else:
             twice = "noise coloured (" if noise else "\n"
-            kept = (each for each in self.trace.decisions if not each.startswith(twice))
+            kept = (each for each in self.decisions() if not each.startswith(twice))
             told = (noise, offset, *(_CRITERIA.sub("", each) for each in kept))
         return tuple(dict.fromkeys(note for note in told if note))
+
+    def decisions(self) -> tuple[str, ...]:
+        """The decisions of the trace, below the route where a controller was allowed for."""
+        route = self.route_note()
+        return (route, *self.trace.decisions) if route else self.trace.decisions
+
+    def route_note(self) -> str:
+        """How a controller was allowed for; empty where nothing was done about one."""
+        told = ROUTES[self.route]
+        return told and f"estimated {told}"
 
     def held_note(self, name: str) -> str:
         """Why a coefficient has no standard error ("fixed", "at bound"); empty where it has one."""

@@ -48,6 +48,12 @@ from tridentify.estimation.methods.noise import with_noise_model
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.paper import as_printed
 from tridentify.estimation.methods.robust import check_loss, robust_estimate
+from tridentify.estimation.methods.route import (
+    Route,
+    check_route,
+    refuse_without_reference,
+    taken_by,
+)
 from tridentify.estimation.posterior.maximum_or_mean import (
     NOT_ROBUST,
     FinishChoice,
@@ -88,6 +94,10 @@ class ThreeModel:
         then move by less than its square root in standard errors: 1e-7 is below what is shown,
         1e-4 a hundredth of a standard error, which no record of 50,000 samples and more goes
         below.
+    route : {"auto", "open-loop", "reference", "direct"}
+        What to make of a controller that may have been running (`methods.route`): nothing; to fit
+        what follows a recorded reference; to give the noise a model in any case, which a fit
+        without a reference depends on; or what the record calls for.
 
     References
     ----------
@@ -112,6 +122,7 @@ class ThreeModel:
     finish: FinishChoice = "auto"
     loss: Loss = "squared"
     tolerance: float = SETTLED
+    route: Route = "auto"
 
     paper = staticmethod(as_printed)
 
@@ -122,6 +133,7 @@ class ThreeModel:
         check_noise(self.noise)
         check_finish(self.finish)
         check_loss(self.loss, self.noise)
+        check_route(self.route, self.noise, self.loss)
 
     @property
     def patience(self) -> Patience:
@@ -164,13 +176,15 @@ class ThreeModel:
         """
         say = progress or silently
         check(records, structure, self.name, self.capabilities)
+        refuse_without_reference(self.route, records)
         if self.loss != "squared":
             return self._robust(records, structure, say)
-        with_all_rows = records if self.noise == "white" else [on_raster(one) for one in records]
-        asked = Request.of(records, structure, self.name, with_all_rows)
+        route, noise = taken_by(self.route, self.noise)
+        with_all_rows = records if noise == "white" else [on_raster(one) for one in records]
+        asked = Request.of(records, structure, self.name, with_all_rows, route)
         if structure.constrained:
             refuse_posterior(self.finish)
-            return within_constraints(self, asked, say, self.patience, self.noise)
+            return within_constraints(self, asked, say, self.patience, noise)
         way = partial(over_delays, self) if structure.delay == "free" else self.maximise
         return estimate_from(self.weighed(way(with_all_rows, structure, say), say), asked)
 
@@ -204,7 +218,8 @@ class ThreeModel:
         # Step 4: repeated on adapted operators, to the stationary point of the output error
         best = maximum(question, starts)
         # the noise modelled where it is not white, and all steps again on whitened samples
-        best = with_noise_model(self.noise, question.ended(best.end.point), starts, best)
+        noise = taken_by(self.route, self.noise)[1]
+        best = with_noise_model(noise, question.ended(best.end.point), starts, best)
         # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
         trail = certified(best.end.point, [*best.trail, *best.end.recorder.passes])
         told = Trace(trail, best.tried, best.decisions, best.end.why)

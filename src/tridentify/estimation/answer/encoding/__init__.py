@@ -9,6 +9,7 @@ from tridentify.estimation.answer.encoding.consistency import (
     check_noise,
     check_nuisance,
     check_outliers,
+    check_route,
     check_sampling,
 )
 from tridentify.estimation.answer.encoding.document import (
@@ -18,15 +19,17 @@ from tridentify.estimation.answer.encoding.document import (
     read_json,
     save_document,
 )
-from tridentify.estimation.answer.encoding.values import decode, encode, plain_model
+from tridentify.estimation.answer.encoding.values import LEFT_OUT, decode, encode, plain_model
 
 __all__ = [
+    "LEFT_OUT",
     "check_covariance",
     "check_draws",
     "check_model",
     "check_noise",
     "check_nuisance",
     "check_outliers",
+    "check_route",
     "check_sampling",
     "decode",
     "document_text",

@@ -7,7 +7,7 @@ other, so that whatever is loaded can be printed, simulated and exported.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -216,6 +216,17 @@ def check_outliers(outliers: Array, n_experiments: int, n_outputs: int, n_sample
             f"found outliers of shape {outliers.shape}; expected rows of experiment, output, "
             "sample and a weight from 0 to 1"
         )
+
+
+def check_route(route: object, known: Collection[str]) -> None:
+    """Refuse a way to an estimate that there is not.
+
+    Raises
+    ------
+    DataError
+    """
+    if not isinstance(route, str) or route not in known:
+        raise DataError(f"found route={shown(route)}; expected one of {', '.join(known)}")
 
 
 def check_sampling(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,10 @@ LONGEST_TEXT = 20_000
 """Longest text that is read [characters]: a caution takes some hundred, a call with all its options
 a thousand."""
 
+LEFT_OUT: Mapping[str, Any] = MappingProxyType({"left out at its default": True})
+"""Metadata of a field that is not written where it has its default: files that know nothing of it
+say the same."""
+
 _DIMENSIONS = 3
 """Most dimensions of an array in a file: no field has more."""
 _WORDS = {None: math.nan, "inf": math.inf, "-inf": -math.inf}
@@ -41,7 +46,11 @@ def encode(value: Any) -> Any:
     if isinstance(value, (Structure, TransferFunction)):
         return value.to_dict()
     if dataclasses.is_dataclass(value):
-        return {f.name: encode(getattr(value, f.name)) for f in dataclasses.fields(value)}
+        return {
+            f.name: encode(getattr(value, f.name))
+            for f in dataclasses.fields(value)
+            if f.metadata != LEFT_OUT or getattr(value, f.name) != f.default
+        }
     if isinstance(value, Mapping):
         return {key: encode(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

@@ -1,0 +1,85 @@
+"""What to make of a controller that may have been running: the routes to an estimate.
+
+A controller acts on what it measures, noise and all, so that the input carries the noise, and the
+open-loop fit is biased.
+
+- *open-loop*: nothing is made of it.
+- *reference*: what of input and output follows a recorded reference is fitted; noise has no part
+  in it, whatever the controller.
+- *direct*: input and output as they are, the noise with a model. Innovations are independent of
+  past inputs, so that the maximum of the likelihood is where it would be without a controller,
+  *if* the model of the noise is right. Where it is not, the coefficients are wrong.
+
+References: L. Ljung, *System Identification*, 2nd ed., section 13.4 (1999). U. Forssell & L. Ljung,
+Automatica 35 (1999) 1215-1241.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal
+
+from tridentify.errors import OptionError, shown
+from tridentify.estimation.likelihood.noise_model import NoiseChoice
+from tridentify.record.record import Record
+
+Route = Literal["auto", "open-loop", "reference", "direct"]
+
+CHOICES = ("auto", "open-loop", "reference", "direct")
+
+
+def check_route(route: object, noise: NoiseChoice, loss: str) -> None:
+    """Refuse an unknown route, or options that contradict it.
+
+    Raises
+    ------
+    OptionError
+    """
+    if route not in CHOICES:
+        raise OptionError(
+            f"found route={shown(route)}; expected 'auto', 'open-loop', 'reference' or 'direct'; "
+            "choose one of them"
+        )
+    if route == "direct" and (noise == "white" or loss != "squared"):
+        beside = f"loss={loss!r}" if loss != "squared" else "noise='white'"
+        raise OptionError(
+            f"found route='direct' with {beside}; expected one of the two, as that route gives the "
+            "noise a model; leave one out"
+        )
+
+
+def refuse_without_reference(route: Route, records: Sequence[Record]) -> None:
+    """Refuse the reference route where a record has no reference.
+
+    Raises
+    ------
+    OptionError
+    """
+    without = [k for k, one in enumerate(records) if getattr(one, "reference", None) is None]
+    if route == "reference" and without:
+        raise OptionError(
+            f"found route='reference' and {_which(without, len(records))} without a reference; "
+            "expected the signal that the controller was told to follow; write Record(u, y, "
+            "reference=...), or leave the route out"
+        )
+
+
+def taken_by(route: Route, noise: NoiseChoice) -> tuple[str, NoiseChoice]:
+    """The route of a fit to input and output as they are, and what the noise is taken for.
+
+    Parameters
+    ----------
+    route : {"auto", "open-loop", "reference", "direct"}
+    noise : {"white", "ar", "auto"}
+        As asked for.
+
+    Examples
+    --------
+    >>> taken_by("auto", "auto"), taken_by("direct", "auto")
+    (('open-loop', 'auto'), ('direct', 'ar'))
+    """
+    return ("direct", "ar") if route == "direct" else ("open-loop", noise)
+
+
+def _which(places: Sequence[int], count: int) -> str:
+    return "a record" if count == 1 else f"experiment {places[0] + 1}"
