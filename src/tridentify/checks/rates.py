@@ -76,10 +76,24 @@ def interpolate(t: Array, u: Array, y: Array, grid: Array, intersample: str) -> 
     # at a sample itself its neighbour does not count
     lines = np.where(share == 0.0, y[before], np.where(share == 1.0, y[after], lines))
     wide = (span > APART * np.median(np.diff(t)))[:, None] & (share > 0.0) & (share < 1.0)
-    outputs = np.where(wide, np.nan, lines)
-    if intersample == "foh":
-        return u[before] + share * (u[after] - u[before]), outputs
-    return u[np.searchsorted(t, grid, side="right") - 1], outputs
+    return evaluated(t, u, grid, intersample), np.where(wide, np.nan, lines)
+
+
+def evaluated(t: Array, u: Array, grid: Array, intersample: str) -> Array:
+    """(n_grid, n_channels) samples at other instants within the record: held, or on lines.
+
+    Examples
+    --------
+    >>> t = np.arange(3.0)
+    >>> evaluated(t, t[:, None], np.array([0.5, 2.0]), "foh").ravel().tolist()
+    [0.5, 2.0]
+    """
+    if intersample != "foh":
+        return u[np.searchsorted(t, grid, side="right") - 1]
+    after = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+    before = after - 1
+    share = ((grid - t[before]) / (t[after] - t[before]))[:, None]
+    return u[before] + share * (u[after] - u[before])
 
 
 def filtered(x: Array, weights: Array, *, extend: bool) -> Array:

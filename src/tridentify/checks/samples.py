@@ -89,25 +89,21 @@ def channel_names(names: Sequence[str] | None, n_channels: int, default: str) ->
 
 
 def channel_labels(
-    u: object,
-    y: object,
-    given: tuple[Sequence[str] | None, Sequence[str] | None],
-    n_channels: tuple[int, int],
-) -> tuple[tuple[str, ...], tuple[str, ...], dict[str, str]]:
-    """Names of inputs and outputs, and what units the names that were not given carry.
+    sides: Sequence[tuple[object, Sequence[str] | None, int, str]],
+) -> tuple[tuple[tuple[str, ...], ...], dict[str, str]]:
+    """Names of inputs, outputs and references, and what units the names not given carry.
 
     Parameters
     ----------
-    u, y : array_like
-        As given; one of pandas, polars, pyarrow or xarray may name its columns.
-    given : (names of inputs, names of outputs)
-        None where the labels of the arrays count, else they do not.
-    n_channels : (int, int)
+    sides : sequence of (array_like, names or None, int, str)
+        Of each side the samples as given (pandas, polars, pyarrow or xarray may name their
+        columns), the names that were given (None where the labels of the array count), the number
+        of channels, and the stem of default names.
 
     Returns
     -------
-    input_names, output_names : tuple of str
-        Default names where an array has no labels, or one that occurs twice.
+    names : tuple of tuple of str
+        Of each side; default names where an array has no labels, or where one occurs twice.
     units : dict
 
     Raises
@@ -117,20 +113,19 @@ def channel_labels(
     Examples
     --------
     >>> import polars as pl
-    >>> channel_labels(pl.Series("de [deg]", [0]), [0], (None, None), (1, 1))
-    (('de',), ('y',), {'de': 'deg'})
+    >>> channel_labels([(pl.Series("de [deg]", [0]), None, 1, "u"), ([0], None, 1, "y")])
+    ((('de',), ('y',)), {'de': 'deg'})
     """
-    sides = list(zip((u, y), given, n_channels, strict=True))
-    own = [labels_of(samples, n) if names is None else None for samples, names, n in sides]
-    for labels in (own, [None, None]):
-        first, second = (
+    own = [labels_of(samples, n) if names is None else None for samples, names, n, _ in sides]
+    for labels in (own, [None] * len(own)):
+        found = tuple(
             channel_names([name for name, _ in label] if label else names, n, default)
-            for label, (_, names, n), default in zip(labels, sides, "uy", strict=True)
+            for label, (_, names, n, default) in zip(labels, sides, strict=True)
         )
-        if not set(first) & set(second):
+        if len(set().union(*found)) == sum(map(len, found)):
             break
     units = dict(pair for label in labels for pair in label or () if pair[1])
-    return first, second, units
+    return found, units
 
 
 def sample_range(t: Array, start: float | None, stop: float | None) -> tuple[int, int]:
@@ -375,19 +370,26 @@ def check_lengths(u: Array, y: Array, t: Array) -> None:
             + (", or transpose if time runs along a row" if u.shape[1] > 1 else "")
         )
     for label, samples in (("u", u), ("y", y)):
-        if samples.shape[1] > len(samples):
-            raise ShapeError(
-                f"found {label} of shape {samples.shape}, more channels than samples; expected "
-                f"time along the first axis; transpose it, as in {label}.T"
-            )
+        check_tall(label, samples)
 
 
-def check_intersample(intersample: object) -> None:
-    """Refuse an unknown behaviour of the input between its samples."""
+def check_tall(label: str, samples: Array) -> None:
+    """Refuse an array of more channels than samples."""
+    if samples.shape[1] > len(samples):
+        raise ShapeError(
+            f"found {label} of shape {samples.shape}, more channels than samples; expected "
+            f"time along the first axis; transpose it, as in {label}.T"
+        )
+
+
+def check_intersample(
+    intersample: object, option: str = "intersample", kind: str = "input"
+) -> None:
+    """Refuse an unknown behaviour of the input, or of the reference, between its samples."""
     words = ("zoh", "foh", "band-limited", "auto")
     if not isinstance(intersample, str) or intersample not in words:
         raise OptionError(
-            f"found intersample={shown(intersample)}; expected 'zoh' (input held between "
+            f"found {option}={shown(intersample)}; expected 'zoh' ({kind} held between "
             "samples), 'foh' (straight lines), 'band-limited', or 'auto' to have them compared; "
             "choose one"
         )
@@ -406,16 +408,16 @@ def looks_measured(u: Array) -> bool:
     )
 
 
-def check_band_limited(step: float | None, n_samples: int) -> None:
+def check_band_limited(step: float | None, n_samples: int, option: str = "intersample") -> None:
     """Refuse what no band-limited signal can be drawn through."""
     if step is None:
         raise NonUniformTimeError(
-            "found time that is not uniform with intersample='band-limited'; expected a uniform "
+            f"found time that is not uniform with {option}='band-limited'; expected a uniform "
             "step; state 'zoh' or 'foh', or resample the record"
         )
     if n_samples < FEWEST:
         raise TooFewSamplesError(
-            f"found {n_samples} samples with intersample='band-limited'; expected at least "
+            f"found {n_samples} samples with {option}='band-limited'; expected at least "
             f"{FEWEST} to say what lies between them; record for longer, or state 'zoh' or 'foh'"
         )
 
@@ -426,21 +428,21 @@ def check_distinct(names: tuple[str, ...]) -> None:
     for name in names:
         if name in seen:
             raise ChannelNameError(
-                f"found the channel name {shown(name)} more than once; expected all inputs and "
-                "outputs to have different names; rename one"
+                f"found the channel name {shown(name)} more than once; expected all inputs, "
+                "outputs and references to have different names; rename one"
             )
         seen.add(name)
 
 
-def check_inputs(u: Array, names: tuple[str, ...]) -> None:
-    """Refuse inputs that are not finite, or too large to be added."""
+def check_inputs(u: Array, names: tuple[str, ...], kind: str = "input") -> None:
+    """Refuse inputs, or references, that are not finite or too large to be added."""
     if np.isfinite(u).all():
-        check_samples("an input", u)
+        check_samples(f"{'an' if kind == 'input' else 'a'} {kind}", u)
         return
     row, column = (int(k) for k in np.argwhere(~np.isfinite(u))[0])
     raise NotFiniteError(
-        f"found input {shown(names[column])} = {u[row, column]} at sample {row}; expected finite "
-        "numbers, since the input must be known throughout; repair it or cut the record"
+        f"found {kind} {shown(names[column])} = {u[row, column]} at sample {row}; expected finite "
+        f"numbers, since the {kind} must be known throughout; repair it or cut the record"
     )
 
 
@@ -490,7 +492,8 @@ def chosen_channels(
     for name in names:
         if name not in present:
             raise ChannelNameError(
-                f"found no {kind} {shown(name)}; expected one of {', '.join(present)}; correct it"
+                f"found no {kind} {shown(name)}; expected one of "
+                f"{', '.join(present) or 'none, as the record has no ' + kind}; correct it"
                 f"{did_you_mean(name, present)}"
             )
     if not names:
@@ -499,7 +502,9 @@ def chosen_channels(
     return [present.index(name) for name in names], names
 
 
-def warn_if_input_moves(u: Array, factor: int, intersample: Behaviour) -> None:
+def warn_if_input_moves(
+    u: Array, factor: int, intersample: Behaviour, kind: str = "an input"
+) -> None:
     """Warn when dropped samples leave the input wrongly described."""
     if factor == 1:
         return
@@ -514,7 +519,7 @@ def warn_if_input_moves(u: Array, factor: int, intersample: Behaviour) -> None:
         moves = bool(np.any(bend > 1e-9 * np.abs(u).max()))
     if moves:
         warnings.warn(
-            f"found an input that changes between the samples that are kept, one in {factor}; "
+            f"found {kind} that changes between the samples that are kept, one in {factor}; "
             f"expected it to be described by '{intersample}' at the new step; keep the finer step, "
             "or use decimate",
             DataWarning,

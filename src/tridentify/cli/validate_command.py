@@ -175,7 +175,8 @@ def renamed(record: Record, inputs: Sequence[str], outputs: Sequence[str]) -> Re
     new = (*inputs, *outputs)
     if old == new:
         return record
-    units = {b: record.units[a] for a, b in zip(old, new, strict=True) if a in record.units}
+    kept = [*zip(old, new, strict=True), *((r, r) for r in record.reference_names)]
+    units = {b: record.units[a] for a, b in kept if a in record.units}
     sampling = {"t": record.t} if record.dt is None else {"dt": record.dt}
     if record.dt is not None and record.t[0]:
         sampling = {"t": record.t}
@@ -184,6 +185,7 @@ def renamed(record: Record, inputs: Sequence[str], outputs: Sequence[str]) -> Re
         record.y,
         **cast("dict[str, Any]", sampling),
         intersample=record.intersample,
+        **record._loop,
         input_names=inputs,
         output_names=outputs,
         units=units,

@@ -287,6 +287,7 @@ def _flown(model: TransferFunction, record: Record, nuisances: Nuisances) -> Rec
         dt=record.dt,
         t=t,
         intersample=record.behaviour,
+        **record._loop,
         input_names=model.input_names,
         output_names=model.output_names,
     )

@@ -405,7 +405,8 @@ def _shaped(records: Sequence[Record], like: TransferFunction) -> list[Record]:
         if record.n_outputs != like.n_outputs:
             y = np.zeros((record.n_samples, like.n_outputs))
             t = record.t if record.dt is None else None
-            record = Record(record.u, y, dt=record.dt, t=t, intersample=record.behaviour)
+            between = record.behaviour
+            record = Record(record.u, y, dt=record.dt, t=t, intersample=between, **record._loop)
         found.append(record)
     return found
 

@@ -77,7 +77,8 @@ class Profile:
             # what a robust loss holds for outliers does not count here either
             _, outputs, samples = places[places[:, 0] == e].T
             y[samples, outputs] = np.nan
-            shifted.append(Record(moved, y, t=record.t, intersample=record.behaviour))
+            between = record.behaviour
+            shifted.append(Record(moved, y, t=record.t, intersample=between, **record._loop))
         return cls(tuple(shifted), estimate)
 
     @property

@@ -5,7 +5,8 @@ axis. The sampled input stands for a function of continuous time: `intersample` 
 between samples (``"zoh"``, a computer's output), joined by straight lines (``"foh"``, a measured
 smooth signal) or without content above half the sampling rate (``"band-limited"``, a signal
 measured behind an anti-aliasing filter); ``"auto"`` leaves it to `identify`, which compares
-them. Arrays are copied once, checked and made read-only; every
+them. Where a controller set the input, ``reference`` holds what drove the loop from outside.
+Arrays are copied once, checked and made read-only; every
 method gives a new record that shares the memory it can share.
 """
 
@@ -21,7 +22,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.rates import filtered, interpolate, merge_rates
+from tridentify.checks.rates import evaluated, filtered, interpolate, merge_rates
+from tridentify.checks.references import reference_array, reference_between, settled_reference
 from tridentify.checks.samples import (
     Behaviour,
     Intersample,
@@ -84,6 +86,15 @@ class Record(Pointers):
         What the input does between samples: it is held, joined by straight lines, or the
         band-limited signal through its samples (uniform time only). With "auto" `identify` takes
         what explains the record best; all else takes `behaviour`.
+    reference : array_like, shape (n_samples,) or (n_samples, n_references), optional
+        For a record that was taken with a controller at work: what drove the loop from outside, set
+        points or signals added to the controller's output, one column each. Finite. Neither noise
+        nor the output may have had a part in it. Only its changes matter, not where it counts from.
+    reference_names : sequence of str, optional
+        As `input_names`; by default the labels of its columns, else ``r`` or ``r1, r2, ...``.
+    reference_intersample : {"zoh", "foh", "band-limited", "auto"}, optional
+        What the reference does between samples. By default what `intersample` says; with "auto" its
+        own samples decide, see `reference_behaviour`.
     input_names, output_names : sequence of str, optional
         One name per channel, all different. By default what the columns of a frame or a series of
         pandas, polars, pyarrow or xarray are called (``q [deg/s]`` also states the unit), else
@@ -101,13 +112,18 @@ class Record(Pointers):
         Always present [s].
     dt : float or None
         None when `t` is not uniform to a thousandth of a step.
+    reference : ndarray, shape (n_samples, n_references), or None
+    reference_names : tuple of str
+        Empty where there is no reference.
+    reference_intersample : str or None
+        As stated, or as `intersample` was when the record was made; None without a reference.
 
     Raises
     ------
     SampleTypeError, ShapeError, LengthMismatchError, TooFewSamplesError
         The arrays are not real numbers, not one or two-dimensional, not of one length of 2 or more.
     NotFiniteError, EmptyChannelError
-        An input is not finite; an output is infinite or holds nothing but nan.
+        An input or a reference is not finite; an output is infinite or holds nothing but nan.
     SamplingError, TimeNotIncreasingError
         Both or neither of `dt` and `t`, `dt` not positive, or time that does not increase.
     ScaleError
@@ -141,6 +157,10 @@ class Record(Pointers):
     output_names: tuple[str, ...]
     units: Mapping[str, str]
     name: str
+    # of the class, so that records that were pickled before there were references have none
+    reference: Array | None = None
+    reference_names: tuple[str, ...] = ()
+    reference_intersample: Intersample | None = None
 
     def __init__(
         self,
@@ -150,6 +170,9 @@ class Record(Pointers):
         dt: float | None = None,
         t: ArrayLike | None = None,
         intersample: Intersample = "zoh",
+        reference: ArrayLike | None = None,
+        reference_names: Sequence[str] | None = None,
+        reference_intersample: Intersample | None = None,
         input_names: Sequence[str] | None = None,
         output_names: Sequence[str] | None = None,
         units: Mapping[str, str] | None = None,
@@ -166,11 +189,21 @@ class Record(Pointers):
         check_lengths(inputs, outputs, time)
         if intersample == "band-limited":
             check_band_limited(step, len(inputs))
-        widths = inputs.shape[1], outputs.shape[1]
-        names_in, names_out, own = channel_labels(u, y, (input_names, output_names), widths)
-        check_distinct((*names_in, *names_out))
+        driven = reference_array(reference, reference_names, len(inputs))
+        between = reference_between(reference_intersample, intersample, driven, step)
+        (names_in, names_out, names_ref), own = channel_labels(
+            [
+                (u, input_names, inputs.shape[1], "u"),
+                (y, output_names, outputs.shape[1], "y"),
+                (reference, reference_names, 0 if driven is None else driven.shape[1], "r"),
+            ]
+        )
+        names = (*names_in, *names_out, *names_ref)
+        check_distinct(names)
         check_inputs(inputs, names_in)
         check_outputs(outputs, names_out)
+        if driven is not None:
+            check_inputs(driven, names_ref, "reference")
         self._set(
             u=inputs,
             y=outputs,
@@ -179,8 +212,11 @@ class Record(Pointers):
             intersample=intersample,
             input_names=names_in,
             output_names=names_out,
-            units=MappingProxyType(own | dict(checked_units(units, (*names_in, *names_out)))),
+            units=MappingProxyType(own | dict(checked_units(units, names))),
             name="" if name is None else str(name),
+            reference=driven,
+            reference_names=names_ref,
+            reference_intersample=between,
         )
 
     def _set(self, **fields: object) -> None:
@@ -195,6 +231,15 @@ class Record(Pointers):
         record._set(**{**self.__dict__, **changes})
         check_outputs(record.y, record.output_names)
         return record
+
+    @property
+    def _loop(self) -> dict[str, Any]:
+        """The reference as `Record` takes it, for a record that is made of this one."""
+        return {
+            "reference": self.reference,
+            "reference_names": self.reference_names,
+            "reference_intersample": self.reference_intersample,
+        }
 
     def _on_its_times(self, u: Array) -> Record:
         """The same record with another input, and the step that its instants have on the mean."""
@@ -223,8 +268,25 @@ class Record(Pointers):
             return self.intersample
         return "foh" if looks_measured(self.u) else "zoh"
 
+    @property
+    def reference_behaviour(self) -> Behaviour | None:
+        """What the reference is taken to do between its samples; None without one.
+
+        As stated; where that is left open, what its samples suggest, as with `behaviour`.
+
+        Examples
+        --------
+        >>> r, u = [0, 1, 1, 1], [0, 0.5, 0.8, 0.9]
+        >>> measured = Record(u, [0, 1, 2, 3], dt=0.1, intersample="auto", reference=r)
+        >>> measured.behaviour, measured.reference_behaviour
+        ('foh', 'zoh')
+        """
+        return settled_reference(self.reference_intersample, self.reference)
+
     def between(self, intersample: Intersample) -> Record:
         """The same samples with another behaviour of the input between them.
+
+        A reference keeps its own.
 
         Parameters
         ----------
@@ -273,6 +335,11 @@ class Record(Pointers):
     def n_outputs(self) -> int:
         """Number of output channels."""
         return int(self.y.shape[1])
+
+    @property
+    def n_references(self) -> int:
+        """Number of references; 0 where none is known."""
+        return 0 if self.reference is None else int(self.reference.shape[1])
 
     @property
     def duration(self) -> float:
@@ -340,10 +407,13 @@ class Record(Pointers):
 
     def _part(self, first: int, last: int) -> Record:
         t = self.t[first:last]
-        if self.intersample == "band-limited":
+        if "band-limited" in (self.intersample, self.reference_intersample):
             check_band_limited(self.dt, len(t))
         step = uniform_step(t) if self.dt is None else self.dt
-        return self._derive(u=self.u[first:last], y=self.y[first:last], t=t, dt=step)
+        driven = None if self.reference is None else self.reference[first:last]
+        return self._derive(
+            u=self.u[first:last], y=self.y[first:last], reference=driven, t=t, dt=step
+        )
 
     def detrend(self, order: Literal[0, 1] = 0) -> Record:
         """Take the mean, or the straight line, out of every output.
@@ -359,7 +429,7 @@ class Record(Pointers):
         Returns
         -------
         Record
-            Same inputs, outputs without trend.
+            Same inputs and references (only their changes matter), outputs without trend.
 
         Raises
         ------
@@ -399,7 +469,8 @@ class Record(Pointers):
             continuous-time model needs none, since samples of the output stay samples of the
             output (`decimate` is the one that filters). Otherwise the outputs on straight lines
             between their samples, ``nan`` where two of them lie more than three typical intervals
-            apart or one is missing, and the inputs as `intersample` has them.
+            apart or one is missing, and inputs and references as `intersample` and
+            `reference_intersample` have them.
 
         Raises
         ------
@@ -409,8 +480,9 @@ class Record(Pointers):
         Warns
         -----
         DataWarning
-            The input changes between the samples that are kept, so that `intersample` no longer
-            describes it and a model identified from the result will be biased. Or the outputs were
+            An input or a reference changes between the samples that are kept, so that its
+            behaviour between samples is no longer what is stated of it, and a model identified from
+            the result will be biased. Or the outputs were
             interpolated, which smooths and colours their noise: `ThreeModel` and `OutputError` take
             the record as it is.
 
@@ -431,15 +503,21 @@ class Record(Pointers):
                 "y before they become a record"
             )
         warn_if_input_moves(self.u, factor, self.behaviour)
-        return self._thinned(self.u, self.y, factor, self.intersample)
+        if self.reference is not None and self.reference_behaviour is not None:
+            warn_if_input_moves(self.reference, factor, self.reference_behaviour, "a reference")
+        return self._thinned(self.u, self.y, factor, self.intersample, self._loop)
 
-    def _thinned(self, u: Array, y: Array, factor: int, intersample: Intersample) -> Record:
+    def _thinned(
+        self, u: Array, y: Array, factor: int, intersample: Intersample, loop: dict[str, Any]
+    ) -> Record:
         assert self.dt is not None
+        driven = loop["reference"]
         return Record(
             u[::factor],
             y[::factor],
             t=self.t[::factor],
             intersample=intersample,
+            **{**loop, "reference": None if driven is None else driven[::factor]},
             input_names=self.input_names,
             output_names=self.output_names,
             units=self.units,
@@ -471,17 +549,26 @@ class Record(Pointers):
             y,
             t=grid,
             intersample=self.intersample,
+            **self._loop_at(grid),
             input_names=self.input_names,
             output_names=self.output_names,
             units=self.units,
             name=self.name,
         )
 
+    def _loop_at(self, instants: Array) -> dict[str, Any]:
+        """The reference at other instants, as `Record` takes it."""
+        if self.reference is None:
+            return self._loop
+        driven = evaluated(self.t, self.reference, instants, str(self.reference_behaviour))
+        return {**self._loop, "reference": driven}
+
     def decimate(self, factor: int) -> Record:
         """Lower the sampling rate behind an anti-aliasing filter.
 
-        Inputs and outputs are filtered by one and the same filter without phase, as functions of
-        time (`intersample` says which function the input is). A linear system and a filter may be
+        Inputs, outputs and references are filtered by one and the same filter without phase, as
+        functions of time (`intersample` says which function the input is, `reference_intersample`
+        which one the reference). A linear system and a filter may be
         exchanged, so the filtered output is the same system's response to the filtered input, and
         the model is kept. What is left is the band below 0.7 of the new Nyquist rate, and some of
         the noise: the standard errors tell what that costs.
@@ -494,7 +581,8 @@ class Record(Pointers):
         Returns
         -------
         Record
-            With ``intersample="band-limited"``. Outputs are ``nan`` where the filter reaches beyond
+            With ``intersample="band-limited"``, of references too. Outputs are ``nan`` where the
+            filter reaches beyond
             the record, 17 samples from either end of the result, and where a sample is missing
             within its reach.
 
@@ -531,7 +619,13 @@ class Record(Pointers):
             )
         u = filtered(self.u, lowpass(factor, self.behaviour), extend=True)
         y = filtered(self.y, lowpass(factor, "band-limited"), extend=False)
-        return self._thinned(u, y, factor, "band-limited")
+        loop = self._loop
+        if self.reference is not None and self.reference_behaviour is not None:
+            smooth = filtered(
+                self.reference, lowpass(factor, self.reference_behaviour), extend=True
+            )
+            loop |= {"reference": smooth, "reference_intersample": "band-limited"}
+        return self._thinned(u, y, factor, "band-limited", loop)
 
     @classmethod
     def from_rates(
@@ -543,6 +637,9 @@ class Record(Pointers):
         y_dt: float,
         y_start: float = 0.0,
         intersample: Intersample = "zoh",
+        reference: ArrayLike | None = None,
+        reference_names: Sequence[str] | None = None,
+        reference_intersample: Intersample | None = None,
         input_names: Sequence[str] | None = None,
         output_names: Sequence[str] | None = None,
         units: Mapping[str, str] | None = None,
@@ -561,7 +658,9 @@ class Record(Pointers):
             Sampling intervals of inputs and outputs [s].
         y_start : float
             When the first output was taken, the first input being at zero [s].
-        intersample, input_names, output_names, units, name
+        reference : array_like, shape (n,) or (n, n_references), optional
+            Sampled together with the inputs.
+        intersample, reference_names, reference_intersample, input_names, output_names, units, name
             As in `Record`.
 
         Returns
@@ -594,11 +693,19 @@ class Record(Pointers):
         own = time_axis(u_dt, None, len(inputs))[1]
         other = time_axis(y_dt, None, len(outputs))[1] + y_start
         t, u_all, y_all = merge_rates(own, inputs, other, outputs, intersample)
+        driven = reference_array(reference, reference_names, len(inputs))
+        between = reference_between(reference_intersample, intersample, driven, float(u_dt))
+        follows = settled_reference(between, driven)
+        if driven is not None and follows is not None:
+            driven = merge_rates(own, driven, other, outputs, follows)[1]
         return cls(
             u_all,
             y_all,
             t=t,
             intersample=intersample,
+            reference=driven,
+            reference_names=reference_names,
+            reference_intersample=between,
             input_names=input_names,
             output_names=output_names,
             units=units,
@@ -606,7 +713,10 @@ class Record(Pointers):
         )
 
     def select(
-        self, inputs: Sequence[str] | None = None, outputs: Sequence[str] | None = None
+        self,
+        inputs: Sequence[str] | None = None,
+        outputs: Sequence[str] | None = None,
+        references: Sequence[str] | None = None,
     ) -> Record:
         """Choose channels by name.
 
@@ -614,6 +724,8 @@ class Record(Pointers):
         ----------
         inputs, outputs : sequence of str, optional
             Names of the channels to keep, in that order; None keeps all.
+        references : sequence of str, optional
+            Likewise; an empty one keeps none.
 
         Returns
         -------
@@ -623,7 +735,7 @@ class Record(Pointers):
         Raises
         ------
         ChannelNameError
-            There is no channel of that name, or none was chosen.
+            There is no channel of that name, or no input or no output was chosen.
 
         Examples
         --------
@@ -633,14 +745,27 @@ class Record(Pointers):
         """
         columns_in, names_in = chosen_channels(inputs, self.input_names, "input")
         columns_out, names_out = chosen_channels(outputs, self.output_names, "output")
-        kept = {"t", *names_in, *names_out}
+        loop = self._driven_by(references)
+        kept = {"t", *names_in, *names_out, *loop["reference_names"]}
         return self._derive(
             u=np.ascontiguousarray(self.u[:, columns_in]),
             y=np.ascontiguousarray(self.y[:, columns_out]),
+            **loop,
             input_names=names_in,
             output_names=names_out,
             units=MappingProxyType({k: v for k, v in self.units.items() if k in kept}),
         )
+
+    def _driven_by(self, references: Sequence[str] | None) -> dict[str, Any]:
+        """Some references, as `Record` takes them."""
+        if references is None:
+            return self._loop
+        if not len(references):
+            return {"reference": None, "reference_names": (), "reference_intersample": None}
+        columns, names = chosen_channels(references, self.reference_names, "reference")
+        assert self.reference is not None
+        driven = np.ascontiguousarray(self.reference[:, columns])
+        return {**self._loop, "reference": driven, "reference_names": names}
 
     def mask(self, where: ArrayLike) -> Record:
         """Mark output samples as missing, say those where the sensor was saturated.
@@ -698,7 +823,7 @@ class Record(Pointers):
         Returns
         -------
         Record
-            Same inputs, time, names and units.
+            Same inputs, references, time, names and units.
 
         Raises
         ------
@@ -728,8 +853,16 @@ class Record(Pointers):
         return (
             f"Record({label}{self.n_samples} samples, {self.duration:.6g} s, {step}, "
             f"{self.intersample}, inputs: {self._labelled(self.input_names)}, "
-            f"outputs: {self._labelled(self.output_names)})"
+            f"outputs: {self._labelled(self.output_names)}{self._driven()})"
         )
+
+    def _driven(self) -> str:
+        """The references in words, and what they do between samples where that differs."""
+        if self.reference is None:
+            return ""
+        same = self.reference_intersample == self.intersample
+        own = "" if same else f" ({self.reference_intersample})"
+        return f", references: {self._labelled(self.reference_names)}{own}"
 
     def _repr_html_(self) -> str:
         missing = int(np.isnan(self.y).sum())
@@ -740,8 +873,12 @@ class Record(Pointers):
             "inputs": self._labelled(self.input_names),
             "outputs": self._labelled(self.output_names),
         }
+        drawn = [(self.input_names, self.u), (self.output_names, self.y)]
+        if self.reference is not None:
+            rows["references"] = self._driven().partition(": ")[2]
+            drawn.append((self.reference_names, self.reference))
         cells = "".join(f"<tr><th>{k}</th><td>{html.escape(v)}</td></tr>" for k, v in rows.items())
-        for names, signals in ((self.input_names, self.u), (self.output_names, self.y)):
+        for names, signals in drawn:
             for name, signal in list(zip(names, signals.T, strict=True))[:_DRAWN]:
                 drawing = sparkline(signal, name)
                 cells += f"<tr><th>{html.escape(name)}</th><td>{drawing}</td></tr>"

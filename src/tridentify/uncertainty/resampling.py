@@ -393,6 +393,7 @@ def _with(record: Record, y: Array) -> Record:
         y,
         t=record.t,
         intersample=record.behaviour,
+        **record._loop,
         input_names=record.input_names,
         output_names=record.output_names,
         units=record.units,

@@ -153,7 +153,7 @@ def assemble(asked: Request, solved: Solved) -> Estimate:
 
 
 def fingerprint(records: Sequence[Record]) -> str:
-    """SHA-256 of the samples and their times, in hexadecimal."""
+    """SHA-256 of the samples, those of references too, and their times, in hexadecimal."""
     digest = hashlib.sha256()
     for record in records:
         digest.update(np.array([record.t[0], record.dt or 0.0]).tobytes())
@@ -161,4 +161,6 @@ def fingerprint(records: Sequence[Record]) -> str:
             digest.update(record.t)  # type: ignore[arg-type]
         digest.update(record.u)  # type: ignore[arg-type]
         digest.update(record.y)  # type: ignore[arg-type]
+        if record.reference is not None:
+            digest.update(record.reference)  # type: ignore[arg-type]
     return digest.hexdigest()

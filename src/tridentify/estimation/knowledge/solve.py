@@ -149,6 +149,7 @@ def _integrated(record: Record, count: int, structure: Structure) -> Record:
         dt=record.dt,
         t=record.t if record.dt is None else None,
         intersample="foh",
+        **record._loop,
         input_names=record.input_names,
         output_names=record.output_names,
     )

@@ -86,6 +86,15 @@ def spread_out(series: Array, places: Places) -> Array:
     return found
 
 
+def _filled(samples: Array, behaviour: str, times: Array, places: Places) -> Array:
+    """An input, or a reference, on every place of a raster."""
+    every = np.arange(places[-1] + 1)
+    if behaviour == "zoh":
+        return np.asarray(samples[np.searchsorted(places, every, "right") - 1])
+    t = np.interp(every, places, times)
+    return np.column_stack([np.interp(t, times, one) for one in samples.T])
+
+
 def on_raster(record: Record) -> Record:
     """The record with the rows that are missing from its raster, without outputs; else itself.
 
@@ -105,17 +114,16 @@ def on_raster(record: Record) -> Record:
     places = places_on_raster(np.asarray(record.t))
     if places is None or places[-1] + 1 == record.n_samples:
         return record
-    every = np.arange(places[-1] + 1)
-    t = np.interp(every, places, record.t)
-    if record.behaviour == "zoh":
-        u = record.u[np.searchsorted(places, every, "right") - 1]
-    else:
-        u = np.column_stack([np.interp(t, record.t, one) for one in record.u.T])
+    t = np.interp(np.arange(places[-1] + 1), places, record.t)
+    u, driven = _filled(record.u, record.behaviour, record.t, places), record.reference
+    if driven is not None:
+        driven = _filled(driven, str(record.reference_behaviour), record.t, places)
     return Record(
         u,
         spread_out(np.asarray(record.y), places),
         t=t,
         intersample=record.behaviour,
+        **{**record._loop, "reference": driven},
         input_names=record.input_names,
         output_names=record.output_names,
         units=record.units,

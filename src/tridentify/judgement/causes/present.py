@@ -122,6 +122,7 @@ class Present:
                     record.y,
                     t=record.t,
                     intersample=record.intersample,
+                    **record._loop,
                     input_names=(*record.input_names, name),
                     output_names=record.output_names,
                 )

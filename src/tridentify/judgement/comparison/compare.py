@@ -156,10 +156,11 @@ def _with_names(record: Record, entries: Sequence[Entry]) -> Record:
     for entry in entries:
         counts = (len(entry.input_names), len(entry.output_names))
         if not entry.unnamed and counts == (record.n_inputs, record.n_outputs):
+            own = {n: record.units[n] for n in record.reference_names if n in record.units}
             return record._derive(
                 input_names=entry.input_names,
                 output_names=entry.output_names,
-                units=entry.units,
+                units={**entry.units, **own},
             )
     return record
 

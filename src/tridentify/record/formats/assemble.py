@@ -7,7 +7,7 @@ since a record has one:
   the others.
 * An input is evaluated at the instants of the record by what it does between its own samples: the
   latest value when it is held, the straight line when it is joined by lines. Instants outside those
-  of any input are left out.
+  of any input are left out. A reference is read like an input.
 * ``instants="outputs"`` takes the instants of the outputs; changes of a held input then move to the
   next of them. ``"all"`` takes those of the inputs too, so that nothing is lost, at the price of
   uneven steps where the clocks are not multiples of each other. ``"auto"`` takes all of them if
@@ -78,10 +78,13 @@ class Wanted:
     start: float | None = None
     stop: float | None = None
     instants: Instants = "auto"
+    references: Sequence[str] = ()
+    reference_intersample: Intersample | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "inputs", _as_names("input", self.inputs))
         object.__setattr__(self, "outputs", _as_names("output", self.outputs))
+        object.__setattr__(self, "references", _as_names("reference", self.references))
         if self.instants not in ("auto", "outputs", "all"):
             raise OptionError(
                 f"found instants={shown(self.instants)}; expected 'auto', 'outputs' or 'all'; "
@@ -90,8 +93,8 @@ class Wanted:
 
 
 def _as_names(kind: str, names: Sequence[str]) -> tuple[str, ...]:
-    chosen = (names,) if isinstance(names, str) else tuple(names)
-    if not chosen:
+    chosen = (names,) if isinstance(names, str) else tuple(names or ())
+    if not chosen and kind != "reference":
         raise ChannelNameError(
             f"found no {kind} asked for; expected at least one column; name the {kind} columns"
         )
@@ -120,28 +123,32 @@ def record_from(source: OpenFile, wanted: Wanted, name: str) -> Record:
     wanted = _with_time(source, wanted)
     known = source.channels
     clock = None if wanted.time is None else find_channel(source, wanted.time)
-    inputs = [find_channel(source, name) for name in wanted.inputs]
-    outputs = [find_channel(source, name) for name in wanted.outputs]
-    channels = inputs + outputs
+    # what drives, which is known throughout, comes first
+    asked = (*wanted.inputs, *wanted.references, *wanted.outputs)
+    channels = [find_channel(source, name) for name in asked]
     names = _channel_names(channels)
     units = {c.header: c.unit for c in known if c.unit} | _given_units(known, clock, wanted.units)
-    n_inputs = len(inputs)
+    n_inputs = len(wanted.inputs)
+    n_driving = n_inputs + len(wanted.references)
     values, times = _read(source, channels, clock, wanted, units)
     if len({id(time) for time in times}) == 1:
         t, (first, last) = times[0], sample_range(times[0], wanted.start, wanted.stop)
-        for channel, samples in zip(inputs, values, strict=False):
+        for channel, samples in zip(channels[:n_driving], values, strict=False):
             _check_finite(source, channel, samples, first, last)
     else:
-        t, values = _one_time_base(values, times, n_inputs, wanted)
+        t, values = _one_time_base(values, times, wanted)
         t = _with_step(t, wanted.dt)
         first, last = sample_range(t, wanted.start, wanted.stop)
     record = Record(
         _stack(values[:n_inputs], first, last),
-        _stack(values[n_inputs:], first, last),
+        _stack(values[n_driving:], first, last),
         t=t[first:last],
         intersample=wanted.intersample,
+        reference=_stack(values[n_inputs:n_driving], first, last) if wanted.references else None,
+        reference_names=names[n_inputs:n_driving],
+        reference_intersample=wanted.reference_intersample,
         input_names=names[:n_inputs],
-        output_names=names[n_inputs:],
+        output_names=names[n_driving:],
         units=_kept_units(dict(zip(names, channels, strict=True)), clock, units),
         name=name,
     )
@@ -187,7 +194,7 @@ def _channel_names(channels: list[Channel]) -> tuple[str, ...]:
         if channels.count(channel) > 1:
             raise ChannelNameError(
                 f"found the column {shown(channel.header)} asked for more than once; expected "
-                "different columns as inputs and outputs; drop one"
+                "different columns as inputs, outputs and references; drop one"
             )
     short = [channel.name for channel in channels]
     return tuple(c.name if short.count(c.name) == 1 else c.header for c in channels)
@@ -233,7 +240,8 @@ def _with_time(source: OpenFile, wanted: Wanted) -> Wanted:
     """What is wanted, with the one channel that is time by its name where time is not stated."""
     if wanted.time is not None or wanted.dt is not None:
         return wanted
-    asked = [find_channel(source, name) for name in (*wanted.inputs, *wanted.outputs)]
+    names = (*wanted.inputs, *wanted.references, *wanted.outputs)
+    asked = [find_channel(source, name) for name in names]
     found = time_channels(source)
     if all(channel.clock for channel in asked) or not found:
         return wanted
@@ -347,32 +355,37 @@ def _with_step(t: Array, dt: float | None) -> Array:
 
 # --------------------------------------------------------------------------------- several clocks
 def _one_time_base(
-    values: list[Array], times: list[Array], n_inputs: int, wanted: Wanted
+    values: list[Array], times: list[Array], wanted: Wanted
 ) -> tuple[Array, list[Array]]:
     """Bring channels of several clocks together, as the head of this module says."""
+    between = [wanted.intersample] * len(wanted.inputs)
+    between += [wanted.reference_intersample or wanted.intersample] * len(wanted.references)
+    driving = len(between)
     slack = TIME_TOLERANCE * min(float(t[-1] - t[0]) / (len(t) - 1) for t in times)
     t = _merged(times, slack)
     if wanted.instants == "outputs" or (wanted.instants == "auto" and uniform_step(t) is None):
-        t = _merged(times[n_inputs:], slack)
-    low = max(time[0] for time in times[:n_inputs]) - slack
-    high = min(time[-1] for time in times[:n_inputs]) + slack
+        t = _merged(times[driving:], slack)
+    low = max(time[0] for time in times[:driving]) - slack
+    high = min(time[-1] for time in times[:driving]) + slack
     t = t[(t >= low) & (t <= high)]
     if len(t) < 2:
+        what = "inputs and references" if wanted.references else "inputs"
         raise EmptyRangeError(
-            f"found {len(t)} instants at which all inputs are known, {low:.6g} to {high:.6g} s; "
+            f"found {len(t)} instants at which all {what} are known, {low:.6g} to {high:.6g} s; "
             "expected at least 2; choose channels that were recorded at the same time"
         )
     placed = [
-        _evaluated(times[k], values[k], t, slack, wanted.intersample)
-        if k < n_inputs
+        _evaluated(times[k], values[k], t, slack, between[k])
+        if k < driving
         else _spread(times[k], values[k], t, slack)
         for k in range(len(values))
     ]
-    for k, name in enumerate(wanted.inputs):
+    for k, name in enumerate((*wanted.inputs, *wanted.references)):
         if not np.isfinite(placed[k]).all():
             at = t[int(np.argmin(np.isfinite(placed[k])))]
+            kind = "input" if k < len(wanted.inputs) else "reference"
             raise NotFiniteError(
-                f"found no finite sample of input {shown(name)} at {at:.6g} s; expected finite "
+                f"found no finite sample of {kind} {shown(name)} at {at:.6g} s; expected finite "
                 "numbers; repair it or cut the record with start and stop"
             )
     return t, placed

@@ -154,7 +154,9 @@ def record_from_frame(
     dt: float | None = None,
     inputs: Sequence[str],
     outputs: Sequence[str],
+    references: Sequence[str] = (),
     intersample: Intersample = "auto",
+    reference_intersample: Intersample | None = None,
     units: Mapping[str, str] | None = None,
     start: float | None = None,
     stop: float | None = None,
@@ -165,7 +167,7 @@ def record_from_frame(
     Parameters
     ----------
     frame : pandas.DataFrame, polars.DataFrame, pyarrow.Table or another that narwhals takes
-        Eager; a missing value of an output becomes nan, one of an input is refused.
+        Eager; a missing value of an output becomes nan, one of an input or reference is refused.
     time : str, optional
         Column of time: numbers [s], or in the unit of its name or of `units`; durations; or dates,
         also as text (ISO 8601), which count from the first. By default the index of a pandas frame,
@@ -173,7 +175,7 @@ def record_from_frame(
         that is called so, in any case and with or without a unit in brackets, or ``timestamp``,
         ``datetime`` or ``date`` and holds dates. An index that has a
         name may also be named.
-    dt, inputs, outputs, intersample, units, start, stop
+    dt, inputs, outputs, references, intersample, reference_intersample, units, start, stop
         As in `read_record`.
     name : str
         What to call the record.
@@ -207,7 +209,10 @@ def record_from_frame(
     source = FrameTable(table)
     if time is None and dt is None and not time_channels(source):
         _check_index(table)
-    wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop)
+    wanted = Wanted(
+        inputs, outputs, time, dt, intersample, units, start, stop,
+        references=references, reference_intersample=reference_intersample,
+    )  # fmt: skip
     return record_from(source, wanted, name)
 
 
@@ -289,7 +294,7 @@ def frame_from_record(
     Returns
     -------
     polars.DataFrame, pandas.DataFrame or pyarrow.Table
-        Columns ``t [s]``, the inputs and the outputs, with their units in brackets, such that
+        Columns ``t [s]``, inputs, outputs and references, with their units in brackets, such that
         `record_from_frame` reads them back; a missing sample is nan.
 
     Raises
@@ -314,7 +319,10 @@ def frame_from_record(
     import narwhals as nw
 
     columns = {"t [s]": record.t}
-    for names, samples in ((record.input_names, record.u), (record.output_names, record.y)):
+    sides = [(record.input_names, record.u), (record.output_names, record.y)]
+    if record.reference is not None:
+        sides.append((record.reference_names, record.reference))
+    for names, samples in sides:
         for k, name in enumerate(names):
             unit = record.units.get(name, "")
             columns[f"{name} [{unit}]" if unit else name] = samples[:, k].copy()

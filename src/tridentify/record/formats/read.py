@@ -101,7 +101,9 @@ def read_record(
     dt: float | None = None,
     inputs: Sequence[str],
     outputs: Sequence[str],
+    references: Sequence[str] = (),
     intersample: Intersample = "auto",
+    reference_intersample: Intersample | None = None,
     units: Mapping[str, str] | None = None,
     start: float | None = None,
     stop: float | None = None,
@@ -129,9 +131,13 @@ def read_record(
         which must then agree with it to 5 percent; without, time begins at zero.
     inputs, outputs : sequence of str
         Names of the channels, as `list_channels` gives them; the unit in brackets may be left out.
+    references : sequence of str, optional
+        Names of the channels that drove a loop from outside, as in `Record`; read like inputs.
     intersample : {"auto", "zoh", "foh", "band-limited"}
         What the input does between samples, as in `Record`; with "auto" `identify` takes what
         explains the record best, and says so.
+    reference_intersample : {"zoh", "foh", "band-limited", "auto"}, optional
+        What the references do; by default as `intersample` says, with "auto" by their samples.
     units : mapping of str to str, optional
         Units by channel name, before those of the file.
     start, stop : float, optional
@@ -140,7 +146,7 @@ def read_record(
         Where the record has samples when the channels were sampled at different times: at the
         instants of the outputs; at those of inputs and outputs; or at all of them if they lie on
         one uniform raster, else at those of the outputs. Outputs are nan where they were not
-        sampled, inputs follow from `intersample`.
+        sampled, inputs follow from `intersample`, and references count with the inputs.
 
     Returns
     -------
@@ -178,7 +184,10 @@ def read_record(
     ...     read_record(path, time="t", inputs=["elevator"], outputs=["q"])
     Record('doublet', 3 samples, 1 s, dt=0.5 s, auto, inputs: elevator [rad], outputs: q)
     """
-    wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop, instants)
+    wanted = Wanted(
+        inputs, outputs, time, dt, intersample, units, start, stop, instants, references,
+        reference_intersample,
+    )  # fmt: skip
     return _read(path, wanted)
 
 
@@ -189,7 +198,9 @@ def read_records(
     dt: float | None = None,
     inputs: Sequence[str],
     outputs: Sequence[str],
+    references: Sequence[str] = (),
     intersample: Intersample = "auto",
+    reference_intersample: Intersample | None = None,
     units: Mapping[str, str] | None = None,
     start: float | None = None,
     stop: float | None = None,
@@ -201,8 +212,10 @@ def read_records(
     ----------
     paths : sequence of path-like, bytes, or files open for reading
         As for `read_record`, one at least.
-    time, dt, inputs, outputs, intersample, units, start, stop, instants
+    time, dt, inputs, outputs, references, intersample, reference_intersample, units, start, stop
         As for `read_record`; the same for all files.
+    instants : {"auto", "outputs", "all"}
+        Likewise.
 
     Returns
     -------
@@ -228,7 +241,10 @@ def read_records(
             f"found {'no file' if several else shown(paths, 80)}; expected a list of files, one "
             "for each experiment; put them into a list, or read one file with read_record"
         )
-    wanted = Wanted(inputs, outputs, time, dt, intersample, units, start, stop, instants)
+    wanted = Wanted(
+        inputs, outputs, time, dt, intersample, units, start, stop, instants, references,
+        reference_intersample,
+    )  # fmt: skip
     return tuple(_read(path, wanted) for path in paths)
 
 
