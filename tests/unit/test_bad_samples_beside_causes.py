@@ -63,3 +63,14 @@ def test_wild_samples_at_the_start_of_another_record_are_not_taken_for_two_poles
     assert checked.findings[0].code == "bad-samples"
     assert set(checked.findings[0].times) >= {0.0, 0.04}
     assert "order-low" not in [f.code for f in checked.findings]
+
+
+def test_a_sample_at_the_start_that_only_too_few_poles_leave_far_is_not_bad():
+    """A larger model that was fitted without it foretells it."""
+    rng = np.random.default_rng(21)
+    u = np.repeat(rng.choice([-1.0, 1.0], 50), 8)
+    y = simulate(TransferFunction([9.0], [1.0, 2.0, 9.0]), Record(u, u, dt=0.05))[:, 0]
+    y += 0.02 * rng.standard_normal(400)
+    estimate = identify(Record(u, y, dt=0.05), Structure(1, 0), throw=False)
+    assert estimate.findings[0].code == "order-low", [f.text for f in estimate.findings]
+    assert "bad-samples" not in [f.code for f in estimate.findings]

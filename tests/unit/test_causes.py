@@ -154,7 +154,6 @@ def slowly_disturbed(seed):
 CAUSES = {
     "lost-rows": with_rows_lost,
     "feedback": closed_loop,
-    "delay": late,
     "nonlinear": cubic,
     "varying": changed,
     "disagreeing-experiments": two_plants,
@@ -176,6 +175,10 @@ def test_the_cause_is_named_first(code):
 def test_a_delay_is_told_with_its_size_and_what_it_brings():
     (record,) = late(4)
     first = identify(record, ASKED, throw=False).findings[0]
+    assert first.code == "delay"
+    assert first.matters
+    assert first.remedy
+    assert "With it: " in first.effect
     assert "a delay of about 0.25 s" in first.message
     better = identify(record, Structure(2, 0, delay=0.25))
     assert abs(better.theta[1] - 9.0) < 5 * better.std[1]
@@ -196,8 +199,15 @@ LIMITS = {
 }
 
 
-@pytest.mark.parametrize("made", LIMITS)
-@pytest.mark.parametrize("seed", [3, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    ("made", "seed"),
+    [
+        (clipped_above, 3),
+        (stopped, 3),
+        *(pytest.param(made, 4, marks=pytest.mark.slow) for made in LIMITS),
+        pytest.param(clipped, 3, marks=pytest.mark.slow),
+    ],
+)
 def test_a_limit_is_told_with_its_level_and_what_it_brings(made, seed):
     (record,) = made(seed)
     first = identify(record, ASKED, throw=False).findings[0]
@@ -288,7 +298,9 @@ def measured(seed):
     return fine[::10], y[::10]
 
 
-@pytest.mark.parametrize("between", ["zoh", "foh", "band-limited"])
+@pytest.mark.parametrize(
+    "between", ["zoh", "foh", pytest.param("band-limited", marks=pytest.mark.slow)]
+)
 def test_a_smooth_measured_input_is_no_feedback(between):
     u, y = measured(7)
     record = Record(u, y + noise(7, size=0.005), dt=DT, intersample=between)
@@ -343,7 +355,7 @@ def test_a_stretch_at_rest_in_coloured_noise_shows_no_response(seed):
         assert estimate.findings[0].code == "no-response", [f.code for f in estimate.findings]
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
 def test_two_random_walks_have_nothing_to_do_with_each_other(seed):
     rng = np.random.default_rng(seed)
     u, y = (np.cumsum(rng.standard_normal(400)) for _ in range(2))

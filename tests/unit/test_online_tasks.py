@@ -68,7 +68,7 @@ def stepped(method, u, y):
 
 def test_no_step_is_held_up_by_a_search():
     """No step takes much longer than the others that do a slice, however busy the machine is."""
-    u, y = samples(1)
+    u, y = samples(1, 1600)
     stepped(online.ThreeModel(), u, y)  # compiled
     found = [stepped(online.ThreeModel(), u, y) for _ in range(3)]
     assert min(times.max() / times[working].mean() for times, working in found) < LONGEST
@@ -124,7 +124,7 @@ def test_the_old_answer_stays_until_the_new_one_is_better():
     suspected = None
     for k in range(4000):
         state, _ = method.step(state, u[k], y[k])
-        if state.values[slots.SUSPECT] and not state.changes:
+        if k % 25 == 0 and state.values[slots.SUSPECT] and not state.changes:
             suspected = method.estimate(state)
     assert suspected is not None
     # still the estimate of all samples, and it says so
@@ -139,7 +139,7 @@ def test_the_old_answer_stays_until_the_new_one_is_better():
 
 
 def test_an_alarm_without_a_change_is_dropped_and_leaves_the_estimate_alone():
-    u, y = samples(5, 4000)
+    u, y = samples(5, 3400)
     method = online.ThreeModel()
     state = method.init(ASKED, DT)
     state, _, _ = method.feed(state, u[:2600, None], y[:2600, None])
@@ -268,7 +268,7 @@ def fed(method, u, y):
 
 def test_an_estimator_that_forgets_does_not_keep_its_samples_for_ever():
     """Its newest samples were run against the search of all of them, which always won."""
-    u, y = samples(6, 5000)
+    u, y = samples(6, 4000)
     state = fed(online.ThreeModel(forgetting=0.99), u, y)
     assert len(kept_samples(state)) <= 2100
     assert fed(online.ThreeModel(forgetting=0.9), u, y).stage.past == ()

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from tridentify.report.figures import save_figures
 from tridentify.report.html import write_report
-from tridentify.report.other_pages import (
-    write_physical_report,
-    write_selection_report,
-    write_validation_report,
-)
+from tridentify.report.physical_page import write_physical_report
+from tridentify.report.selection_page import write_selection_report
+from tridentify.report.validation_page import write_validation_report
 
 __all__ = [
     "save_figures",

@@ -18,6 +18,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse, frequency_response
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.validation import Validation, validate
+from tridentify.judgement.validation.residuals import View
 from tridentify.numerics.arrays import Array
 from tridentify.plots import (
     plot_bode,
@@ -110,6 +111,16 @@ def _identified(estimate: Estimate, records: Sequence[Record]) -> Iterator[Drawi
 def identified_fits(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
     """The records that were identified against the model, as SVG."""
     return [picture_of(drawing) for drawing in _identified(estimate, records)]
+
+
+def fits_of_view(view: View) -> list[Picture]:
+    """Measured against what a judgement simulated, an experiment each."""
+    drawn = []
+    for number, record in enumerate(view.records):
+        residual = np.stack([output.residual[number] for output in view.outputs], axis=1)
+        place = (number, len(view.records))
+        drawn.append(picture_of(draw_fit(record, record.y - residual, place=place)))
+    return drawn
 
 
 def model_pictures(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:

@@ -145,7 +145,8 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
         return without
     # the start of a larger model follows whatever stands at the start of a record
     early = sum(len(_first_ones(view, one.normality.outliers)) for one in without.evidence)
-    if without.cause == "order-low" and early > FADED * found:
+    follows = without.cause == "order-low" and early > FADED * found
+    if follows and _far_without(without, view) > FADED * found:
         return without
     # what the model misses has far samples too: do they stand out where the cause is fitted along?
     if _stand_out(view, setting, without.cause, FADED * found):
@@ -239,6 +240,14 @@ def _first_ones(view: View, rows: Array) -> Array:
     """Those of some far samples that are among the first of a record."""
     last = [record.t[min(FIRST_SAMPLES, record.n_samples) - 1] for record in view.records]
     return rows[rows[:, 1] <= np.take(last, rows[:, 0].astype(int))] if len(rows) else rows
+
+
+def _far_without(tried: TriedCauses, given: View) -> int:
+    """Bad samples that stay far from the cause that is named, which was fitted without them."""
+    named, bad = tried.named, [one.normality.outliers for one in tried.evidence]
+    if named is None:
+        return sum(map(len, bad))
+    return sum(len(still_far(named, given, i, rows)) for i, rows in enumerate(bad))
 
 
 def _stand_out(view: View, setting: _Setting, cause: str, most: float) -> bool:

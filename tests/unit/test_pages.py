@@ -25,7 +25,7 @@ from tridentify.report import (
     write_selection_report,
     write_validation_report,
 )
-from tridentify.report.other_pages import contradictions
+from tridentify.report.physical_page import contradictions
 
 PLANT = TransferFunction([9.0], [1.0, 1.2, 9.0])
 

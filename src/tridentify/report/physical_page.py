@@ -1,4 +1,4 @@
-"""Pages about physical parameters, about a selection of orders, and about a validation."""
+"""The page about physical parameters, and what speaks against their map."""
 
 from __future__ import annotations
 
@@ -11,25 +11,19 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.encoding import document_text
-from tridentify.estimation.answer.estimate import SCHEMA, Estimate
+from tridentify.estimation.answer.estimate import SCHEMA
 from tridentify.estimation.answer.finding import Finding, joined, without_fewer
 from tridentify.estimation.answer.parameter import Parameter
 from tridentify.estimation.answer.trust import HEADS, class_of, unusable
-from tridentify.judgement.selection import Selection
-from tridentify.judgement.validation import Validation
-from tridentify.judgement.validation.residuals import View, look
+from tridentify.judgement.validation.residuals import look
 from tridentify.physical import PhysicalEstimate
-from tridentify.plots import plot_hankel, plot_selection
 from tridentify.record.record import Record
-from tridentify.report.figures import draw_fit, identified_fits, model_pictures, tests_pictures
+from tridentify.report.figures import fits_of_view, model_pictures, tests_pictures
 from tridentify.report.first_screen import (
     NUMBERS,
     KeyNumber,
     fits_in_words,
-    key_numbers,
-    orders_in_words,
     subtitle_of,
-    title_names,
     title_of,
     trust_of,
 )
@@ -43,9 +37,7 @@ from tridentify.report.html import (
     write_page,
 )
 from tridentify.report.page import Page, Section, beside
-from tridentify.report.pictures import Drawing, Picture, picture_of
-from tridentify.report.settings import record_rows
-from tridentify.report.sheet import Sheet
+from tridentify.report.pictures import Picture
 from tridentify.report.tables import ReportTable, quantity_table
 from tridentify.writing.layout import IN_TABLES, format_std, format_value, p_in_words, short
 
@@ -58,13 +50,7 @@ SLIGHT = 0.5
 MOST_CORRELATED = 12
 """Parameters whose correlations still make a table that can be read."""
 
-CRITERIA = 1.9, 1.1, 1.1
-"""Heights of the axes of a selection [inch]."""
-VALUES = 2.0
-"""Height of the Hankel singular values [inch]."""
 
-
-# ------------------------------------------------------------------------------------ physical
 def write_physical_report(
     found: PhysicalEstimate,
     record: Record | Sequence[Record],
@@ -209,19 +195,9 @@ def _fits_of_map(found: PhysicalEstimate, records: Sequence[Record]) -> list[Pic
     """
     held = replace(found.estimate, model=found.model, theta=found.theta, record_fingerprint="")
     try:
-        return _fits_of(look(held, records, None))
+        return fits_of_view(look(held, records, None))
     except TridentifyError:
         return []
-
-
-def _fits_of(view: View) -> list[Picture]:
-    """Measured against model, an experiment each."""
-    drawn = []
-    for number, record in enumerate(view.records):
-        residual = np.stack([output.residual[number] for output in view.outputs], axis=1)
-        place = (number, len(view.records))
-        drawn.append(picture_of(draw_fit(record, record.y - residual, place=place)))
-    return drawn
 
 
 def _parameter_section(found: PhysicalEstimate) -> Section:
@@ -270,200 +246,3 @@ def _map_section(found: PhysicalEstimate) -> Section:
         paragraphs=[said],
         tables=[ReportTable("Fit [%]", titles, fits)],
     )
-
-
-# ----------------------------------------------------------------------------------- selection
-def write_selection_report(
-    selection: Selection,
-    record: Record | Sequence[Record],
-    path: str | os.PathLike[str],
-    *,
-    title: str | None = None,
-    figures: str | os.PathLike[str] | None = None,
-) -> Path:
-    """Write which orders are recommended, why, and what the others have to say for themselves.
-
-    Parameters
-    ----------
-    selection : Selection
-    record : Record or sequence of Record
-        What was identified.
-    path : path-like
-        File to write.
-    title : str, optional
-        By default the names of the channels.
-    figures : path-like, optional
-        A folder that gets the figures too, as SVG.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OutputPathError
-        The file cannot be written; nothing is left behind.
-    """
-    given = (record,) if isinstance(record, Record) else tuple(record)
-    first = given[0]
-    heading = title or f"Orders of {title_of(first.output_names, first.input_names)}"
-    return write_page(_selection_page(selection, given, heading), path, figures)
-
-
-def _selection_page(selection: Selection, given: Sequence[Record], heading: str) -> Page:
-    row = selection.recommended
-    estimate = None if row is None else row.estimate
-    named = heading, "selection of orders", subtitle_of(given)
-    sections = (
-        _candidate_section(selection),
-        Section("settings", "Data", settings=record_rows(given)),
-    )
-    if estimate is None:
-        head = "No structure is recommended."
-        return Page(*named, "bad", head, selection.reason, sections=sections)
-    fits = fits_in_words(estimate.output_names, estimate.fit.tolist())
-    return Page(
-        *named,
-        class_of(estimate, estimate.findings),
-        f"Recommended: {orders_in_words(estimate.structure)}; the model fits {fits}.",
-        selection.reason,
-        "",
-        key_numbers(estimate),
-        identified_fits(estimate, settled(estimate, given)),
-        estimate.findings,
-        (
-            sections[0],
-            replace(model_section(estimate), heading="The recommended model"),
-            sections[1],
-        ),
-    )
-
-
-def _candidate_section(selection: Selection) -> Section:
-    rows = selection.table()
-    marked = tuple(k for k, row in enumerate(selection.rows) if row is selection.recommended)
-    title = "What identify gives for each"
-    return Section(
-        "candidates",
-        "Candidates",
-        tables=[ReportTable(title, selection.titles, rows, 2, marked=marked)],
-        figures=beside([picture_of(drawing) for drawing in _draw_selection(selection)]),
-        notes=selection.all_notes(),
-    )
-
-
-def _draw_selection(selection: Selection) -> list[Drawing]:
-    sheet = Sheet(CRITERIA)
-    plot_selection(selection, axes=sheet.axes)
-    found = [
-        Drawing(
-            "selection",
-            "Criteria, fits and certainty",
-            "Criteria above the lowest of each, on one set of samples; fits on the samples that "
-            "were fitted and on those that were held out, of several outputs the worst; the least "
-            "certain coefficient. Hollow marks are estimates that are not usable.",
-            sheet.settle(),
-        )
-    ]
-    if selection.hankel is not None:
-        values = Sheet([VALUES])
-        plot_hankel(selection, axes=values.axes[0])
-        found.append(
-            Drawing(
-                "hankel",
-                "Hankel singular values",
-                "Of the parallel model, which has no order of its own: what rises above the shaded "
-                "floor is more than noise, a lower bound of the number of poles.",
-                values.settle(),
-            )
-        )
-    return found
-
-
-# ---------------------------------------------------------------------------------- validation
-def write_validation_report(
-    estimate: Estimate,
-    checked: Validation,
-    record: Record | Sequence[Record],
-    path: str | os.PathLike[str],
-    *,
-    experiment: int | None = None,
-    title: str | None = None,
-    figures: str | os.PathLike[str] | None = None,
-) -> Path:
-    """Write whether an estimate holds on a record.
-
-    Parameters
-    ----------
-    estimate : Estimate
-    checked : Validation
-        Of `estimate` on the record.
-    record : Record or sequence of Record
-        As they were validated.
-    path : path-like
-        File to write.
-    experiment : int, optional
-        As in `validate`.
-    title : str, optional
-        By default the names of the channels.
-    figures : path-like, optional
-        A folder that gets the figures too, as SVG.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    OutputPathError
-        The file cannot be written; nothing is left behind.
-    """
-    records = settled(estimate, record)
-    fits = _fits_of(look(estimate, records, experiment))
-    tests = tests_pictures(checked)
-    verdict = "good" if checked.ok else "caution"
-    page = Page(
-        title or f"Validation of {title_of(checked.output_names, checked.input_names)}",
-        "validation",
-        subtitle_of(records),
-        verdict,
-        _validation_headline(estimate, checked),
-        "" if checked.findings else checked.verdict,
-        "",
-        _validation_numbers(checked),
-        fits,
-        checked.findings,
-        (
-            replace(validation_section(checked, tests), heading="Tests"),
-            model_section(estimate),
-            Section("settings", "Data", settings=record_rows(records)),
-        ),
-    )
-    return write_page(page, path, figures)
-
-
-def _validation_headline(estimate: Estimate, checked: Validation) -> str:
-    where = "the record that was identified" if checked.own else "this record"
-    fits = fits_in_words(checked.output_names, checked.fit.tolist())
-    words = orders_in_words(estimate.structure)
-    head = (
-        f"The model holds on {where}"
-        if checked.ok
-        else f"The model holds on {where}, the noise is another"
-        if checked.model_ok
-        else f"Something speaks against the model on {where}"
-    )
-    return f"{head}: {words} fit {fits}."
-
-
-def _validation_numbers(checked: Validation) -> list[KeyNumber]:
-    names = title_names(checked.output_names)
-    found = [KeyNumber(f"fit of {names}", " / ".join(f"{f:.1f}" for f in checked.fit), "", "%")]
-    if checked.transfer is not None:
-        best = " / ".join(f"{f:.1f}" for f in checked.transfer.expected_fit)
-        found.append(KeyNumber("as good as can be", best, "", "%"))
-    found.append(KeyNumber(f"R2_T of {names}", " / ".join(f"{r:.3f}" for r in checked.r2)))
-    if checked.tests:
-        rejected = sum(test.rejected for test in checked.tests)
-        found.append(KeyNumber("tests that reject", f"{rejected} of {len(checked.tests)}"))
-    return found[:NUMBERS]
