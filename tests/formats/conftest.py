@@ -150,26 +150,27 @@ N = 8
 T = 0.02 * np.arange(N)
 U = np.array([0.0, 1, 1, 0, -1, -1, 0, 0])
 Y = np.array([0.0, 0, 0.5, 1, 0.75, 0, -0.5, -0.25])
+R = np.array([0.0, 2, 2, 2, 2, 0, 0, 0])
 
 
 def _parquet(path: Path) -> Path:
-    pl.DataFrame({"t": T, "u": U, "y": Y}).write_parquet(path)
+    pl.DataFrame({"t": T, "u": U, "y": Y, "r": R}).write_parquet(path)
     return path
 
 
 def _feather(path: Path) -> Path:
-    pl.DataFrame({"t": T, "u": U, "y": Y}).write_ipc(path, compression="lz4")
+    pl.DataFrame({"t": T, "u": U, "y": Y, "r": R}).write_ipc(path, compression="lz4")
     return path
 
 
 def _npz(path: Path) -> Path:
-    np.savez_compressed(path, t=T, u=U, y=Y)
+    np.savez_compressed(path, t=T, u=U, y=Y, r=R)
     return path
 
 
 def _csv(path: Path) -> Path:
-    rows = np.column_stack([T, U, Y]).tolist()
-    path.write_text("t,u,y\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows))
+    rows = np.column_stack([T, U, Y, R]).tolist()
+    path.write_text("t,u,y,r\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows))
     return path
 
 
@@ -195,17 +196,21 @@ SAMPLES: dict[str, tuple[Callable[[Path], Path], dict[str, object], str]] = {
         "h5py",
     ),
     "run.ulg": (
-        lambda path: write_ulog(path, {"log": {"timestamp": 1e6 * T, "u": U, "y": Y}}),
+        lambda path: write_ulog(path, {"log": {"timestamp": 1e6 * T, "u": U, "y": Y, "r": R}}),
         {"inputs": ["log.u"], "outputs": ["log.y"]},
         "pyulog",
     ),
     "run.xlsx": (
-        lambda path: write_excel(path, [["t", "u [deg]", "y [deg/s]"], *zip(T, U, Y, strict=True)]),
+        lambda path: write_excel(
+            path, [["t", "u [deg]", "y [deg/s]", "r [deg/s]"], *zip(T, U, Y, R, strict=True)]
+        ),
         {"inputs": ["u"], "outputs": ["y"]},
         "openpyxl",
     ),
     "run.mf4": (
-        lambda path: write_mdf(path, [(T, {"u": (U, "deg"), "y": (Y, "deg/s")})]),
+        lambda path: write_mdf(
+            path, [(T, {"u": (U, "deg"), "y": (Y, "deg/s"), "r": (R, "deg/s")})]
+        ),
         {"inputs": ["u"], "outputs": ["y"]},
         "asammdf",
     ),
@@ -224,4 +229,4 @@ def sample(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     if needs:
         pytest.importorskip(needs, reason=f"needs {needs}, of the extra tridentify[files]")
     path = make(tmp_path_factory.mktemp("sample") / request.param)
-    return SimpleNamespace(path=path, asked=asked, needs=needs, t=T, u=U, y=Y)
+    return SimpleNamespace(path=path, asked=asked, needs=needs, t=T, u=U, y=Y, r=R)

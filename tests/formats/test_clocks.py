@@ -92,6 +92,25 @@ def test_where_the_input_is_not_known_there_is_no_record() -> None:
         record(apart)
 
 
+def test_a_reference_of_its_own_clock_follows_like_an_input() -> None:
+    source = Logged(u=(FAST, FAST), y=(FAST, 2 * FAST), r=([0.0, 0.35, 0.95], [0.0, 5.0, 7.0]))
+    made = record(source, references=["r"], instants="outputs")
+    np.testing.assert_allclose(made.t, FAST[:10])
+    np.testing.assert_array_equal(made.u[:, 0], FAST[:10])
+    np.testing.assert_array_equal(made.reference[:, 0], 5.0 * (FAST[:10] > 0.35))
+    lines = record(
+        source, references=["r"], instants="outputs", intersample="zoh", reference_intersample="foh"
+    )
+    np.testing.assert_allclose(lines.reference[:4, 0], 5.0 * FAST[:4] / 0.35)
+    assert (lines.intersample, lines.reference_intersample) == ("zoh", "foh")
+    blank = Logged(u=(FAST, FAST), y=(FAST, FAST), r=([0.0, 0.35, 0.95], [0.0, np.nan, 7.0]))
+    with pytest.raises(errors.NotFiniteError, match=r"reference 'r' at 0\.4 s"):
+        record(blank, references=["r"], instants="outputs")
+    apart = Logged(u=(FAST, FAST), y=(FAST, FAST), r=([5.0, 6.0], [0.0, 1.0]))
+    with pytest.raises(errors.EmptyRangeError, match="all inputs and references are known"):
+        record(apart, references=["r"])
+
+
 def test_refusals() -> None:
     source = Logged(u=(FAST, np.where(FAST > 0.5, np.nan, 1)), y=(FAST[::2], FAST[::2]))
     with pytest.raises(errors.NotFiniteError, match=r"input 'u' at 0\.6 s"):

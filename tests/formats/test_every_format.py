@@ -30,6 +30,22 @@ def test_the_record_comes_back(sample) -> None:
     assert record.dt == pytest.approx(0.02)
 
 
+def test_a_reference_is_read_like_an_input(sample) -> None:
+    if sample.path.suffix == ".mat":
+        pytest.skip("iddata has no place for a reference; variables do, see test_matlab.py")
+    prefix = sample.asked["inputs"][0].removesuffix("u")
+    asked = {**sample.asked, "references": [f"{prefix}r"]}
+    record = read_record(sample.path, **asked, start=0.04, stop=0.1)
+    assert [name.rpartition(".")[2] for name in record.reference_names] == ["r"]
+    assert record.units.get("r") == record.units.get("y")
+    np.testing.assert_array_equal(record.reference[:, 0], sample.r[2:6])
+    np.testing.assert_array_equal(record.u[:, 0], sample.u[2:6])
+    with pytest.raises(errors.MissingColumnError, match="found no column 'setpoint'"):
+        read_record(sample.path, **{**asked, "references": ["setpoint"]})
+    with pytest.raises(errors.ChannelNameError, match="inputs, outputs and references; drop one"):
+        read_record(sample.path, **{**asked, "references": sample.asked["inputs"]})
+
+
 def test_a_stretch_and_a_stated_step(sample) -> None:
     record = read_record(sample.path, **sample.asked, start=0.04, stop=0.1, dt=0.02)
     assert (record.n_samples, record.dt) == (4, 0.02)

@@ -180,3 +180,16 @@ def test_a_dataset_that_claims_more_than_memory_is_refused(write, h5py, tmp_path
     assert path.stat().st_size < 100_000
     with pytest.raises(errors.FileTooLargeError, match=r"8\.19e\+03 GiB of samples"):
         read_record(path, dt=1.0, inputs=["u"], outputs=["y"])
+
+
+@pytest.mark.parametrize("version", ["matlab5", "matlab73"])
+def test_a_reference_is_a_variable_beside_the_others(write, version: str, tmp_path: Path) -> None:
+    if version == "matlab73":
+        pytest.importorskip("h5py", reason="needs h5py, of the extra tridentify[matlab]")
+    t, r = 0.1 * np.arange(5), np.array([0.0, 1, 1, 2, 2])
+    variables = {"t": t, "u": t**2, "y": -t, "r": r}
+    columns = {name: values[:, np.newaxis] for name, values in variables.items()}
+    path = getattr(write, version)(tmp_path / "loop.mat", columns)
+    record = read_record(path, inputs=["u"], outputs=["y"], references=["r"])
+    assert record.reference_names == ("r",)
+    np.testing.assert_array_equal(record.reference[:, 0], r)

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from tridentify import errors
 from tridentify.record.formats import text_table
-from tridentify.record.formats.read import read_record
+from tridentify.record.formats.read import read_record, read_records
 from tridentify.record.record import Record
 
 GOOD = "t,u,y,z\n0,1,2,3\n0.5,4,5,6\n1,7,8,9\n"
@@ -422,3 +422,15 @@ def test_the_public_flight_records_are_read(shared_data: Path) -> None:
     )
     assert (record.n_samples, record.n_outputs) == (626, 2)
     assert record.dt == pytest.approx(0.04)
+
+
+def test_references_have_units_and_are_refused_where_blank(tmp_path: Path) -> None:
+    path = tmp_path / "loop.csv"
+    path.write_text("t,u,q [deg/s],q_cmd [deg/s]\n0,0,0,0\n1,1,,2\n2,1,3,2\n")
+    record = read_record(path, inputs=["u"], outputs=["q"], references=["q_cmd"])
+    assert repr(record).endswith("references: q_cmd [deg/s])")
+    assert record.units == {"q": "deg/s", "q_cmd": "deg/s"}
+    (again,) = read_records([path], inputs=["u"], outputs=["q"], references="q_cmd")
+    np.testing.assert_array_equal(again.reference, record.reference)
+    with pytest.raises(errors.NotFiniteError, match=r"column 'q \[deg/s\]', line 3"):
+        read_record(path, inputs=["u"], outputs=["q_cmd"], references=["q"])

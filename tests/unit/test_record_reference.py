@@ -6,18 +6,29 @@ import inspect
 import pickle
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import polars as pl
 import pytest
 
-from tridentify import TransferFunction, errors, simulate
+from tridentify import (
+    Estimate,
+    Structure,
+    TransferFunction,
+    errors,
+    identify,
+    online,
+    simulate,
+)
 from tridentify.checks.references import settled_reference
 from tridentify.cli.validate_command import renamed
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.likelihood.raster import on_raster
+from tridentify.plots import plot_record
 from tridentify.record.formats.frames import frame_from_record, record_from_frame
 from tridentify.record.record import Record
+from tridentify.report.settings import code_again, settings_table
 
 U, Y, R = [0.0, 1.0, 1.0, 0.0], [0.0, 0.5, 0.8, 0.6], [0.0, 2.0, 2.0, 2.0]
 
@@ -321,3 +332,42 @@ def test_a_simulation_does_not_care() -> None:
     np.testing.assert_array_equal(
         simulate(model, loop()), simulate(model, loop().select(references=[]))
     )
+
+
+def test_models_have_no_units_of_references(tmp_path: Path) -> None:
+    t = 0.05 * np.arange(200)
+    r = np.sign(np.sin(3.0 * t))
+    plain = Record(r, r, dt=0.05)
+    y = simulate(TransferFunction([2.0], [1.0, 4.0]), plain)[:, 0]
+    noisy = y + 0.01 * np.random.default_rng(3).standard_normal(200)
+    units = {"y": "deg", "r": "deg"}
+    record = Record(r, noisy, dt=0.05, reference=r, units=units)
+    estimate = identify(record, Structure(1, 0))
+    assert dict(estimate.units) == {"y": "deg"}
+    estimate.save(tmp_path / "model.json")
+    assert dict(Estimate.load(tmp_path / "model.json").units) == {"y": "deg"}
+    found = online.run(online.ThreeModel(), record, Structure(1, 0))
+    assert dict(found.estimate.units) == {"y": "deg"}
+    rows = dict(settings_table(estimate, [record]))
+    assert rows["reference"].startswith("r [deg]; ")
+    lines = code_again(estimate, [record])
+    assert "references=['r'], reference_intersample='zoh'" in lines
+    again = Record(r, noisy, dt=0.05, units={"y": "deg"})
+    assert fingerprint([again]) != estimate.record_fingerprint
+
+
+# ---------------------------------------------------------------------------------------- pictures
+def test_a_set_point_is_drawn_behind_the_output_it_belongs_to() -> None:
+    t = 0.05 * np.arange(200)
+    r = np.column_stack([np.sign(np.sin(t)), np.cos(t)])
+    names = ["q_cmd", "dither"]
+    units = {"y": "deg", "q_cmd": "deg", "u": "V"}
+    record = Record(t, t, dt=0.05, reference=r, reference_names=names, units=units)
+    axes = plot_record(record)
+    assert [ax.get_ylabel() for ax in axes] == ["y [deg]", "u [V]", "dither"]
+    assert [line.get_label() for line in axes[0].get_lines()] == ["y", "q_cmd"]
+    assert axes[0].get_legend() is not None
+    assert [ax.get_xlabel() for ax in axes] == ["", "", "time [s]"]
+    drawn = axes[2].get_lines()[0]
+    np.testing.assert_allclose(np.unique(drawn.get_ydata()), np.unique(r[:, 1]))
+    assert len(plot_record(record.select(references=[]))) == 2

@@ -29,6 +29,8 @@ class Reading:
     time: options.Time = None
     dt: options.Step = None
     intersample: options.Intersample = options.Between.AUTO
+    references: options.References = None
+    reference_intersample: options.ReferenceIntersample = None
     instants: options.Instants = options.Merging.AUTO
     missing: options.Missing = None
     units: options.Units = None
@@ -64,6 +66,8 @@ class Reading:
             self.instants.value,
             units_from(self.units or ()),
             rules_from(self.missing or ()),
+            tuple(self.references or ()),
+            None if self.reference_intersample is None else self.reference_intersample.value,
         )
 
 

@@ -70,6 +70,26 @@ class RecordSource:
     instants: Instants = "auto"
     units: Mapping[str, str] = field(default_factory=dict)
     missing: tuple[MissingRule, ...] = ()
+    references: tuple[str, ...] = ()
+    reference_intersample: Intersample | None = None
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All that are read but time."""
+        return (*self.inputs, *self.references, *self.outputs)
+
+    def __post_init__(self) -> None:
+        """Refuse to say of nothing what it does between samples.
+
+        Raises
+        ------
+        OptionError
+        """
+        if self.reference_intersample is not None and not self.references:
+            raise OptionError(
+                f"found --reference-intersample {self.reference_intersample} without --reference; "
+                "expected a column that it is about; give --reference NAME too, or leave it out"
+            )
 
 
 def rules_from(given: Sequence[str]) -> tuple[MissingRule, ...]:
@@ -169,7 +189,7 @@ def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
     with opened(file) as table:
         time = source.time
         if time is None and source.dt is None:
-            time = find_time(table, [*source.inputs, *source.outputs])
+            time = find_time(table, source.columns)
             if time is not None:
                 activity.note(f"taking column {time!r} as time, by its name")
         record = _read(table, source, time, file)
@@ -219,9 +239,11 @@ def _read(table: OpenFile, source: RecordSource, time: str | None, file: Path) -
         source.start,
         source.stop,
         source.instants,
+        source.references,
+        source.reference_intersample,
     )
-    clocks = {find_channel(table, name).clock for name in (*source.inputs, *source.outputs)}
-    if len(clocks) > 1 and source.intersample == "band-limited":
+    clocks = {find_channel(table, name).clock for name in source.columns}
+    if len(clocks) > 1 and "band-limited" in (source.intersample, source.reference_intersample):
         raise OptionError(
             f"found --intersample band-limited and channels of {len(clocks)} clocks in "
             f"{shown(file.name)}; expected one clock, since only held inputs and lines are "

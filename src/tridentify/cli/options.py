@@ -115,6 +115,23 @@ Instants = Annotated[
         "instants, or auto (all if they lie on one raster).",
     ),
 ]
+References = Annotated[
+    list[str] | None,
+    record_option(
+        "--reference",
+        metavar="NAME",
+        help="Column of what drove the loop from outside, where a controller set the input: a set "
+        "point, or what was added to the controller's output; may be repeated.",
+    ),
+]
+ReferenceIntersample = Annotated[
+    Between | None,
+    record_option(
+        metavar="HOW",
+        help="What the references do between samples: zoh, foh, band-limited or auto; by default "
+        "as --intersample, with auto by their samples.",
+    ),
+]
 Missing = Annotated[
     list[str] | None,
     record_option(

@@ -119,16 +119,16 @@ def describe_records(records: Sequence[Record]) -> str:
 
 def _described(record: Record) -> str:
     missing = int(np.isnan(record.y).sum())
-    outputs, inputs = (
+    outputs, inputs, references = (
         ", ".join(f"{n} [{record.units[n]}]" if record.units.get(n) else n for n in names)
-        for names in (record.output_names, record.input_names)
+        for names in (record.output_names, record.input_names, record.reference_names)
     )
     lost = f" ({missing:,} outputs missing)" if missing else ""
     return (
         f"{record.name}: {outputs} from {inputs}; {record.n_samples:,} samples{lost}, "
         f"{record.t[0]:.6g} to {record.t[-1]:.6g} s, {sampling_text(record)}; "
         f"input {HELD[record.intersample]}"
-    )
+    ) + (f"; reference {references}, {HELD[str(record.reference_behaviour)]}" if references else "")
 
 
 def describe_status(estimate: Estimate) -> str:
@@ -215,6 +215,8 @@ def _record_entry(record: Record) -> dict[str, Any]:
         "stop": float(record.t[-1]),
         "dt": record.dt,
         "intersample": record.intersample,
+        "references": record.reference_names,
+        "reference_intersample": record.reference_behaviour,
     }
 
 

@@ -138,7 +138,7 @@ def run(
     dt = float(np.median(np.diff(first.t))) if first.dt is None else first.dt
     state = method.init(
         structure, dt, input_names=list(first.input_names), output_names=list(first.output_names),
-        units=dict(first.units), intersample=first.behaviour,
+        units=first._units_of_a_model, intersample=first.behaviour,
     )  # fmt: skip
     u, y = first.u, first.y
     if len(listed) > 1:

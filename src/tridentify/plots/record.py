@@ -1,4 +1,4 @@
-"""Picture of a record: every input and output against time."""
+"""Picture of a record: every input, output and reference against time."""
 
 from __future__ import annotations
 
@@ -8,16 +8,19 @@ from typing import TYPE_CHECKING
 from tridentify.plots.style import (
     BLUE,
     GREEN,
+    ORANGE,
     Panels,
     checked,
     course,
     dress,
     labelled,
+    legend,
     literal,
     make_axes,
     shorten,
 )
 from tridentify.record.record import Record
+from tridentify.writing.layout import IN_PICTURES, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -30,7 +33,9 @@ def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> Panels
     ----------
     record : Record
     axes : sequence of matplotlib Axes, optional
-        One per channel: outputs, then inputs. A figure is made when left out.
+        One per channel: outputs, then inputs, then references. A figure is made when left out.
+        A reference whose unit is stated and is that of exactly one output is drawn behind that
+        output and has no axes of its own.
 
     Returns
     -------
@@ -44,14 +49,49 @@ def plot_record(record: Record, *, axes: Sequence[Axes] | None = None) -> Panels
     ['y', 'u']
     """
     checked(record, Record, "plot_record(record)")
-    heights = [1.5] * record.n_outputs + [1.1] * record.n_inputs
+    behind = [_followed_by(record, name) for name in record.reference_names]
+    own = behind.count(None)
+    heights = [1.5] * record.n_outputs + [1.1] * (record.n_inputs + own)
     drawn = make_axes(axes, heights, sharex=True)
     for i, name in enumerate(record.output_names):
-        drawn[i].plot(*course(record.t, record.y[:, i]), color=BLUE, linewidth=1.0)
+        line = literal(short(name, IN_PICTURES))
+        drawn[i].plot(*course(record.t, record.y[:, i]), color=BLUE, linewidth=1.0, label=line)
         dress(drawn[i], ylabel=labelled(name, record.units))
-    draw_inputs(record, drawn[record.n_outputs :])
+    last = record.n_outputs + record.n_inputs
+    draw_inputs(record, drawn[record.n_outputs : last])
+    alone = iter(drawn[last:])
+    for k, place in enumerate(behind):
+        _draw_reference(record, k, next(alone) if place is None else drawn[place], place)
+    if own:
+        drawn[last - 1].set_xlabel("")
+        drawn[-1].set_xlabel("time [s]", fontsize=9)
     drawn[0].set_title(literal(record.name), loc="left", fontsize=10)
     return drawn
+
+
+def _followed_by(record: Record, name: str) -> int | None:
+    """The output that a reference is the set point of, to judge by the unit; None if not known."""
+    unit = record.units.get(name)
+    same = [i for i, one in enumerate(record.output_names) if record.units.get(one) == unit]
+    return same[0] if unit and len(same) == 1 else None
+
+
+def _draw_reference(record: Record, k: int, ax: Axes, behind: int | None) -> None:
+    assert record.reference is not None
+    name = record.reference_names[k]
+    ax.plot(
+        *shorten(record.t, record.reference[:, k]),
+        color=ORANGE,
+        linewidth=1.2,
+        linestyle="--" if behind is not None else "-",
+        drawstyle="steps-post" if record.reference_behaviour == "zoh" else "default",
+        label=literal(short(name, IN_PICTURES)),
+        zorder=1.5,
+    )
+    if behind is None:
+        dress(ax, ylabel=labelled(name, record.units))
+    else:
+        legend(ax)
 
 
 def draw_inputs(record: Record, axes: Sequence[Axes]) -> None:

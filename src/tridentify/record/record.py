@@ -241,6 +241,11 @@ class Record(Pointers):
             "reference_intersample": self.reference_intersample,
         }
 
+    @property
+    def _units_of_a_model(self) -> dict[str, str]:
+        """Units without those of references, which are no channels of a model."""
+        return {k: unit for k, unit in self.units.items() if k not in self.reference_names}
+
     def _on_its_times(self, u: Array) -> Record:
         """The same record with another input, and the step that its instants have on the mean."""
         return self._derive(u=u, dt=uniform_step(self.t))

@@ -121,6 +121,11 @@ def record_rows(records: Sequence[Record]) -> list[tuple[str, str]]:
         label = "record" if len(records) == 1 else f"experiment {number}"
         text = f"{name}{stretch} ({record.n_samples:,} samples), {step}{lost}"
         rows.append((label, text))
+        if record.reference is not None:
+            which = "" if len(records) == 1 else f" of {label}"
+            held = _BETWEEN[str(record.reference_behaviour)]
+            driven = record._labelled(record.reference_names)
+            rows.append((f"reference{which}", f"{driven}; {held}"))
     return rows
 
 
@@ -154,7 +159,11 @@ def code_again(estimate: Estimate, records: Sequence[Record]) -> str:
         file = f"{record.name or f'experiment-{number}'}.csv"
         beyond = record.t[-1] + (record.t[-1] - record.t[-2]) / 2
         cut = f".slice({record.t[0]:.9g}, {beyond:.9g})"
-        lines.append(f"    read_record({file!r}, {channels}){cut},")
+        driven = ""
+        if record.reference is not None:
+            driven = f", references={list(record.reference_names)}"
+            driven += f", reference_intersample={record.reference_behaviour!r}"
+        lines.append(f"    read_record({file!r}, {channels}{driven}){cut},")
     options = f", {estimate.call}" if estimate.call else ""
     lines += [
         "]",

@@ -140,7 +140,7 @@ def assemble(asked: Request, solved: Solved) -> Estimate:
         gradient=solved.gradient,
         input_names=first.input_names,
         output_names=first.output_names,
-        units=dict(first.units),
+        units=first._units_of_a_model,
         intersample=first.behaviour,
         dt=asked.dt,
         record_fingerprint=asked.fingerprint,
