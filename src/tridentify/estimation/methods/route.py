@@ -64,6 +64,13 @@ def refuse_without_reference(route: Route, records: Sequence[Record]) -> None:
         )
 
 
+def by_reference(route: Route, records: Sequence[Record]) -> bool:
+    """Whether the reference route is taken: as asked for, or where every record has a reference."""
+    return route == "reference" or (
+        route == "auto" and all(record.reference is not None for record in records)
+    )
+
+
 def taken_by(route: Route, noise: NoiseChoice) -> tuple[str, NoiseChoice]:
     """The route of a fit to input and output as they are, and what the noise is taken for.
 

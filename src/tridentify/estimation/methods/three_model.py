@@ -47,9 +47,15 @@ from tridentify.estimation.methods.maximum import Reached, maximum
 from tridentify.estimation.methods.noise import with_noise_model
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.paper import as_printed
+from tridentify.estimation.methods.reference import (
+    Controller,
+    check_controller,
+    reference_estimate,
+)
 from tridentify.estimation.methods.robust import check_loss, robust_estimate
 from tridentify.estimation.methods.route import (
     Route,
+    by_reference,
     check_route,
     refuse_without_reference,
     taken_by,
@@ -98,6 +104,9 @@ class ThreeModel:
         What to make of a controller that may have been running (`methods.route`): nothing; to fit
         what follows a recorded reference; to give the noise a model in any case, which a fit
         without a reference depends on; or what the record calls for.
+    controller : {"unknown", "sampled", "continuous"}
+        How the controller works, for the reference route: held between samples, or continuous.
+        Unknown, it is what explains a record that is stated to be held.
 
     References
     ----------
@@ -123,6 +132,7 @@ class ThreeModel:
     loss: Loss = "squared"
     tolerance: float = SETTLED
     route: Route = "auto"
+    controller: Controller = "unknown"
 
     paper = staticmethod(as_printed)
 
@@ -134,6 +144,7 @@ class ThreeModel:
         check_finish(self.finish)
         check_loss(self.loss, self.noise)
         check_route(self.route, self.noise, self.loss)
+        check_controller(self.controller)
 
     @property
     def patience(self) -> Patience:
@@ -177,6 +188,8 @@ class ThreeModel:
         say = progress or silently
         check(records, structure, self.name, self.capabilities)
         refuse_without_reference(self.route, records)
+        if by_reference(self.route, records):
+            return self._by_reference(records, structure, say)
         if self.loss != "squared":
             return self._robust(records, structure, say)
         route, noise = taken_by(self.route, self.noise)
@@ -228,6 +241,20 @@ class ThreeModel:
     def weighed(self, reached: Reached, say: Progress) -> Ending:
         """Where to end: at the maximum or, where that is not to be trusted, beyond it."""
         return weigh(self.finish, reached, say, reached.scan)
+
+    def _by_reference(
+        self, records: Sequence[Record], structure: Structure, say: Progress
+    ) -> Estimate:
+        """In closed loop: the same on what the reference drives, pass by pass."""
+        asked = Request.of(records, structure, self.name)
+        open_loop = replace(self, route="open-loop", finish="likelihood")
+        plain = replace(open_loop, noise="white")
+        near = partial(
+            OutputError, max_passes=self.max_passes, tolerance=self.tolerance, loss=self.loss
+        )
+        white = self.noise == "white" or self.loss != "squared"
+        coloured = None if white else replace(open_loop, starts=1)
+        return reference_estimate(asked, self.controller, plain, near, coloured, say)
 
     def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
         """With another loss: the same on pseudo-samples, round by round."""

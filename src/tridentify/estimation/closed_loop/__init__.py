@@ -1,0 +1,1 @@
+"""Records taken in closed loop, with the reference of the loop: what the reference drives."""

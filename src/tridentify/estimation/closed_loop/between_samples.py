@@ -1,0 +1,117 @@
+"""A model's output for the input of a loop, and what the input does between its samples.
+
+Of a controller that works on samples the input is held, and known everywhere. A continuous one
+moves the input between the samples too, noise and all, and what it does there is not recorded. But
+the part that the reference drives is a function of continuous time (`driven`), so that
+
+    G u  =  G u_M  +  G (u - u_M)
+
+needs an assumption for the second part alone. It is made of noise, of what a controller that is
+not linear adds, and of the start; and as the noise is independent of the reference, an error of the
+assumption there is noise again, and no bias. The driven part is simulated on pieces of the
+intervals, held at its mean in each: right to second order in the length of a piece, jumps included.
+
+References: R. Gonzalez, S. Pan, C. Rojas & J. Welsh, Automatica 166 (2024), on why estimators that
+take the input of a continuous controller as held are not consistent.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+
+from tridentify.estimation.closed_loop.driven import Driven
+from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
+from tridentify.simulate import simulate
+from tridentify.transfer_function import TransferFunction
+
+Sampling = Literal["sampled", "continuous"]
+
+IN_WORDS = {"sampled": "sampled, its output held", "continuous": "continuous"}
+"""How a controller works, as it is told."""
+
+FINE = 0.1
+"""Fastest rate times length of a piece: its mean is then right to (0.1)^2 / 24 = 0.04 %."""
+MOST_PIECES = 8
+"""Of an interval; loops that need more are faster than their sampling shows."""
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """One record of a loop, with what its reference drives.
+
+    Attributes
+    ----------
+    driven : Driven
+    sampling : {"sampled", "continuous"}
+        How the controller works.
+    """
+
+    driven: Driven
+    sampling: Sampling
+
+    @property
+    def record(self) -> Record:
+        """As it was recorded."""
+        return self.driven.record
+
+    @cached_property
+    def instrument(self) -> Record:
+        """The record with the driven part of its input in place of the input.
+
+        Held at the samples or, for a continuous controller, at its mean over every interval.
+        """
+        return self._with_input(self._held, "zoh")
+
+    @cached_property
+    def _held(self) -> Array:
+        if self.sampling == "sampled":
+            return self.driven.inputs
+        return self.driven.inputs_between(1)
+
+    @property
+    def _between(self) -> Literal["zoh", "foh"]:
+        """What the rest of the input is taken to do between the samples."""
+        smooth = self.sampling == "continuous" and self.record.behaviour != "zoh"
+        return "foh" if smooth else "zoh"
+
+    def beside(self, model: TransferFunction) -> Array:
+        """(n_samples, n_outputs) what a model makes of the input beyond that of `instrument`."""
+        rest = self._with_input(np.asarray(self.record.u) - self.driven.inputs, self._between)
+        found = simulate(model, rest)
+        if self.sampling == "sampled":
+            return found
+        fine, pieces = self._fine
+        held = self._with_input(self._held - self.driven.inputs[0], "zoh")
+        return found + simulate(model, fine)[::pieces] - simulate(model, held)
+
+    @cached_property
+    def _fine(self) -> tuple[Record, int]:
+        record = self.record
+        step = float(np.median(np.diff(record.t)))
+        pieces = int(np.clip(np.ceil(self.driven.rate * step / FINE), 1, MOST_PIECES))
+        u = self.driven.inputs_between(pieces) - self.driven.inputs[0]
+        y = np.zeros((len(u), record.n_outputs))
+        if record.dt is not None:
+            return Record(u, y, dt=record.dt / pieces), pieces
+        gaps = np.append(np.diff(record.t), record.t[-1] - record.t[-2])
+        t = (record.t[:, None] + gaps[:, None] * np.arange(pieces) / pieces).ravel()
+        return Record(u, y, t=t), pieces
+
+    def _with_input(self, u: Array, between: Literal["zoh", "foh"]) -> Record:
+        record = self.record
+        clock = {"t": record.t} if record.dt is None else {"dt": record.dt}
+        return Record(
+            u,
+            record.y,
+            **clock,
+            intersample=between,
+            input_names=record.input_names,
+            output_names=record.output_names,
+            units=record.units,
+            name=record.name,
+        )

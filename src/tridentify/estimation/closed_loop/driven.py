@@ -1,0 +1,285 @@
+"""Step 1 in closed loop: what the reference makes of inputs and outputs, without the noise.
+
+In a loop ``u = S r - C S v`` and ``y = G S r + S v``: input and output both carry the noise ``v``,
+filtered by the loop. The reference does not. So the parallel model of Step 1, driven by the
+reference and fitted to *every* recorded signal ``s``,
+
+    s_M(t) = sum_i beta_i W_i(p) r(t) + d r(t) + constant,
+
+has regressors without noise and finds the part of ``s`` that the reference drives, whatever
+controller and noise are: for a controller that is not linear, or that works on samples, the part
+that is linear in ``r``. It is a function of continuous time.
+
+Operators are Laguerre functions. Rate and number are those of the lowest AICc of all signals
+together, where the residual of each is taken as white: the signals that are wanted here need not be
+complete, as what the model leaves of ``u`` is not lost (`between_samples`).
+
+References: P. Van den Hof & R. Schrama, Automatica 29 (1993) 1523-1527, fit the map from reference
+to input in a first stage of its own. U. Forssell & L. Ljung, Automatica 36 (2000) 1357-1364.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from tridentify.checks.rates import evaluated
+from tridentify.models.regression import Experiment, response_of
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.interpolation import between
+from tridentify.numerics.realization import cascade
+from tridentify.record.record import Record
+
+MOST_FUNCTIONS = 16
+"""Most operators on each reference: a loop of plant and controller of order 8, twice over."""
+FEWEST_ON_NOISE = 4
+"""Operators on the noise at least: a plant and a controller of second order."""
+PER_DECADE = 3.0
+"""Rates in a decade, as in `search.starts`: neighbours are a factor of two apart."""
+SLOW_EDGE = 3.0
+"""Slowest rate times length of the record: it decays to 5 % within it."""
+FAST_EDGE = 2.0
+"""Fastest rate times sampling interval: a loop may be as fast as its sampling allows, and a rate of
+2 / dt is gone at the next sample."""
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """What the references of one record drive.
+
+    Attributes
+    ----------
+    record : Record
+    rate : float
+        Of the operators [rad/s].
+    order : int
+        Operators on each reference.
+    before : (n_references,) array
+        What the references were before the record.
+    weights : (n_columns, n_inputs + n_outputs) array
+        Of the columns: a constant, the references, their operators.
+    columns : (n_samples, n_columns) array
+        At the samples.
+    """
+
+    record: Record
+    rate: float
+    order: int
+    before: Array
+    weights: Array
+    columns: Array
+
+    @property
+    def inputs(self) -> Array:
+        """(n_samples, n_inputs) part of the inputs that the references drive, at the samples."""
+        return self.columns @ self.weights[:, : self.record.n_inputs]
+
+    @property
+    def outputs(self) -> Array:
+        """(n_samples, n_outputs) part of the outputs that the references drive."""
+        return self.columns @ self.weights[:, self.record.n_inputs :]
+
+    def inputs_between(self, pieces: int) -> Array:
+        """Means of the driven inputs over equal pieces of every interval.
+
+        By Simpson's rule on the ends and the middle of each piece. At a jump of a held reference
+        the driven input jumps, and the rule takes the value after it.
+
+        Parameters
+        ----------
+        pieces : int
+            In an interval.
+
+        Returns
+        -------
+        (pieces * n_samples, n_inputs) array
+            The last interval is as long as the one before.
+        """
+        halves = 2 * pieces
+        fine = _refined(self.record, self.before, halves)
+        states = operators(fine, self.rate, self.order)
+        after, before = _sides(self.before, fine)
+        right = _columns(after, states[:-1]) @ self.weights[:, : self.record.n_inputs]
+        left = _columns(before, states[1:]) @ self.weights[:, : self.record.n_inputs]
+        # piece k: from node 2 k over 2 k + 1 to 2 k + 2
+        return np.asarray((right[0::2] + 2.0 * (left[0::2] + right[1::2]) + left[1::2]) / 6.0)
+
+
+def driven(record: Record) -> Driven:
+    """Fit the parallel model that the references drive to inputs and outputs.
+
+    Parameters
+    ----------
+    record : Record
+        With at least one reference.
+
+    Returns
+    -------
+    Driven
+    """
+    signals = np.column_stack([record.u, record.y])
+    direct = np.asarray(record.reference)
+    most = _affordable(record)
+    found: Driven | None = None
+    lowest = np.inf
+    for before in _befores(direct):
+        experiment = _experiment(record, before)
+        for rate in _rates(record):
+            states = operators(experiment, rate, most)
+            criterion, order = _cheapest(_columns(direct, states), signals, direct.shape[1], most)
+            if found is None or criterion < lowest:
+                lowest = criterion
+                columns = _columns(direct, states[:, _first(order, most, direct.shape[1])])
+                weights = _fitted(columns, signals)
+                found = Driven(record, rate, order, before, weights, columns)
+    assert found is not None
+    return found
+
+
+def _befores(reference: Array) -> list[Array]:
+    """What the references may have been before the record: as at its start for long, or nothing."""
+    first = np.array(reference[0])
+    return [first, np.zeros_like(first)] if np.any(first) else [first]
+
+
+def beside_noise(part: Driven, noise: Array) -> Driven:
+    """The same operators, weighed beside what is known of the noise.
+
+    In ``u = S r - C S v`` the second part is nearly known once a model gives the noise ``v = y - G
+    u``: operators on it take the noise of ``u`` out of the fit, as a model of the controller would.
+
+    Parameters
+    ----------
+    part : Driven
+    noise : (n_samples, n_outputs) array
+        Residuals of the outputs; ``nan`` counts as zero.
+    """
+    v = np.ascontiguousarray(np.nan_to_num(noise))
+    order = max(part.order, FEWEST_ON_NOISE)
+    if (2 * part.columns.shape[1] + v.shape[1] * (order + 1)) * 5 > part.record.n_samples:
+        return part
+    start = _experiment(part.record, part.before)
+    states = operators(replace(start, u=v, intersample="zoh"), part.rate, order)
+    signals = np.column_stack([part.record.u, part.record.y])
+    weights = _fitted(np.hstack([part.columns, v, states]), signals)
+    return replace(part, weights=weights[: part.columns.shape[1]])
+
+
+def operators(experiment: Experiment, rate: float, order: int) -> Array:
+    """(n_samples, order * n_references) Laguerre functions of every reference, at the samples."""
+    bank = cascade(np.full(order, -rate, dtype=np.complex128))
+    n_references = experiment.u.shape[1]
+    n_signals = order * n_references + n_references
+    rows = np.eye(order * n_references, n_signals)
+    return response_of(experiment, bank, rows, outputs=[0] * len(rows))
+
+
+def _experiment(record: Record, before: Array) -> Experiment:
+    return Experiment(
+        np.ascontiguousarray(np.asarray(record.reference) - before),
+        np.zeros((record.n_samples, 1)),
+        float(np.median(np.diff(record.t))) if record.dt is None else record.dt,
+        str(record.reference_behaviour),
+        free=False,
+        offset=False,
+        drift=False,
+        t=record.t - record.t[0] if record.dt is None else None,
+    )
+
+
+def _refined(record: Record, before: Array, factor: int) -> Experiment:
+    """The references on a raster so many times as fine, one interval longer."""
+    coarse, steps = _experiment(record, before), np.arange(record.n_samples * factor + 1)
+    if coarse.t is not None:
+        gaps = np.append(np.diff(coarse.t), coarse.t[-1] - coarse.t[-2])
+        own = (coarse.t[:, None] + gaps[:, None] * np.arange(factor) / factor).ravel()
+        t = np.append(own, coarse.t[-1] + gaps[-1])
+        fine = replace(coarse, t=t)
+    else:
+        t = steps * (coarse.dt / factor)
+        fine = replace(coarse, dt=coarse.dt / factor)
+    base = coarse.instants
+    if coarse.intersample == "zoh":
+        values = coarse.u[np.minimum(steps // factor, record.n_samples - 1)]
+    elif coarse.intersample == "foh":
+        values = evaluated(base, coarse.u, np.minimum(t, base[-1]), "foh")
+    else:
+        inner = np.hstack(
+            [
+                between(np.ascontiguousarray(one), np.arange(factor) / factor).reshape(-1, 1)
+                for one in coarse.u.T
+            ]
+        )
+        values = np.vstack([inner, inner[-1:]])
+    return replace(fine, u=np.ascontiguousarray(values), y=np.zeros((t.size, 1)))
+
+
+def _sides(before: Array, fine: Experiment) -> tuple[Array, Array]:
+    """References just after the first and just before the last node of every half piece."""
+    after = fine.u[:-1] + before
+    return after, after if fine.intersample == "zoh" else fine.u[1:] + before
+
+
+def _columns(direct: Array, states: Array) -> Array:
+    return np.hstack([np.ones((len(states), 1)), direct, states])
+
+
+def _rates(record: Record) -> Array:
+    step = record.dt if record.dt is not None else float(np.median(np.diff(record.t)))
+    low, high = SLOW_EDGE / record.duration, FAST_EDGE / step
+    count = max(2, int(np.ceil(PER_DECADE * np.log10(high / low))) + 1)
+    return np.geomspace(low, high, count)
+
+
+def _affordable(record: Record) -> int:
+    """Operators that leave at least ten samples each."""
+    each = record.n_samples // (10 * record.n_references)
+    return int(np.clip(each, 1, MOST_FUNCTIONS))
+
+
+def _first(order: int, most: int, n_references: int) -> Array:
+    """Positions of the first operators of every reference."""
+    return np.concatenate([k * most + np.arange(order) for k in range(n_references)])
+
+
+def _cheapest(columns: Array, signals: Array, n_references: int, most: int) -> tuple[float, int]:
+    """Lowest AICc over the number of operators, and that number."""
+    lead = 1 + n_references
+    # operator by operator, those of all references together: nested from left to right
+    nested = lead + np.arange(n_references * most).reshape(n_references, most).T.ravel()
+    ordered = columns[:, np.concatenate([np.arange(lead), nested])]
+    norms = np.linalg.norm(ordered, axis=0)
+    q, r = np.linalg.qr(ordered / np.where(norms > 0, norms, 1.0))
+    sound = np.abs(np.diag(r)) > 1e-10
+    total = 0.0
+    counts = lead + n_references * np.arange(1, most + 1)
+    for signal in signals.T:
+        seen = np.isfinite(signal)
+        if seen.all():
+            spent = np.cumsum(np.where(sound, q.T @ signal, 0.0) ** 2)
+            rest = np.maximum(signal @ signal - spent[counts - 1], 0.0)
+        else:
+            rest = np.array([_rest(ordered[seen, :k], signal[seen]) for k in counts])
+        n = float(seen.sum())
+        floor = 1e-20 * float(signal[seen] @ signal[seen]) + 1e-300
+        price = 2.0 * counts * n / np.maximum(n - counts - 2.0, 1.0)
+        total = total + n * np.log((rest + floor) / n) + price
+    best = int(np.argmin(total))
+    return float(np.asarray(total)[best]), best + 1
+
+
+def _rest(columns: Array, signal: Array) -> float:
+    left = signal - columns @ np.linalg.lstsq(columns, signal, rcond=None)[0]
+    return float(left @ left)
+
+
+def _fitted(columns: Array, signals: Array) -> Array:
+    norms = np.linalg.norm(columns, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    found = np.empty((columns.shape[1], signals.shape[1]))
+    for k, signal in enumerate(signals.T):
+        seen = np.isfinite(signal)
+        scaled = columns[seen] / scale
+        found[:, k] = np.linalg.lstsq(scaled, signal[seen], rcond=None)[0] / scale
+    return found
