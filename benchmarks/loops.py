@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, expm, solve_discrete_are
 from scipy.signal import lfilter, tf2ss
 
-from tridentify import Record, Structure, TransferFunction
+from tridentify import Record, Structure, TransferFunction, simulate
 
 Array = NDArray[np.float64]
 
@@ -30,6 +30,10 @@ EXCITATIONS = ("steps", "prbs", "dither", "none")
 CONTROLLERS = ("P", "PI", "lead", "LQG")
 COLOUR = 0.7
 """Coefficient of the autoregressive noise."""
+STABLE = -0.02
+"""Real part of the rightmost pole below which a plant is stable in a record of this length."""
+NOTHING = 1e-9
+"""Size below which a coefficient has no relative error."""
 MOST_TRIES = 200
 """Gains that are tried before another controller is drawn."""
 
@@ -430,27 +434,88 @@ def _recorded(
 
 
 def opened(drawn: Drawn, seed: int) -> Drawn:
-    """The same plant, stable, with the loop cut: what was its reference or dither is the input.
+    """The same plant, stable, without a controller: an input of one of `OPEN` moves it.
+
+    Parameters
+    ----------
+    drawn : Drawn
+        Gives plant, sampling, length and noise.
+    seed : int
 
     Raises
     ------
     ValueError
         The plant is not stable.
     """
-    if np.any(drawn.poles.real > -0.02):
+    if np.any(drawn.poles.real > STABLE):
         raise ValueError("found a plant that is not stable; expected one")
     rng = np.random.default_rng([seed, 19])
     dt, n = float(drawn.record.dt or 0.0), drawn.record.n_samples
-    u = drawn.reference + drawn.dither
-    if rng.random() < 0.3:
-        # an operator's hand, or an actuator: smooth
-        u = lfilter([0.3], [1.0, -0.7], u)
-    den = np.append(1.0, drawn.theta[: drawn.poles.size])
-    model = TransferFunction(drawn.theta[drawn.poles.size :], den)
-    from tridentify import simulate
-
-    y = simulate(model, Record(u, u, dt=dt))[:, 0]
+    kind = str(rng.choice(list(OPEN)))
+    fine, held_ = OPEN[kind](rng, n, dt)
+    model = TransferFunction(
+        drawn.theta[drawn.poles.size :], np.append(1.0, drawn.theta[: drawn.poles.size])
+    )
+    finer = Record(fine, fine, dt=dt / FINE, intersample="zoh" if held_ else "foh")
+    y = simulate(model, finer)[::FINE, 0]
     snr = drawn.snr if np.isfinite(drawn.snr) else 20.0
-    size = float(np.std(y)) * 10.0 ** (-snr / 20.0)
-    y = y + size * noise_of(rng, n, drawn.coloured)
-    return replace(drawn, record=Record(u, y, dt=dt), controller="")
+    y = y + float(np.std(y)) * 10.0 ** (-snr / 20.0) * noise_of(rng, n, drawn.coloured)
+    record = Record(fine[::FINE], y, dt=dt, intersample="zoh" if held_ else "auto")
+    return replace(drawn, record=record, controller="", excitation=kind)
+
+
+Made = tuple[Array, bool]
+"""Input on the grid, and whether it is held over the samples."""
+
+
+def _levels(rng: np.random.Generator, n: int, dt: float) -> Made:
+    """Steps or a PRBS."""
+    kind = EXCITATIONS[int(rng.integers(0, 2))]
+    return np.repeat(moved_by(rng, kind, n, dt)[0], FINE), True
+
+
+def _white(rng: np.random.Generator, n: int, dt: float) -> Made:
+    """Another value at every sample."""
+    return np.repeat(rng.standard_normal(n), FINE), True
+
+
+def _wandering(rng: np.random.Generator, n: int, dt: float) -> Made:
+    """Another value at every sample, near the last one."""
+    pole = np.exp(-dt / rng.uniform(0.5, 5.0))
+    return np.repeat(lfilter([1.0], [1.0, -pole], rng.standard_normal(n)), FINE), True
+
+
+def _actuator(rng: np.random.Generator, n: int, dt: float) -> Made:
+    """A PRBS behind a first-order lag, measured."""
+    pole = np.exp(-dt / FINE / rng.uniform(0.2, 1.0))
+    return lfilter([1.0 - pole], [1.0, -pole], _levels(rng, n, dt)[0]), False
+
+
+def _operator(rng: np.random.Generator, n: int, dt: float) -> Made:
+    """Pushes by hand, smooth and of any size, with rests and a hand that trembles."""
+    fine, t = np.zeros(n * FINE), np.arange(n * FINE) * dt / FINE
+    for _ in range(max(int(t[-1] / 12.0), 3)):
+        start, width = rng.uniform(0.0, t[-1]), rng.uniform(0.5, 4.0)
+        x = np.clip((t - start) / width, 0.0, 1.0)
+        fine = fine + rng.standard_normal() * np.sin(np.pi * x) ** 2
+    pole = np.exp(-dt / FINE / 0.2)
+    hand = lfilter([1.0 - pole], [1.0, -pole], rng.standard_normal(n * FINE))
+    return fine + rng.choice([0.0, 0.3]) * hand, False
+
+
+def _tones(rng: np.random.Generator, n: int, dt: float) -> Made:
+    """Several tones."""
+    t = np.arange(n * FINE) * dt / FINE
+    tones = zip(rng.uniform(0.1, 3.0, 8), rng.uniform(0.0, 2 * np.pi, 8), strict=True)
+    return np.sum([np.sin(w * t + phase) for w, phase in tones], axis=0), False
+
+
+OPEN: dict[str, Callable[[np.random.Generator, int, float], Made]] = {
+    "levels": _levels,
+    "white levels": _white,
+    "wandering levels": _wandering,
+    "actuator, measured": _actuator,
+    "operator, measured": _operator,
+    "tones, measured": _tones,
+}
+"""Inputs of open-loop records."""

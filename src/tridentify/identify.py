@@ -24,6 +24,7 @@ from tridentify.judgement.choice import (
     with_behaviour,
     with_judgement,
 )
+from tridentify.judgement.direct import directly
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.select import select_structure
 from tridentify.numerics.threads import one_blas_thread
@@ -160,6 +161,7 @@ def search(
             used = tuple(record.settled(estimate.intersample) for record in given)
             return Searched(estimate, used, lambda: estimate)
         found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+        found = directly(chosen, found, seen, progress) or found
 
     def judged() -> Estimate:
         if progress is not None:

@@ -276,6 +276,40 @@ def _from(
     return found, sizes
 
 
+def misses(
+    residual: Sequence[Array], own: Sequence[Array], noise: Array, records: Sequence[Record]
+) -> float:
+    """p-value of past inputs and outputs in the innovations; 1 where they explain next to nothing.
+
+    Innovations of a right model are independent of both, with or without feedback.
+
+    Parameters
+    ----------
+    residual : sequence of (n_samples,) arrays
+        Per experiment, not whitened; ``nan`` where a sample is missing.
+    own : sequence of (n_samples, k) arrays
+        Derivatives by all that was fitted.
+    noise : (p,) array
+        What whitens them.
+    records : sequence of Record
+    """
+    e = _white([one[:, None] for one in residual], residual, noise)[:, 0]
+    basis = span(_white([np.nan_to_num(one) for one in own], residual, noise))
+    lags = range(1, PAST + 1)
+    innovations = np.split(e, np.cumsum([one.size for one in residual])[:-1])
+    inputs = _white([_moved(one.u - one.u[0], lags) for one in records], residual, noise)
+    before = np.vstack([_before(one, lags) for one in innovations])
+    # what the noise model took from the first lags is allowed for by as many columns
+    count = sum(int(np.isfinite(one).sum()) for one in residual) - noise.size
+    test = added(e, basis, span(np.hstack([inputs, before]), basis), count)
+    return test.p_value if test.share > LEAST_SHARE else 1.0
+
+
+def _before(e: Array, lags: range) -> Array:
+    """A series so many samples ago, zero before its start."""
+    return np.stack([np.concatenate([np.zeros(lag), e[:-lag]]) for lag in lags], axis=1)
+
+
 def _moved(u: Array, lags: range) -> Array:
     """Signals so many samples ago (ahead, where negative), the ends held."""
     rows, last = np.arange(u.shape[0]), u.shape[0] - 1

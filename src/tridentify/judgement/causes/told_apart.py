@@ -213,4 +213,5 @@ def _left(
 
 def _standing(signal: Array, start: int, rows: int) -> Array:
     """Rows of a signal from a sample on, about its mean."""
-    return signal[start : start + rows] - np.nanmean(signal, axis=0)
+    mean: Array = np.nanmean(signal, axis=0)
+    return signal[start : start + rows] - mean
