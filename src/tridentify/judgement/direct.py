@@ -22,12 +22,19 @@ from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.feedback import misses
 from tridentify.judgement.validation.assess import looked_at, may_react_at_all, own_look
+from tridentify.judgement.validation.residuals import Output, root_of
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.lagrange import span
 from tridentify.record.record import Record
+from tridentify.structure import Structure
 
 CODE = "feedback"
 
 DECIDES = 2.0
 """Difference from white weights [standard errors] from which the model of the noise decides."""
+
+MOST_SHARED = 0.99
+"""Of the information on a combination of coefficients: errors grow at most tenfold."""
 
 NOT_EXPLAINED = 1e-4
 """p-value of past inputs and outputs in the innovations, from which the direct route has failed."""
@@ -37,6 +44,7 @@ def directly(
     method: Method,
     estimate: Estimate,
     records: Sequence[Record],
+    structure: Structure,
     progress: Progress | None = None,
 ) -> Estimate | None:
     """Estimate anew by the direct route where the input reacts to the output.
@@ -49,6 +57,8 @@ def directly(
         Open loop.
     records : sequence of Record
         With the behaviour of their inputs settled.
+    structure : Structure
+        As asked for.
     progress : callable, optional
 
     Returns
@@ -66,13 +76,57 @@ def directly(
         return None
     (progress or silently)("feedback: the direct route")
     try:
-        found = replace(method, route="direct").estimate(records, estimate.structure, progress)
+        found = replace(method, route="direct").estimate(records, structure, progress)
     except TridentifyError:
         return None
     if not found.status.ok:
         return None
     told = "route direct: the input reacts to the output, and no reference says what else moved it"
-    return replace(found, method=estimate.method, trace=found.trace.told(told))
+    return replace(found, trace=found.trace.told(told))
+
+
+def widened(estimate: Estimate, records: Sequence[Record]) -> Estimate:
+    """An estimate by the direct route with standard errors that know the noise was estimated too.
+
+    Without feedback, coefficients and noise are estimated as if the other were known: derivatives
+    of the innovations by the one are made of inputs, by the other of past noise (Pierce 1972). With
+    feedback the inputs hold past noise, and the information that both share is taken off.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+    """
+    view = own_look(estimate, records) if estimate.route == "direct" else None
+    if view is None or not view.has_errors or estimate.draws.size:
+        return estimate
+    root = root_of(estimate)
+    shared = np.zeros((root.shape[1],) * 2)
+    for one in view.outputs:
+        shared = shared + _shared(one)
+    sizes, turned = np.linalg.eigh(shared)
+    larger = turned / np.sqrt(1.0 - np.clip(sizes, 0.0, MOST_SHARED))
+    wide = root @ larger
+    return replace(estimate, cov=wide @ wide.T)
+
+
+def _shared(output: Output) -> Array:
+    """(r, r) information on the coefficients, in units of all there is, shared with the noise's."""
+    p = output.noise.size
+    past = [
+        np.stack([np.concatenate([np.zeros(k), one[:-k]]) for k in range(1, p + 1)], axis=1)
+        for one in (np.nan_to_num(own) for own in output.residual)
+    ]
+    e = output.white(output.residual, output.noise)
+    own = output.white(output.coefficients, output.noise)
+    known = span(output.white(output.nuisance, output.noise))
+    noise = np.vstack(past)
+    basis = span(noise - known @ (known.T @ noise))
+    both = basis.T @ (own - known @ (known.T @ own))
+    variance = float(e @ e) / max(output.count - own.shape[1] - known.shape[1] - p, 1)
+    found: Array = both.T @ both / variance
+    return found
 
 
 def about_direct(
