@@ -51,6 +51,9 @@ CHANCE = 1e-3
 """p-value from which an input reacts to the output: one right record of a thousand, where its input
 moves a little at every sample."""
 
+CHANCE_MEASURED = 1e-8
+"""The same of an input that is not held: it is smooth, and hardly anything quite linear."""
+
 LEAST_SHARE = 0.02
 """Of the residual that inputs to come must explain: in a long record the slightest imperfection is
 significant, and means nothing."""
@@ -77,6 +80,8 @@ class Coming(NamedTuple):
     lag : int
         Samples until the input begins to react [samples].
     input : int
+    chance : float
+        p-value from which it counts.
     """
 
     gain: float
@@ -84,11 +89,12 @@ class Coming(NamedTuple):
     p_value: float
     lag: int
     input: int
+    chance: float = CHANCE
 
     @property
     def is_clear(self) -> bool:
         """Whether noise alone does not explain it."""
-        return self.p_value < CHANCE and self.share > LEAST_SHARE
+        return self.p_value < self.chance and self.share > LEAST_SHARE
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,7 +145,7 @@ def reacts(
     rival : sequence of (Attempt, sequence of Record)
         Where the parts of the likeliest other cause ended, and on what. What explains more than
         inputs to come may still leave all that they explain: a pole in the right half-plane that a
-        controller holds looks like a drift and like much else.
+        controller holds looks like a drift and like much else. For inputs that are held only.
 
     Returns
     -------
@@ -156,9 +162,10 @@ def reacts(
         seen = _left_by(point, i, inputs, within)
         if not seen.is_clear:
             continue
-        if seen.gain > AS_MUCH * most or any(
+        beside = inputs.held and any(
             _left_by(part.point, i, Inputs.of(own), within).is_clear for part, own in rival
-        ):
+        )
+        if beside or seen.gain > AS_MUCH * most:
             found[i] = seen
     return found
 
@@ -271,7 +278,12 @@ def _from(
     most = int(np.argmax(shares >= FIRST * shares.max()))
     sizes = np.max(np.abs(slopes).reshape(COMING, n_inputs)[: GUARD + 1 - first], axis=0)
     found = Coming(
-        gain, best.share, min(1.0, 2.0 * best.p_value), first + most // n_inputs, most % n_inputs
+        gain,
+        best.share,
+        min(1.0, 2.0 * best.p_value),
+        first + most // n_inputs,
+        most % n_inputs,
+        CHANCE if inputs.held else CHANCE_MEASURED,
     )
     return found, sizes
 
