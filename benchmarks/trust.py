@@ -17,6 +17,12 @@ them, identified and validated. *Told*: something serious is said, by the estima
 validation. *Named*: the first thing said is the cause. Aims: the first cause right in 85 % of what
 is told, false alarms in 2 % of the right ones.
 
+Feedback. Random control loops (`loops`) without their reference, of three lengths and three noise
+levels, and open-loop records of stable plants of the same lengths and noise beside them. *Found*:
+the finding ``feedback`` is there. *Confident and wrong*: a coefficient off by more than five
+standard errors and 20 %, and nothing serious said. Loops whose set point is constant: what is said
+of whether the record can tell the plant at all.
+
 Selection. All orders up to five with all numbers of zeros; the recommended one beside those of
 lowest AICc, BIC and YIC in the same table.
 """
@@ -37,6 +43,7 @@ from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from typing import Any
 
+import loops
 import numpy as np
 import wrong_records
 from machine import keep
@@ -218,6 +225,133 @@ def causes_report(rows: Sequence[Row]) -> list[str]:
     ]
 
 
+LENGTHS, LEVELS = (200, 500, 1500), (10.0, 20.0, 30.0)
+"""Samples and signal-to-noise ratios [dB] of the loops."""
+
+
+def looped(task: tuple[str, int, int, float]) -> Row:
+    """What is said of a random loop, or of an open-loop record beside it."""
+    kind, seed, n, snr = task
+    if kind == "open":
+        stable = loops.draw(
+            seed, n=n, snr=snr, keep=lambda one: bool(one.poles.real.max() < loops.STABLE)
+        )
+        drawn = loops.opened(stable, seed)
+    else:
+        drawn = loops.draw(seed, n=n, snr=snr, excitation="none" if kind == "silent" else None)
+    row: Row = {"kind": kind, "seed": seed, "samples": n, "snr": snr, "order": drawn.poles.size,
+                "stable": bool(drawn.poles.real.max() < loops.STABLE),
+                "controller": drawn.controller, "excitation": drawn.excitation}  # fmt: skip
+    try:
+        estimate = identify(drawn.record, drawn.structure, throw=False)
+    except TridentifyError as error:
+        return row | {"refused": type(error).__name__}
+    if not estimate.status.ok:
+        return row | {"refused": estimate.status.name}
+    off = np.abs(estimate.theta - drawn.theta)
+    size = np.maximum(np.abs(drawn.theta), loops.NOTHING)
+    z = (estimate.theta - drawn.theta) / np.where(estimate.std > 0, estimate.std, np.inf)
+    said_ = {finding.code: finding.severity for finding in reversed(estimate.findings)}
+    return row | {
+        "said": said_,
+        "route": estimate.route,
+        "z": z.tolist(),
+        "wrong": bool(np.any((np.abs(z) > 5.0) & (off > 0.2 * size))),
+        "serious": any(finding.matters for finding in estimate.findings),
+    }
+
+
+def feedback_report(rows: Sequence[Row]) -> list[str]:
+    """Detection by length and noise, false alarms, what is confident and wrong."""
+    told = [row for row in rows if "refused" not in row]
+    lines = [f"{'feedback found [%]':24s}" + "".join(f"{n:>8d} samples" for n in LENGTHS)]
+    for kind, words in (("loop", "loops"), ("open", "open loop (alarms)")):
+        for snr in (*LEVELS, None):
+            cells = []
+            for n in LENGTHS:
+                own = [r for r in told if r["kind"] == kind and r["samples"] == n]
+                own = [r for r in own if snr in (r["snr"], None)]
+                cells.append(share(sum("feedback" in r["said"] for r in own), len(own)))
+            level = "all" if snr is None else f"{snr:g} dB"
+            lines.append(f"{words + ', ' + level:24s}" + "".join(f"{c:>16s}" for c in cells))
+    own = [row for row in told if row["kind"] == "loop"]
+    missed = [row for row in own if "feedback" not in row["said"]]
+    lines += [
+        "",
+        f"loops where it is found: {len(own) - len(missed)} of {len(own)}; largest error of a "
+        f"coefficient where it is not, median over these: {_median_of(missed)} standard errors",
+        _alarms([row for row in told if row["kind"] == "open"]),
+        f"confident and wrong: {sum(r['wrong'] and not r['serious'] for r in own)} of {len(own)} "
+        f"loops; wrong in all: {sum(r['wrong'] for r in own)}, of these called an error: "
+        f"{sum(r['wrong'] and 'error' in r['said'].values() for r in own)}",
+        *_direct([row for row in own if row["route"] == "direct"]),
+        "",
+        *_silent([row for row in told if row["kind"] == "silent"]),
+        f"refused: {len(rows) - len(told)} of {len(rows)}",
+    ]
+    return lines
+
+
+def _median_of(rows: Sequence[Row]) -> str:
+    return f"{np.median([np.max(np.abs(r['z'])) for r in rows]):.1f}" if rows else "-"
+
+
+def _alarms(rows: Sequence[Row]) -> str:
+    feedback = sum("feedback" in row["said"] for row in rows)
+    silent = sum("loop-not-excited" in row["said"] for row in rows)
+    return (
+        f"false alarms in {len(rows)} open-loop records: feedback {feedback}, no excitation "
+        f"{silent}"
+    )
+
+
+def _direct(rows: Sequence[Row]) -> list[str]:
+    """Errors of the direct route where nothing says that it failed."""
+    lines = []
+    for name, stable in (("stable", True), ("integrating or unstable", False)):
+        own = [row for row in rows if row["stable"] == stable]
+        fine = [row for row in own if "error" not in row["said"].values()]
+        if not fine:
+            continue
+        z = np.concatenate([row["z"] for row in fine])
+        lines.append(
+            f"direct route, {name} plants: {len(own)} records, an error is said of "
+            f"{len(own) - len(fine)}; in the others {z.size} coefficients, 95 % intervals cover "
+            f"{100 * np.mean(np.abs(z) < 1.96):.1f} %, mean error {np.mean(np.clip(z, -5, 5)):.2f} "
+            f"standard errors (cut at 5)"
+        )
+    return lines
+
+
+def _silent(rows: Sequence[Row]) -> list[str]:
+    """Loops that nothing moves from outside."""
+    found = Counter(row["said"].get("loop-not-excited", "nothing") for row in rows)
+    text = ", ".join(f"{name} {n}" for name, n in sorted(found.items()))
+    wrong = sum(row["wrong"] and not row["serious"] for row in rows)
+    return [
+        f"constant set point and nothing else, {len(rows)} loops; said of the excitation: {text}; "
+        f"confident and wrong {wrong}"
+    ]
+
+
+def by_feedback(options: argparse.Namespace) -> None:
+    """Draw, judge and print loops and what stands beside them."""
+    grid = [(n, snr) for n in LENGTHS for snr in LEVELS]
+    tasks = [
+        (kind, options.first + len(grid) * k + i, n, snr)
+        for kind in ("loop", "open", "silent")
+        for i, (n, snr) in enumerate(grid)
+        for k in range(options.each if kind != "silent" else max(options.each // 4, 1))
+    ]
+    with ProcessPoolExecutor(max_workers=options.workers) as pool:
+        rows = list(pool.map(looped, tasks, chunksize=2))
+    head = f"{options.each} loops of each length and noise level (seeds from {options.first})"
+    text = "\n".join([head, "", *feedback_report(rows)])
+    print("\n" + text)
+    if options.save:
+        keep("feedback", text, {"first": options.first, "each": options.each, "rows": rows})
+
+
 def share(part: int, whole: int) -> str:
     return f"{100 * part / whole:5.1f}" if whole else "    -"
 
@@ -332,7 +466,7 @@ def main() -> None:
     parser.add_argument("--records", type=int, default=600)
     parser.add_argument("--seed", type=int, default=SEED)
     parser.add_argument("--parts", default="validation,selection,causes")
-    parser.add_argument("--each", type=int, default=40, help="records of each kind, for the causes")
+    parser.add_argument("--each", type=int, default=40, help="records of each kind: causes, loops")
     parser.add_argument("--first", type=int, default=FIRST, help="seed of the first of them")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--save", action="store_true", help="store the result and fill README.md")
@@ -341,6 +475,8 @@ def main() -> None:
     before = time.perf_counter()
     if "causes" in parts:
         by_cause(options)
+    if "feedback" in parts:
+        by_feedback(options)
     if not {"validation", "selection"} & set(parts):
         return
     rows: list[Row] = []

@@ -24,6 +24,7 @@ from tridentify.judgement.choice import (
     with_behaviour,
     with_judgement,
 )
+from tridentify.judgement.direct import directly, widened
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.select import select_structure
 from tridentify.numerics.threads import one_blas_thread
@@ -158,8 +159,13 @@ def search(
         if isinstance(wanted, AutoStructure):
             estimate = _of_chosen_order(given, wanted, chosen, progress)
             used = tuple(record.settled(estimate.intersample) for record in given)
+            again = directly(chosen, estimate, used, estimate.structure, progress)
+            if again is not None:
+                told = estimate.trace.decisions[:1]
+                estimate = with_judgement(widened(again, used), used, chosen, None, told)
             return Searched(estimate, used, lambda: estimate)
         found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+        found = widened(directly(chosen, found, seen, wanted, progress) or found, seen)
 
     def judged() -> Estimate:
         if progress is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import loops
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
@@ -132,13 +133,15 @@ def with_rows_lost(seed, first=410, count=14):
     return [Record(u[kept], y[kept], dt=DT)]
 
 
-def closed_loop(seed, gain=1.0):
+def closed_loop(seed, gain=1.0, wanted=None, size=0.2):
     """A controller that sees the output with its noise at every sample, and holds what it gives."""
-    state, u, y = np.zeros(2), np.empty(N), np.empty(N)
+    wanted = held(seed) if wanted is None else wanted
+    n = wanted.size
+    state, u, y = np.zeros(2), np.empty(n), np.empty(n)
     a = np.array([[0.0, 1.0], [-9.0, -1.5]])
     step = expm(np.block([[a, np.array([[0.0], [9.0]])], [np.zeros((1, 3))]]) * DT)[:2]
-    wanted, v = held(seed), noise(seed, size=0.2)
-    for k in range(N):
+    v = noise(seed, size=size)[:n]
+    for k in range(n):
         y[k] = state[0] + v[k]
         u[k] = wanted[k] + gain * (wanted[k] - y[k])
         state = step @ np.append(state, u[k])
@@ -309,6 +312,21 @@ def test_a_smooth_measured_input_is_no_feedback(between):
     assert "feedback" not in codes
     if between == "zoh":
         assert codes[0] == "intersample"
+
+
+def test_a_reference_that_stands_still_for_long_does_not_hide_the_controller():
+    # a short record: the steps of the reference are all that a plain regression sees
+    steps = np.repeat([0.0, 1.0, 0.5, 2.0], 50)
+    (record,) = closed_loop(5, gain=0.5, wanted=steps, size=0.05)
+    (finding,) = [f for f in identify(record, ASKED).findings if f.code == "feedback"]
+    assert finding.severity == "warning"
+
+
+def test_a_plant_that_only_its_controller_holds_is_feedback_and_not_a_drift():
+    drawn = loops.draw(12)
+    assert drawn.poles.real.max() >= 0.0
+    findings = identify(drawn.record, drawn.structure, throw=False).findings
+    assert "feedback" in [f.code for f in findings]
 
 
 def test_a_commanded_staircase_is_no_feedback_whatever_the_model_misses():

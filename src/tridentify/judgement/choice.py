@@ -29,6 +29,7 @@ from tridentify.judgement.causes.intersample import (
     better_behaviour,
 )
 from tridentify.judgement.cautions import judged
+from tridentify.judgement.direct import about_direct
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.layout import as_call
@@ -101,7 +102,7 @@ def with_judgement(
     told : sequence of str
         Further decisions for its trace.
     """
-    found = judged(estimate, list(records), between)
+    found = about_direct(judged(estimate, list(records), between), estimate, records)
     trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *told))
     return replace(estimate, findings=found, trace=trace, call=as_call(method))
 

@@ -21,6 +21,7 @@ CODES: Mapping[str, str] = MappingProxyType(
     {
         "no-response": "the output shows no response to the input",
         "not-excited": "the input does not move the system enough to tell its coefficients",
+        "loop-not-excited": "a controller alone moves the input: nothing tells it from the plant",
         "constant-input": "an input never changes",
         "stuck-sensor": "a sensor or the recording hung, or repeats its values",
         "bad-samples": "samples that noise does not explain",

@@ -58,6 +58,7 @@ from tridentify.estimation.likelihood.noise_model import (
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, SAME_END
 from tridentify.estimation.methods.maximum import Maximum
+from tridentify.estimation.methods.predictor import predictor_noise
 from tridentify.estimation.search.search import Starts, search
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import deviance
@@ -88,7 +89,12 @@ PASSED = "noise white: the residual passes the portmanteau test"
 
 
 def with_noise_model(
-    noise: NoiseChoice, question: Question, starts: Starts, found: Maximum
+    noise: NoiseChoice,
+    question: Question,
+    starts: Starts,
+    found: Maximum,
+    *,
+    in_loop: bool = False,
 ) -> Maximum:
     """Model the noise if that is asked for, or if the residual is not white.
 
@@ -101,6 +107,9 @@ def with_noise_model(
         Its search.
     found : Maximum
         The end with white weights.
+    in_loop : bool
+        Whether the inputs react to the outputs: the turns then also begin with the noise of the
+        predictor, which no such end has bent, and the likelier end counts.
 
     Returns
     -------
@@ -138,6 +147,9 @@ def with_noise_model(
             )
     question.say("coloured noise")
     best = _alternate(question, found, tinted, starts.count)
+    if in_loop:
+        question.say("coloured noise, from the predictor")
+        best = _from_predictor(question, found, tinted, starts.count, best)
     if _misses(best.end.point, tinted):
         question.say("coloured noise, a model for every start")
         best = _elsewhere(question, best, tinted)
@@ -146,6 +158,21 @@ def with_noise_model(
         return replace(_told(found, told), tried=best.tried)
     words = (_in_words(best.end.point, tinted, noise), *_apart(first, best.end))
     return replace(best, decisions=(*best.decisions, *words))
+
+
+def _from_predictor(
+    question: Question, found: Maximum, tinted: tuple[bool, ...], n_starts: int, best: Maximum
+) -> Maximum:
+    """The likelier of an end and of that to which the noise of the predictor leads."""
+    first = predictor_noise(found.end.point.problem)
+    try:
+        other = _alternate(question, found, tinted, n_starts, first)
+    except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
+        return best
+    if other.end.status is not Status.CONVERGED:
+        return best
+    better = _criterion(other.end.point) < _criterion(best.end.point)
+    return other if better or best.end.status is not Status.CONVERGED else best
 
 
 def _told(found: Maximum, decision: str) -> Maximum:
@@ -225,7 +252,11 @@ def _profiled(point: Point, poles: Complex, tinted: tuple[bool, ...]) -> Point |
 
 
 def _alternate(
-    question: Question, found: Maximum, tinted: tuple[bool, ...], n_starts: int
+    question: Question,
+    found: Maximum,
+    tinted: tuple[bool, ...],
+    n_starts: int,
+    first: tuple[Array, ...] | None = None,
 ) -> Maximum:
     """Noise model and coefficients in turn, until the coefficients stand still.
 
@@ -238,12 +269,14 @@ def _alternate(
         Outputs whose noise gets a model.
     n_starts : int
         Starts of the search on whitened samples; none without one.
+    first : tuple of (p,) arrays, optional
+        The noise to begin with; by default that of the residual.
     """
     best, reasons, trail = found.end, found.decisions, Recorder(list(found.end.recorder.passes))
     orders: list[int] | None = None
     tried: tuple[Start, ...] = ()
     for count in range(MOST_ROUNDS):
-        model = noise_models(best.point, tinted, orders)
+        model = first if first and not count else noise_models(best.point, tinted, orders)
         if count < OPEN_ROUNDS:
             whole = question.whitened(model)
             following = decide(whole, [best.point.poles])

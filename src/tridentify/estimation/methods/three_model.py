@@ -231,8 +231,9 @@ class ThreeModel:
         # Step 4: repeated on adapted operators, to the stationary point of the output error
         best = maximum(question, starts)
         # the noise modelled where it is not white, and all steps again on whitened samples
-        noise = taken_by(self.route, self.noise)[1]
-        best = with_noise_model(noise, question.ended(best.end.point), starts, best)
+        route, noise = taken_by(self.route, self.noise)
+        ended, in_loop = question.ended(best.end.point), route == "direct"
+        best = with_noise_model(noise, ended, starts, best, in_loop=in_loop)
         # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
         trail = certified(best.end.point, [*best.trail, *best.end.recorder.passes])
         told = Trace(trail, best.tried, best.decisions, best.end.why)

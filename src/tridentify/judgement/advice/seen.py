@@ -19,8 +19,8 @@ import numpy as np
 from tridentify.checks.samples import Behaviour, looks_measured, typical_step
 from tridentify.errors import TridentifyError
 from tridentify.judgement.advice.parallel import Parallel, WhitenedFit, p_value
+from tridentify.judgement.causes.surprises import small_surprises
 from tridentify.numerics.arrays import Array
-from tridentify.record.record import Record
 
 PART = 0.25
 """Longest delay that is looked for, in durations."""
@@ -142,15 +142,20 @@ def feedback_seen(parallel: Parallel, fit: WhitenedFit) -> float:
     Notes
     -----
     Where past inputs explain more beside the operators, what is left is no noise but a response
-    that the operators miss, and later inputs, which resemble past ones, may stand in for it.
+    that the operators miss, and later inputs, which resemble past ones, may stand in for it. Only
+    what their past does not tell of them counts, and of that the small moves (`causes.surprises`):
+    an input that has none was commanded.
     """
+    surprises = small_surprises(parallel.records)
+    if not any(np.any(one) for one in surprises):
+        return 1.0
     if any(looks_measured(record.u) for record in parallel.records):
         known, later = (*range(-GUARD, 0), *BEHIND), [k for k in AHEAD if k > GUARD]
     else:
         # a held input acts after its sample: what goes along with it made the input
         known, later = BEHIND[1:], [0, *AHEAD]
-    beside = [_moved(r, known) for r in parallel.records]
-    ahead = [_moved(r, [-k for k in later]) for r in parallel.records]
+    beside = [_moved(r.u - r.u[0], known) for r in parallel.records]
+    ahead = [_moved(one, [-k for k in later]) for one in surprises]
     both = [np.hstack(pair) for pair in zip(beside, ahead, strict=True)]
     small = parallel.fits(fit.pole, (fit.order,), beside)[0]
     if 1.0 - small.rss / max(fit.rss, 1e-300) > MISSED:
@@ -158,11 +163,10 @@ def feedback_seen(parallel: Parallel, fit: WhitenedFit) -> float:
     return p_value(small, parallel.fits(fit.pole, (fit.order,), both)[0])
 
 
-def _moved(record: Record, lags: Sequence[int]) -> Array:
+def _moved(u: Array, lags: Sequence[int]) -> Array:
     """Inputs so many samples ago, the ends held."""
-    rows = np.arange(record.n_samples)
-    u = record.u - record.u[0]
-    return np.hstack([u[np.clip(rows - lag, 0, record.n_samples - 1)] for lag in lags])
+    rows = np.arange(u.shape[0])
+    return np.hstack([u[np.clip(rows - lag, 0, u.shape[0] - 1)] for lag in lags])
 
 
 def drift_seen(parallel: Parallel, fit: WhitenedFit) -> float:

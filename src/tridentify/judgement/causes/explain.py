@@ -37,6 +37,7 @@ from tridentify.judgement.causes.slow import slow_rivals
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.interpolation import FEWEST
+from tridentify.record.record import Record
 
 CLEARLY = 10.0
 """Fall of AICc from which another explanation is worth a word: odds of 150 to 1."""
@@ -208,7 +209,20 @@ def explain(
     if only:
         return result
     most = max((one.gain for one in result.found), default=0.0)
-    return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0))))
+    rival = () if result.best is None else _with_inputs(result.best, settled.records)
+    return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0), rival)))
+
+
+def _with_inputs(
+    named: Explanation, records: Sequence[Record]
+) -> tuple[tuple[Attempt, Sequence[Record]], ...]:
+    """Where the parts of a cause ended, and the recorded inputs there, without those it adds."""
+    n_inputs = records[0].n_inputs
+    found = []
+    for end, part in zip(named.attempts, named.rival.parts, strict=True):
+        own = [one.select(inputs=one.input_names[:n_inputs]) for one in part.records]
+        found.append((end, own))
+    return tuple(found)
 
 
 def _fitted(rivals: Iterable[Rival], base: Attempt) -> list[Explanation]:

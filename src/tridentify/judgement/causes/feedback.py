@@ -1,28 +1,40 @@
-"""Whether inputs to come explain what is left of an output: feedback, told from its rivals.
+"""Whether small moves of an input to come explain what is left of an output: feedback.
 
 A controller acts on what it measures, noise and all, so that the input from a sample on carries
-the noise of that sample, and a fit on past inputs leaves what later ones explain (Sims 1972). An
-input that was not held as stated leaves something of that kind too: what lies between two samples
-is drawn with the next one. So the test is made twice, on what is left of the present explanation
-and on what is left of the best rival, beside the past inputs each time.
+the noise of that sample, and a fit on past inputs leaves what later ones explain (Sims 1972). What
+a reference makes of the input says nothing of that, and drowns it: only the small moves count that
+the past of the input does not tell (`causes.surprises`), at the first sample that a controller may
+act at and at a few more. They are functions of the inputs alone, so that the F test of added
+columns keeps its size without feedback, whatever the inputs are.
 
-References: C. Sims, American Economic Review 62 (1972) 540-552.
+An input that was not held as stated leaves something of that kind too: what lies between two
+samples is drawn with the next one. That cannot be more than the model does within two samples. And
+the test is made on what is left of the present explanation, beside the past inputs, and compared
+with what other explanations gain.
+
+References: C. Sims, American Economic Review 62 (1972) 540-552. C. Granger, Econometrica 37 (1969)
+424-438.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.intersample import is_staircase
+from tridentify.judgement.causes.surprises import small_surprises
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
-from tridentify.numerics.lagrange import added, span
+from tridentify.numerics.lagrange import Added, added, span
 from tridentify.record.record import Record
+from tridentify.simulate import simulate
+from tridentify.transfer_function import TransferFunction
 
 PAST = 12
 """Past samples of each input that the coming ones are judged beside: an input that is smooth is
@@ -35,14 +47,20 @@ GUARD = 2
 """Samples to come that an input which is not held may act through: between two samples it is drawn
 with the next ones."""
 
-CHANCE = 1e-4
-"""p-value from which a held input reacts to the output."""
+CHANCE = 1e-3
+"""p-value from which an input reacts to the output: one right record of a thousand, where its input
+moves a little at every sample."""
 
 CHANCE_MEASURED = 1e-8
 """The same of an input that is not held: it is smooth, and hardly anything quite linear."""
 
 LEAST_SHARE = 0.02
-"""Of the residual that inputs to come must explain."""
+"""Of the residual that inputs to come must explain: in a long record the slightest imperfection is
+significant, and means nothing."""
+
+FIRST = 0.25
+"""Share of what the most telling sample explains from which an earlier one is where the input
+begins to react."""
 
 AS_MUCH = 0.8
 """Share of the gain of any other cause that inputs to come must have to be named before it."""
@@ -58,9 +76,12 @@ class Coming(NamedTuple):
     share : float
         Of the whitened residual's sum of squares.
     p_value : float
+        Of the first sample that may react, or of all of them, whichever is less, twice.
     lag : int
-        Samples until the one that explains most [samples].
+        Samples until the input begins to react [samples].
     input : int
+    chance : float
+        p-value from which it counts.
     """
 
     gain: float
@@ -68,75 +89,142 @@ class Coming(NamedTuple):
     p_value: float
     lag: int
     input: int
+    chance: float = CHANCE
 
-    def is_clear(self, records: Sequence[Record]) -> bool:
+    @property
+    def is_clear(self) -> bool:
         """Whether noise alone does not explain it."""
-        held = all(record.behaviour == "zoh" for record in records)
-        chance = CHANCE if held else CHANCE_MEASURED
-        return self.p_value < chance and self.share > LEAST_SHARE
+        return self.p_value < self.chance and self.share > LEAST_SHARE
 
 
-def reacts(end: Attempt, records: Sequence[Record], best: float) -> list[Coming | None]:
-    """Whether the input reacts to the outputs, and no other cause explains it as well.
+@dataclass(frozen=True, eq=False)
+class Inputs:
+    """What the inputs of some records may show of a controller.
+
+    Attributes
+    ----------
+    records : tuple of Record
+    surprises : tuple of (n_samples, n_inputs) arrays
+        Small ones, per experiment.
+    """
+
+    records: tuple[Record, ...]
+    surprises: tuple[Array, ...]
+
+    @classmethod
+    def of(cls, records: Sequence[Record]) -> Inputs:
+        """Those of some records."""
+        return cls(tuple(records), small_surprises(records))
+
+    @property
+    def commanded(self) -> bool:
+        """Whether no input moves but by what its past tells and by large moves."""
+        return not any(np.any(one) for one in self.surprises)
+
+    @property
+    def held(self) -> bool:
+        """Whether all are held between samples."""
+        return all(record.behaviour == "zoh" for record in self.records)
+
+
+def reacts(
+    end: Attempt,
+    records: Sequence[Record],
+    most: float = 0.0,
+    rival: Sequence[tuple[Attempt, Sequence[Record]]] = (),
+) -> list[Coming | None]:
+    """Whether the input reacts to the outputs, and no other cause explains that.
 
     Parameters
     ----------
     end : Attempt
         The present explanation.
     records : sequence of Record
-    best : float
+    most : float
         Largest fall of the criterion that any other cause brings; 0 for none.
+    rival : sequence of (Attempt, sequence of Record)
+        Where the parts of the likeliest other cause ended, and on what. What explains more than
+        inputs to come may still leave all that they explain: a pole in the right half-plane that a
+        controller holds looks like a drift and like much else. For inputs that are held only.
 
     Returns
     -------
     list of Coming or None
-        One per output; None where the input does not react, as one that is commanded and repeats
-        its values cannot.
+        One per output; None where the input does not react, as one that is commanded cannot.
     """
-    problem = end.point.problem
-    if is_staircase(records):
-        return [None] * problem.n_outputs
-    ahead, found = guard_of(problem, records), []
-    for i in range(problem.n_outputs):
-        seen = coming(end, records, i, ahead)
-        found.append(seen if seen.is_clear(records) and seen.gain > AS_MUCH * best else None)
+    point, inputs = end.point, Inputs.of(records)
+    n_outputs = point.problem.n_outputs
+    found: list[Coming | None] = [None] * n_outputs
+    if inputs.commanded:
+        return found
+    for i in range(n_outputs):
+        within = Within.of(point, inputs, i)
+        seen = _left_by(point, i, inputs, within)
+        if not seen.is_clear:
+            continue
+        beside = inputs.held and any(
+            _left_by(part.point, i, Inputs.of(own), within).is_clear for part, own in rival
+        )
+        if beside or seen.gain > AS_MUCH * most:
+            found[i] = seen
     return found
 
 
-def guard_of(problem: Problem, records: Sequence[Record]) -> int:
-    """Samples ahead that may act on the output without feedback."""
-    if any(record.behaviour != "zoh" for record in records):
-        return GUARD
-    orders = [(one.order, i, j) for one in problem.groups for i, j in one.channels]
-    return int(any(problem.n_zeros[i][j] == order for order, i, j in orders))
+def _left_by(point: Point, i: int, inputs: Inputs, within: Within) -> Coming:
+    """What inputs to come explain of what an explanation leaves of an output."""
+    noise = point.problem.noise[i] if point.problem.noise else np.zeros(0)
+    own = point.sensitivities(np.eye(point.jacobian()[1].shape[1]), i)
+    residual = [np.ascontiguousarray(one[:, i]) for one in point.residuals()]
+    return coming(residual, own, noise, inputs, within)
 
 
-def coming(end: Attempt, records: Sequence[Record], output: int, guard: int) -> Coming:
-    """Test inputs to come in what an explanation leaves of one output.
+class Within(NamedTuple):
+    """How soon inputs act on an output without feedback.
 
-    Parameters
+    Attributes
     ----------
-    end : Attempt
-    records : sequence of Record
-        Their inputs.
-    output : int
     guard : int
-        Samples ahead that may act on the output without feedback: 0 where the input is held and
-        the model strictly proper.
+        Samples ahead that may act: 0 where the input is held and the model strictly proper.
+    soon : (n_inputs,) array
+        What the model makes of a step within `GUARD` samples [output unit / input unit]; what is
+        drawn between the samples of an input that is not held explains no more.
     """
-    point = end.point
-    noise = point.problem.noise[output] if point.problem.noise else np.zeros(0)
-    own = point.sensitivities(np.eye(point.jacobian()[1].shape[1]), output)
-    residual = [np.ascontiguousarray(one[:, output]) for one in point.residuals()]
-    return coming_in(residual, own, noise, records, guard)
+
+    guard: int
+    soon: Array
+
+    @classmethod
+    def of(cls, point: Point, inputs: Inputs, output: int) -> Within:
+        """By the model at a point."""
+        problem = point.problem
+        orders = {pair: group.order for group in problem.groups for pair in group.channels}
+        proper = any(problem.n_zeros[i][j] == order for (i, j), order in orders.items())
+        if inputs.held:
+            return cls(int(proper), np.zeros(0))
+        if proper or any(record.dt is None for record in inputs.records):
+            return cls(GUARD, np.full(problem.n_inputs, np.inf))
+        return cls(GUARD, np.abs(_soon(problem, coefficients(point), output, inputs.records[0])))
 
 
-def coming_in(
+def _soon(problem: Problem, theta: Array, output: int, record: Record) -> Array:
+    """(n_inputs,) response of the model to a step of each input after `GUARD` samples."""
+    dens, nums = problem.places()
+    found = np.zeros(problem.n_inputs)
+    for group, den in zip(problem.groups, dens, strict=True):
+        for i, j in group.channels:
+            if i == output:
+                model = TransferFunction(theta[nums[i, j]], np.append(1.0, theta[den]))
+                step = Record(np.ones(GUARD + 1), np.zeros(GUARD + 1), dt=record.dt)
+                found[j] = simulate(model, step)[GUARD, 0]
+    return found
+
+
+def coming(
     residual: Sequence[Array],
     own: Sequence[Array],
     noise: Array,
-    records: Sequence[Record],
-    guard: int,
+    inputs: Inputs,
+    within: Within,
 ) -> Coming:
     """Test inputs to come in a residual.
 
@@ -148,31 +236,96 @@ def coming_in(
         Derivatives by all that was fitted.
     noise : (p,) array
         What whitens them.
-    records : sequence of Record
-    guard : int
-        As in `coming`.
+    inputs : Inputs
+    within : Within
     """
-    past = [_moved(record.u, range(1 - guard, PAST + 1)) for record in records]
-    later = [_moved(record.u, range(-guard - COMING + 1, 1 - guard)) for record in records]
-    known = [np.hstack([np.nan_to_num(a), b]) for a, b in zip(own, past, strict=True)]
     e = _white([one[:, None] for one in residual], residual, noise)[:, 0]
+    if within.soon.size:
+        at_once, sizes = _from(0, residual, own, noise, inputs, e)
+        if np.any(sizes > within.soon):
+            return at_once
+    return _from(within.guard, residual, own, noise, inputs, e)[0]
+
+
+def _from(
+    first: int,
+    residual: Sequence[Array],
+    own: Sequence[Array],
+    noise: Array,
+    inputs: Inputs,
+    e: Array,
+) -> tuple[Coming, Array]:
+    """The test from so many samples ahead; what an input explains at its best one, each."""
+    past = [_moved(record.u - record.u[0], range(1 - first, PAST + 1)) for record in inputs.records]
+    ahead = range(-first, -first - COMING, -1)
+    known = [np.hstack([np.nan_to_num(a), b]) for a, b in zip(own, past, strict=True)]
     basis = span(_white(known, residual, noise))
-    extra = _white(later, residual, noise)
+    extra = _white([_moved(one, ahead) for one in inputs.surprises], residual, noise)
     count = sum(int(np.isfinite(one).sum()) for one in residual)
-    test = added(e, basis, span(extra, basis), count)
-    ratio = test.statistic * test.dimension / max(test.freedom, 1)
-    gain = count * float(np.log1p(ratio)) - 2.0 * test.dimension
-    each = [added(e, basis, span(column[:, None], basis), count).share for column in extra.T]
-    best, n_inputs = int(np.argmax(each)), records[0].n_inputs
-    lag = guard + COMING - 1 - best // n_inputs
-    return Coming(gain, test.share, test.p_value, lag, best % n_inputs)
+    n_inputs = inputs.records[0].n_inputs
+
+    def test(columns: Array) -> Added:
+        return added(e, basis, span(columns, basis), count)
+
+    alone, pooled = test(extra[:, :n_inputs]), test(extra)
+    best = min(alone, pooled, key=lambda one: one.p_value)
+    ratio = best.statistic * best.dimension / max(best.freedom, 1)
+    gain = count * float(np.log1p(ratio)) - 2.0 * best.dimension
+    left = extra - basis @ (basis.T @ extra)
+    norms = np.maximum(np.einsum("ij,ij->j", left, left), 1e-300)
+    slopes = left.T @ e / norms
+    shares = slopes**2 * norms
+    most = int(np.argmax(shares >= FIRST * shares.max()))
+    sizes = np.max(np.abs(slopes).reshape(COMING, n_inputs)[: GUARD + 1 - first], axis=0)
+    found = Coming(
+        gain,
+        best.share,
+        min(1.0, 2.0 * best.p_value),
+        first + most // n_inputs,
+        most % n_inputs,
+        CHANCE if inputs.held else CHANCE_MEASURED,
+    )
+    return found, sizes
+
+
+def misses(
+    residual: Sequence[Array], own: Sequence[Array], noise: Array, records: Sequence[Record]
+) -> float:
+    """p-value of past inputs and outputs in the innovations; 1 where they explain next to nothing.
+
+    Innovations of a right model are independent of both, with or without feedback.
+
+    Parameters
+    ----------
+    residual : sequence of (n_samples,) arrays
+        Per experiment, not whitened; ``nan`` where a sample is missing.
+    own : sequence of (n_samples, k) arrays
+        Derivatives by all that was fitted.
+    noise : (p,) array
+        What whitens them.
+    records : sequence of Record
+    """
+    e = _white([one[:, None] for one in residual], residual, noise)[:, 0]
+    basis = span(_white([np.nan_to_num(one) for one in own], residual, noise))
+    lags = range(1, PAST + 1)
+    innovations = np.split(e, np.cumsum([one.size for one in residual])[:-1])
+    inputs = _white([_moved(one.u - one.u[0], lags) for one in records], residual, noise)
+    before = np.vstack([_before(one, lags) for one in innovations])
+    # what the noise model took from the first lags is allowed for by as many columns
+    count = sum(int(np.isfinite(one).sum()) for one in residual) - noise.size
+    test = added(e, basis, span(np.hstack([inputs, before]), basis), count)
+    return test.p_value if test.share > LEAST_SHARE else 1.0
+
+
+def _before(e: Array, lags: range) -> Array:
+    """A series so many samples ago, zero before its start."""
+    return np.stack([np.concatenate([np.zeros(lag), e[:-lag]]) for lag in lags], axis=1)
 
 
 def _moved(u: Array, lags: range) -> Array:
-    """Inputs so many samples ago (ahead, where negative), the ends held."""
+    """Signals so many samples ago (ahead, where negative), the ends held."""
     rows, last = np.arange(u.shape[0]), u.shape[0] - 1
-    since = u - u[0]
-    return np.hstack([since[np.clip(rows - lag, 0, last)] for lag in lags])
+    return np.hstack([u[np.clip(rows - lag, 0, last)] for lag in lags])
 
 
 def _white(columns: Sequence[Array], residual: Sequence[Array], noise: Array) -> Array:

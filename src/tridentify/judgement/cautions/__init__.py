@@ -15,6 +15,7 @@ from tridentify.estimation.answer.finding import Finding, joined, same_thing
 from tridentify.judgement.causes.fewer import order_findings
 from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.intersample import Behaviours, intersample_findings
+from tridentify.judgement.causes.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.outliers import outlier_findings
 from tridentify.judgement.cautions.residual import residual_findings, response_as_noise
@@ -60,6 +61,7 @@ def judged(
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
     tested = looked_at(estimate, records) if estimate.status.ok else ()
+    found += _about_loop(estimate, records, tested)
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)
         seen += sensor_findings(estimate, record, number, known)
@@ -85,6 +87,17 @@ def _with_trial(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[Find
         message = f"{one.message} {begins}{rest}" if first and begins else one.message
         found.append(replace(trial, message=message, times=one.times, experiment=one.experiment))
     return found
+
+
+def _about_loop(
+    estimate: Estimate, records: Sequence[Record], tested: Sequence[Finding]
+) -> list[Finding]:
+    """Whether a controller alone moves the inputs, where no reference says what else did."""
+    if estimate.route == "reference" or any(record.dt is None for record in records):
+        return []
+    reacts = any(one.code == "feedback" for one in tested)
+    poles = int(np.max(np.asarray(estimate.structure.poles)))
+    return loop_findings(records, poles, estimate.input_names, reacts)
 
 
 def _missing(record: Record, experiment: int | None) -> list[Finding]:

@@ -150,12 +150,11 @@ def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, .
     tuple of Finding
         As `validate`; empty where a quick look finds nothing, or too little is there to test.
     """
-    short = [beginning(record, LONGEST_LOOK) for record in records]
-    cut = any(a is not b for a, b in zip(short, records, strict=True))
+    view = own_look(estimate, records)
+    if view is None:
+        return ()
+    cut = any(beginning(one, LONGEST_LOOK) is not one for one in records)
     try:
-        view = look(estimate, short, None, own=True)
-        if any(output.is_rounding for output in view.outputs):
-            return ()
         outputs = range(len(view.outputs))
         called = any(suspicious(view, i, estimate) for i in outputs)
         if not (called or torn_at(view) or may_react(view)):
@@ -168,6 +167,22 @@ def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, .
     if fingerprint(records) == estimate.record_fingerprint:
         remember(estimate, records, found)
     return found.findings
+
+
+def own_look(estimate: Estimate, records: Sequence[Record]) -> View | None:
+    """A quick look at the records that were identified; None where there is nothing to test."""
+    short = [beginning(record, LONGEST_LOOK) for record in records]
+    try:
+        view = look(estimate, short, None, own=True)
+    except (TridentifyError, np.linalg.LinAlgError):
+        return None
+    return None if any(output.is_rounding for output in view.outputs) else view
+
+
+def may_react_at_all(estimate: Estimate, records: Sequence[Record]) -> bool:
+    """Whether a quick look at the identified records suspects that an input reacts to an output."""
+    view = own_look(estimate, records)
+    return view is not None and may_react(view)
 
 
 def _listed(record: Record | Sequence[Record]) -> list[Record]:

@@ -192,7 +192,7 @@ def look(
     else:
         chosen, point, residual = _fitted_start(estimate, kept)
         told.insert(0, f"another record: {chosen.label}, fitted to it with the coefficients held")
-    root = _root(estimate)
+    root = root_of(estimate)
     noises = [_noise(estimate, kept, i) for i in range(len(estimate.output_names))]
     found = _outputs(estimate.output_names, noises, kept, point, residual, root)
     for output in found:
@@ -346,7 +346,7 @@ def _noise(estimate: Estimate, records: Sequence[Record], output: int) -> Array:
     return np.zeros(0) if uneven else estimate.noise_model[output]
 
 
-def _root(estimate: Estimate) -> Array:
+def root_of(estimate: Estimate) -> Array:
     """(n_coefficients, r) a factor of the covariance; the identity where there is none."""
     if not np.isfinite(estimate.cov).all() or estimate.status is Status.STALLED:
         return np.eye(len(estimate.names))

@@ -11,7 +11,7 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.explain import Explanation, Explanations
-from tridentify.judgement.causes.feedback import coming_in, guard_of
+from tridentify.judgement.causes.feedback import Inputs, Within, coming
 from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.lost import LEAST_PIECE, Place, jumps
 from tridentify.judgement.validation.distribution import distribution
@@ -108,12 +108,15 @@ def torn_at(view: View) -> list[Place]:
 
 def may_react(view: View) -> bool:
     """Whether inputs to come explain what is left of an output, as far as one look tells."""
-    if view.uneven or is_staircase(view.records):
+    if view.uneven:
         return False
-    ahead = guard_of(view.point.problem, view.records)
-    for one in view.outputs:
+    inputs = Inputs.of(view.records)
+    if inputs.commanded:
+        return False
+    for i, one in enumerate(view.outputs):
         own = [np.hstack(pair) for pair in zip(one.coefficients, one.nuisance, strict=True)]
-        if coming_in(one.residual, own, one.noise, view.records, ahead).is_clear(view.records):
+        within = Within.of(view.point, inputs, i)
+        if coming(one.residual, own, one.noise, inputs, within).is_clear:
             return True
     return False
 

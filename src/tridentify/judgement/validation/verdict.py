@@ -370,7 +370,7 @@ def _feedback(
         share = f"{100.0 * reacts.share:.0f} %"
         effect = (
             f"inputs that come too late to act explain {share} of its sum of squares beside all "
-            "past ones, and no other cause that was tried explains as much"
+            "past ones, and no other cause that was tried takes that away"
         )
     return _finding(
         "feedback",

@@ -1,0 +1,101 @@
+"""A first model of the noise from inside a loop: the predictor, by linear least squares.
+
+With ``y = G u + H e`` the best prediction of the output is ``A y = B u + e`` with ``A = 1 / H`` and
+``B = G / H``, whatever feedback there is. Least squares with enough lags finds it without a
+search; ``A`` whitens the noise. The residual of a fit with white weights is no such start: feedback
+has bent that fit, and it takes what it lost for noise.
+
+References: L. Ljung & B. Wahlberg, Advances in Applied Probability 24 (1992) 412-440. U. Forssell &
+L. Ljung, Automatica 35 (1999) 1215-1241.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tridentify.estimation.likelihood.problem import Problem
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.information import aicc_price
+
+ORDERS = (1, 2, 3, 4, 6, 8, 12, 16, 24)
+"""Lags that are tried."""
+
+PER_COLUMN = 4
+"""Samples for each column, at least."""
+
+FARTHEST = 0.995
+"""Largest root of the filter, which has to be one of stationary noise."""
+
+
+def predictor_noise(problem: Problem) -> tuple[Array, ...]:
+    """Autoregressive coefficients of every output's noise.
+
+    Parameters
+    ----------
+    problem : Problem
+        Its recorded inputs and outputs.
+
+    Returns
+    -------
+    tuple of (p,) arrays
+        Empty where there are too few samples.
+    """
+    pairs = [(np.asarray(e.u), np.asarray(e.y)) for e in problem.experiments]
+    return tuple(_predictor(pairs, i) for i in range(problem.n_outputs))
+
+
+def _predictor(pairs: Sequence[tuple[Array, Array]], output: int) -> Array:
+    best = np.inf
+    found: Array = np.zeros(0)
+    n_inputs = pairs[0][0].shape[1]
+    # the same samples for all orders, or AICc compares nothing
+    rows = sum(u.shape[0] for u, _ in pairs)
+    orders = [p for p in ORDERS if PER_COLUMN * (p * (1 + n_inputs) + n_inputs + 1) < rows - 2 * p]
+    for p in orders:
+        known, now = _regression(pairs, output, p, max(orders))
+        if known.shape[0] <= known.shape[1] + 1:
+            break
+        fitted = np.asarray(np.linalg.lstsq(known, now, rcond=1e-12)[0], dtype=np.float64)
+        count = float(now.size)
+        left = float(np.sum((now - known @ fitted) ** 2))
+        criterion = count * float(np.log(max(left, 1e-300))) + aicc_price(
+            float(known.shape[1]), count
+        )
+        if criterion < best:
+            best, found = criterion, np.asarray(-fitted[:p], dtype=np.float64)
+    return _stationary(found)
+
+
+def _regression(
+    pairs: Sequence[tuple[Array, Array]], output: int, p: int, first: int
+) -> tuple[Array, Array]:
+    """Past of the output, inputs, and a level of each experiment's own; the output."""
+    blocks, targets = [], []
+    for e, (u, y) in enumerate(pairs):
+        rows = y.shape[0] - first
+        if rows < 1:
+            continue
+        own = y[:, output]
+        past = [own[first - lag : first - lag + rows] for lag in range(1, p + 1)]
+        moved = [u[first - lag : first - lag + rows] for lag in range(p + 1)]
+        levels = np.zeros((rows, len(pairs)))
+        levels[:, e] = 1.0
+        blocks.append(np.column_stack([*past, *moved, levels]))
+        targets.append(own[first:])
+    known, now = np.vstack(blocks), np.concatenate(targets)
+    seen = np.isfinite(now) & np.all(np.isfinite(known), axis=1)
+    return known[seen], now[seen]
+
+
+def _stationary(a: Array) -> Array:
+    """With roots outside of the unit circle mirrored into it."""
+    if not a.size:
+        return a
+    roots = np.roots(np.append(1.0, a))
+    sizes = np.abs(roots)
+    roots = np.where(sizes > 1.0, roots / np.maximum(sizes, 1e-300) ** 2, roots)
+    sizes = np.abs(roots)
+    roots = np.where(sizes > FARTHEST, roots / np.maximum(sizes, 1e-300) * FARTHEST, roots)
+    return np.asarray(np.real(np.poly(roots))[1:], dtype=np.float64)

@@ -1,0 +1,96 @@
+"""What of an input its own past does not tell: where a controller shows, if one is at work.
+
+A reference or an operator moves an input now and then, and far; a controller moves it at every
+sample, by what the noise at the sensor is worth. So the input is predicted from its own past by a
+fit that large surprises do not bend, and these are left out: what remains are the small moves. An
+input that has none (held levels, pulses, a multisine) was commanded.
+
+References: P. Rousseeuw & A. Leroy, *Robust Regression and Outlier Detection*, Wiley (1987).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
+
+PAST = 12
+"""Past samples that an input is predicted from: more take degrees of freedom from short records."""
+
+PER_PAST = 12
+"""Samples for each of them, at least."""
+
+LARGE = 3.0
+"""Standard deviations of small surprises from which one is large: a move of a reference."""
+
+ROUNDS = 15
+"""Weighted fits; the weights stand still after about ten."""
+
+COMMANDED = 1e-6
+"""Small surprises over the spread of the input, below which it has none but rounding."""
+
+NORMAL = 1.4826
+"""Standard deviation of a Gaussian over the median of its absolute values."""
+
+
+def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
+    """Small moves of the inputs that their past does not tell, large ones left out.
+
+    Parameters
+    ----------
+    records : sequence of Record
+
+    Returns
+    -------
+    tuple of (n_samples, n_inputs) arrays
+        Per experiment; zero where a surprise is large, for the first samples, and throughout for
+        an input that was commanded.
+
+    Examples
+    --------
+    >>> held = Record(np.repeat([0.0, 1.0, -1.0, 1.0], 10), np.zeros(40), dt=1.0)
+    >>> bool(np.any(small_surprises([held])[0]))
+    False
+    """
+    n_inputs = records[0].n_inputs
+    rows = sum(record.n_samples for record in records)
+    most = max(1, min(PAST, rows // (PER_PAST * n_inputs)))
+    found = tuple(np.zeros((record.n_samples, n_inputs)) for record in records)
+    known = [_lagged(record.u, most) for record in records]
+    lengths = np.cumsum([one.shape[0] for one in known])[:-1]
+    for j in range(n_inputs):
+        now = np.concatenate([record.u[most:, j] for record in records])
+        spread = max(float(np.std(record.u[:, j])) for record in records)
+        left = _small(np.vstack(known), now, COMMANDED * spread)
+        for one, own in zip(found, np.split(left, lengths), strict=True):
+            one[most:, j] = own
+    return found
+
+
+def _lagged(u: Array, most: int) -> Array:
+    """Inputs 1 to so many samples ago, and a constant; of the samples after these."""
+    rows = u.shape[0] - most
+    since = u - np.median(u, axis=0)
+    columns = [since[most - lag : most - lag + rows] for lag in range(1, most + 1)]
+    return np.hstack([*columns, np.ones((max(rows, 0), 1))])
+
+
+def _small(known: Array, now: Array, least: float) -> Array:
+    """What a robust fit leaves, zero where that is large; all zero where it is rounding."""
+    weight = np.ones(now.size)
+    left, scale = now, 0.0
+    for turn in range(ROUNDS):
+        root = np.sqrt(weight)
+        fitted = np.linalg.lstsq(known * root[:, None], now * root, rcond=1e-10)[0]
+        left = now - known @ fitted
+        scale = NORMAL * float(np.median(np.abs(left)))
+        if scale <= least:
+            return np.zeros(now.size)
+        size = np.abs(left) / scale
+        # first those of Huber, which find the way from anywhere, then none for what is large
+        huber = 1.0 / np.maximum(size / 1.345, 1.0)
+        weight = huber if turn < ROUNDS // 2 else np.maximum(1.0 - (size / 4.685) ** 2, 0.0) ** 2
+    return np.where(np.abs(left) <= LARGE * scale, left, 0.0)

@@ -1,0 +1,217 @@
+"""Whether a record from inside a loop tells the plant at all, where no reference is given.
+
+With a constant set point a linear controller makes the input an exact function of past inputs and
+of outputs. Where that function is short, the record holds to a relation of its own: a model with as
+many terms cannot tell the plant from the controller's inverse, whatever the method and however long
+the record. It can where something from outside moves the loop (a reference, a dither, a controller
+that switches), or where the controller remembers at least as many samples as the plant has poles,
+its delay counted (the condition of Soderstrom, Gustavsson & Ljung; then it rests on the noise being
+of low order). So the input is regressed on outputs and on its past, with ever more lags: what is
+left comes from outside.
+
+References: T. Soderstrom, I. Gustavsson & L. Ljung, Int. J. Control 21 (1975) 243-255.
+I. Gustavsson, L. Ljung & T. Soderstrom, Automatica 13 (1977) 59-75. M. Gevers, A. Bazanella,
+X. Bombois & L. Miskovic, IEEE Trans. Automatic Control 54 (2009) 2828-2840.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from tridentify.estimation.answer.finding import Finding
+from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
+
+MOST_LAGS = 8
+"""Samples that a controller is taken to remember at most."""
+
+PER_COLUMN = 5
+"""Samples for each column of a regression, at least."""
+
+LITTLE = 10.0
+"""Outside movement below which it tells nothing, as the sum of its squares in mean squares of what
+the noise makes of the input at a sample: coefficients are then known to a third at best."""
+
+ROUNDING = 1e-10
+"""Surprises over the spread of the input, below which its own past tells it and nothing is asked:
+it was commanded."""
+
+
+class Law(NamedTuple):
+    """What moves one input.
+
+    Attributes
+    ----------
+    input : int
+    lags : int or None
+        Samples of inputs and outputs that the controller remembers, where these tell the input but
+        for little; None where no such law was found.
+    outside : float
+        Movement from outside, as the sum of its squares in mean squares of what outputs make of
+        the input at a sample; infinite for an input that outputs do not tell.
+    share : float
+        Of the input's surprises (what its own past does not tell) that comes from outside, 0 to 1.
+    """
+
+    input: int
+    lags: int | None
+    outside: float
+    share: float
+
+
+def laws(records: Sequence[Record], most: int = MOST_LAGS) -> tuple[Law, ...]:
+    """What moves each input, as far as short linear laws tell.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Each with a constant of its own: the set point.
+    most : int
+        Lags that are tried.
+
+    Returns
+    -------
+    tuple of Law
+        One per input.
+
+    Examples
+    --------
+    A proportional controller at a constant set point, and the same with a dither:
+
+    >>> rng = np.random.default_rng(0)
+    >>> y, dither = rng.standard_normal((2, 200))
+    >>> laws([Record(1.0 - 2.0 * y, y, dt=0.1)])[0].lags
+    0
+    >>> laws([Record(1.0 - 2.0 * y + dither, y, dt=0.1)])[0].lags is None
+    True
+    """
+    return tuple(_law(records, j, most) for j in range(records[0].n_inputs))
+
+
+def told_apart(law: Law, poles: int) -> bool:
+    """Whether the plant can be told from the controller.
+
+    Parameters
+    ----------
+    law : Law
+    poles : int
+        Of the plant.
+
+    Examples
+    --------
+    >>> told_apart(Law(0, 1, 0.0, 0.0), 2), told_apart(Law(0, 2, 0.0, 0.0), 2)
+    (False, True)
+    """
+    return law.lags is None or law.lags >= poles
+
+
+def loop_findings(
+    records: Sequence[Record], poles: int, names: Sequence[str], reacts: bool
+) -> list[Finding]:
+    """A word where the controller alone moves an input.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        Without references.
+    poles : int
+        Most of any channel.
+    names : sequence of str
+        Of the inputs.
+    reacts : bool
+        Whether an input was found to react to an output; where it is not held nothing is said
+        without that, as an output may show at once what moves it.
+    """
+    if not reacts and any(record.behaviour != "zoh" for record in records):
+        return []
+    return [
+        _in_words(law, poles, names[law.input]) for law in laws(records) if law.lags is not None
+    ]
+
+
+def _in_words(law: Law, poles: int, name: str) -> Finding:
+    memory = f"the last {law.lags + 1} samples" if law.lags else "the present sample"
+    what = (
+        f"{name} follows from {memory} of outputs and its own past, but for "
+        f"{100.0 * law.share:.2g} % of its unforeseen movement: a linear controller alone moves "
+        "it, the set point hardly does"
+    )
+    remedy = (
+        "Move the set point (steps, PRBS) and record it as reference, or add a test signal to the "
+        "input."
+    )
+    if told_apart(law, poles or 1):
+        return Finding(
+            "loop-not-excited",
+            "warning",
+            f"{what}; the plant is told from it by the controller's memory alone.",
+            remedy,
+        )
+    return Finding(
+        "loop-not-excited",
+        "error",
+        f"{what}. Such a record cannot tell a plant of {_count(poles, 'pole')} from the "
+        f"controller's inverse, by no method.",
+        remedy,
+    )
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _law(records: Sequence[Record], j: int, most: int) -> Law:
+    channels = records[0].n_inputs + records[0].n_outputs
+    rows = sum(max(record.n_samples - most, 0) for record in records)
+    most = min(most, rows // (PER_COLUMN * channels) - 1)
+    none = Law(j, None, np.inf, 1.0)
+    if most < 0:
+        return none
+    now = np.concatenate([record.u[most:, j] for record in records])
+    spread = max(float(np.std(record.u[:, j])) for record in records)
+    alone = _left(records, now, most, most, outputs=False)[0]
+    if not alone > (ROUNDING * spread) ** 2 * now.size:
+        return none
+    lowest = 1.0
+    for lags in range(most + 1):
+        left, freedom = _left(records, now, lags, most, outputs=True)
+        if freedom < 1:
+            break
+        mean = left / freedom
+        told = max(alone / freedom - mean, 1e-300)
+        outside, share = mean / told * freedom, min(mean * freedom / alone, 1.0)
+        lowest = min(lowest, share)
+        if outside < LITTLE:
+            return Law(j, lags, outside, share)
+    return none._replace(share=lowest)
+
+
+def _left(
+    records: Sequence[Record], now: Array, lags: int, first: int, *, outputs: bool
+) -> tuple[float, int]:
+    """Sum of squares that a regression on so many lags leaves, and its degrees of freedom."""
+    blocks = []
+    for e, record in enumerate(records):
+        rows = record.n_samples - first
+        own = [_standing(record.u, first - lag, rows) for lag in range(1, lags + 1)]
+        if outputs:
+            own += [_standing(record.y, first - lag, rows) for lag in range(lags + 1)]
+        levels = np.zeros((rows, len(records)))
+        levels[:, e] = 1.0
+        blocks.append(np.hstack([levels, *own]))
+    known = np.vstack(blocks)
+    seen = np.all(np.isfinite(known), axis=1)
+    known, wanted = known[seen], now[seen]
+    scale = np.maximum(np.sqrt(np.mean(known**2, axis=0)), 1e-300)
+    fitted, _, rank, _ = np.linalg.lstsq(known / scale, wanted, rcond=1e-12)
+    left = wanted - (known / scale) @ fitted
+    return float(left @ left), int(wanted.size - rank)
+
+
+def _standing(signal: Array, start: int, rows: int) -> Array:
+    """Rows of a signal from a sample on, about its mean."""
+    mean: Array = np.nanmean(signal, axis=0)
+    return signal[start : start + rows] - mean

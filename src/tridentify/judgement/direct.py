@@ -1,0 +1,205 @@
+"""Feedback without a reference: the direct route, taken where the input reacts to the output.
+
+The noise gets a model in any case. Innovations are independent of past inputs whether or not a
+controller acts, so that the maximum of the likelihood is where it would be without one, as long as
+plant and noise are what they are taken for (Ljung 1999, section 13.4). That is what is checked, and
+how much hangs on it is said: by how much coefficients differ from those with white weights.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.likelihood.question import silently
+from tridentify.estimation.methods.base import Method, Progress
+from tridentify.estimation.methods.output_error import OutputError
+from tridentify.estimation.methods.three_model import ThreeModel
+from tridentify.judgement.causes.feedback import misses
+from tridentify.judgement.validation.assess import looked_at, may_react_at_all, own_look
+from tridentify.judgement.validation.residuals import Output, root_of
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.lagrange import span
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+CODE = "feedback"
+
+DECIDES = 2.0
+"""Difference from white weights [standard errors] from which the model of the noise decides."""
+
+MOST_SHARED = 0.99
+"""Of the information on a combination of coefficients: errors grow at most tenfold."""
+
+NOT_EXPLAINED = 1e-4
+"""p-value of past inputs and outputs in the innovations, from which the direct route has failed."""
+
+
+def directly(
+    method: Method,
+    estimate: Estimate,
+    records: Sequence[Record],
+    structure: Structure,
+    progress: Progress | None = None,
+) -> Estimate | None:
+    """Estimate anew by the direct route where the input reacts to the output.
+
+    Parameters
+    ----------
+    method : Method
+        By which the records were identified.
+    estimate : Estimate
+        Open loop.
+    records : sequence of Record
+        With the behaviour of their inputs settled.
+    structure : Structure
+        As asked for.
+    progress : callable, optional
+
+    Returns
+    -------
+    Estimate or None
+        None where nothing calls for it, another route was asked for, or it leads nowhere.
+    """
+    if not (isinstance(method, ThreeModel) and method.route == "auto" and estimate.status.ok):
+        return None
+    if method.noise == "white" or method.loss != "squared" or estimate.route != "open-loop":
+        return None
+    if not may_react_at_all(estimate, records):
+        return None
+    if not any(finding.code == CODE for finding in looked_at(estimate, records)):
+        return None
+    (progress or silently)("feedback: the direct route")
+    try:
+        found = replace(method, route="direct").estimate(records, structure, progress)
+    except TridentifyError:
+        return None
+    if not found.status.ok:
+        return None
+    told = "route direct: the input reacts to the output, and no reference says what else moved it"
+    return replace(found, trace=found.trace.told(told))
+
+
+def widened(estimate: Estimate, records: Sequence[Record]) -> Estimate:
+    """An estimate by the direct route with standard errors that know the noise was estimated too.
+
+    Without feedback, coefficients and noise are estimated as if the other were known: derivatives
+    of the innovations by the one are made of inputs, by the other of past noise (Pierce 1972). With
+    feedback the inputs hold past noise, and the information that both share is taken off.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+    """
+    view = own_look(estimate, records) if estimate.route == "direct" else None
+    if view is None or not view.has_errors or estimate.draws.size:
+        return estimate
+    root = root_of(estimate)
+    shared = np.zeros((root.shape[1],) * 2)
+    for one in view.outputs:
+        shared = shared + _shared(one)
+    sizes, turned = np.linalg.eigh(shared)
+    larger = turned / np.sqrt(1.0 - np.clip(sizes, 0.0, MOST_SHARED))
+    wide = root @ larger
+    return replace(estimate, cov=wide @ wide.T)
+
+
+def _shared(output: Output) -> Array:
+    """(r, r) information on the coefficients, in units of all there is, shared with the noise's."""
+    p = output.noise.size
+    past = [
+        np.stack([np.concatenate([np.zeros(k), one[:-k]]) for k in range(1, p + 1)], axis=1)
+        for one in (np.nan_to_num(own) for own in output.residual)
+    ]
+    e = output.white(output.residual, output.noise)
+    own = output.white(output.coefficients, output.noise)
+    known = span(output.white(output.nuisance, output.noise))
+    noise = np.vstack(past)
+    basis = span(noise - known @ (known.T @ noise))
+    both = basis.T @ (own - known @ (known.T @ own))
+    variance = float(e @ e) / max(output.count - own.shape[1] - known.shape[1] - p, 1)
+    found: Array = both.T @ both / variance
+    return found
+
+
+def about_direct(
+    findings: Sequence[Finding], estimate: Estimate, records: Sequence[Record]
+) -> tuple[Finding, ...]:
+    """Findings of an estimate by the direct route, with what hangs on the model of the noise.
+
+    Parameters
+    ----------
+    findings : sequence of Finding
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+    """
+    if estimate.route != "direct":
+        return tuple(findings)
+    weak = _fails(estimate, records)
+    found = [
+        replace(
+            one,
+            severity="error" if weak else one.severity,
+            effect=_sentences(_said(weak), _apart(estimate, records), one.effect),
+            remedy="Record what the controller was told to follow and give it as reference, open "
+            "the loop, or add a test signal that is large against the feedback.",
+        )
+        if one.code == CODE
+        else one
+        for one in findings
+    ]
+    order = sorted(found, key=lambda one: one.severity != "error")
+    return tuple(order)
+
+
+def _fails(estimate: Estimate, records: Sequence[Record]) -> bool:
+    """Whether the innovations still hold past inputs or outputs."""
+    view = own_look(estimate, records)
+    if view is None or view.uneven:
+        return False
+    for one in view.outputs:
+        own = [np.hstack(pair) for pair in zip(one.coefficients, one.nuisance, strict=True)]
+        if misses(one.residual, own, one.noise, view.records) < NOT_EXPLAINED:
+            return True
+    return False
+
+
+def _said(weak: bool) -> str:
+    if weak:
+        return (
+            "Not even with a model of the noise (direct route) are the innovations independent of "
+            "past samples: the numbers are biased"
+        )
+    return (
+        "Estimated by the direct route: with a model of the noise, which the numbers are as good as"
+    )
+
+
+def _apart(estimate: Estimate, records: Sequence[Record]) -> str:
+    """By how much the coefficients differ from those with white weights."""
+    try:
+        white = OutputError(start=estimate.model).estimate(list(records), estimate.structure)
+    except TridentifyError:
+        return ""
+    if white.theta.shape != estimate.theta.shape:
+        return ""
+    size = np.abs(white.theta - estimate.theta) / np.where(estimate.std > 0, estimate.std, np.inf)
+    k = int(np.argmax(size))
+    if size[k] < DECIDES:
+        return f"White noise moves no coefficient by more than {size[k]:.1f} standard errors"
+    return (
+        f"The model of the noise decides: white noise moves {estimate.names[k]} from "
+        f"{estimate.theta[k]:.4g} to {white.theta[k]:.4g} ({size[k]:.1f} standard errors)"
+    )
+
+
+def _sentences(*parts: str) -> str:
+    return " ".join(f"{part.rstrip('.')}." for part in parts if part)

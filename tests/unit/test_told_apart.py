@@ -1,0 +1,67 @@
+"""Whether a record from inside a loop tells the plant: exact laws of the controller, with lags."""
+
+from __future__ import annotations
+
+import loops
+import numpy as np
+import pytest
+
+from tridentify import Record, identify
+from tridentify.estimation.answer.trust import unusable
+from tridentify.judgement.causes.told_apart import laws, told_apart
+
+
+def silent(controller: str, delay: int, seed: int = 0, order: int = 2, **options: int):
+    """A loop whose set point is constant, sampled with the record."""
+    return loops.draw(
+        seed,
+        excitation="none",
+        n=400,
+        keep=lambda d: (
+            (d.controller, d.delay, d.sampled) == (controller, delay, True)
+            and d.poles.size == order
+        ),
+        **options,
+    )
+
+
+@pytest.mark.parametrize(
+    ("controller", "delay", "lags"), [("P", 0, 0), ("P", 1, 1), ("lead", 0, 1), ("lead", 1, 2)]
+)
+def test_the_memory_of_a_controller_is_counted(controller, delay, lags):
+    (law,) = laws([silent(controller, delay).record])
+    assert law.lags == lags
+    assert law.share < 1e-9
+
+
+def test_a_plant_of_more_poles_than_the_controller_remembers_is_not_told():
+    drawn = silent("P", 0)
+    estimate = identify(drawn.record, drawn.structure, throw=False)
+    (finding,) = [f for f in estimate.findings if f.code == "loop-not-excited"]
+    assert finding.severity == "error"
+    assert "cannot tell a plant of 2 poles" in finding.message
+    assert unusable(estimate, estimate.findings).startswith("Not usable")
+
+
+def test_a_controller_with_memory_enough_is_a_warning():
+    drawn = silent("lead", 1)
+    estimate = identify(drawn.record, drawn.structure, throw=False)
+    (finding,) = [f for f in estimate.findings if f.code == "loop-not-excited"]
+    assert finding.severity == "warning"
+    assert told_apart(laws([drawn.record])[0], 2)
+
+
+@pytest.mark.parametrize("excitation", ["steps", "prbs", "dither"])
+@pytest.mark.parametrize("seed", range(4))
+def test_what_is_moved_from_outside_is_no_such_record(excitation, seed):
+    drawn = loops.draw(seed, excitation=excitation, n=300)
+    assert laws([drawn.record])[0].lags is None
+
+
+def test_commanded_inputs_have_no_law():
+    rng = np.random.default_rng(1)
+    t = np.arange(300) * 0.1
+    for u in (np.sin(t), np.repeat(rng.standard_normal(30), 10), rng.standard_normal(300)):
+        y = np.convolve(u, np.exp(-t))[:300] * 0.1
+        # an output without noise, whose past tells nothing of the input
+        assert laws([Record(u, np.append(0.0, y[:-1]), dt=0.1)])[0].lags is None
