@@ -243,9 +243,12 @@ def _first_ones(view: View, rows: Array) -> Array:
 
 
 def _far_without(tried: TriedCauses, given: View) -> int:
-    """Bad samples that stay far from the cause that is named, which was fitted without them."""
+    """Bad samples that stay far from the cause that is named, fitted without them.
+
+    All of them where it was fitted with them: nothing but them called for a cause.
+    """
     named, bad = tried.named, [one.normality.outliers for one in tried.evidence]
-    if named is None:
+    if named is None or tried.view is given:
         return sum(map(len, bad))
     return sum(len(still_far(named, given, i, rows)) for i, rows in enumerate(bad))
 
