@@ -185,6 +185,7 @@ def test_uneven_time_is_taken_as_it_is_recorded(run, write_table, clean, questio
     assert "steps 0.0" in run("identify", path, *question).out
 
 
+@pytest.mark.unjudged
 def test_the_mean_step_may_still_be_stated_for_inexact_time_stamps(
     run, write_table, clean, question
 ):
@@ -217,6 +218,7 @@ def test_from_and_to_cut_in_seconds(run, manoeuvre, question):
     assert any("initial state free" in note for note in document["decisions"])
 
 
+@pytest.mark.unjudged
 def test_intersample_says_what_the_input_does(run, write_table, question):
     t = DT * np.arange(600)
     u = 0.05 * np.sin(1.3 * t**1.2) * (t > 0.5)
@@ -250,6 +252,7 @@ def test_several_outputs_may_have_their_own_number_of_zeros(run, write_table, cl
     assert both == pytest.approx(expected | {"b1[alpha,elevator]": 0.0}, rel=1e-8, abs=1e-8)
 
 
+@pytest.mark.unjudged
 @pytest.mark.parametrize("more", [[], pytest.param(["--poles", "auto"], marks=pytest.mark.slow)])
 def test_without_poles_the_orders_are_chosen_and_told(run, short, more):
     options = ["--input", "elevator", "--output", "q", "--offset", "no", "--initial-state", "rest"]
@@ -289,6 +292,7 @@ def test_several_inputs_may_have_their_own_number_of_zeros(run, write_table, cle
     assert values(document) == pytest.approx(expected, rel=1e-8)
 
 
+@pytest.mark.unjudged
 def test_nuisance_terms_are_estimated_when_asked_for(run, write_table, clean, question):
     q = clean["q"] + 0.7 - 0.02 * clean["t"]
     path = write_table("drifting.csv", clean | {"q": q})

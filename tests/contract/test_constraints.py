@@ -84,7 +84,7 @@ def knowledge(truth):
 
 
 @every_able
-@pytest.mark.parametrize("dt", [1e-6, 1.0, 1e6])
+@pytest.mark.parametrize("dt", [pytest.param(1e-6, marks=pytest.mark.slow), 1.0, 1e6])
 @pytest.mark.parametrize("n", [1, 2, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4))])
 def test_without_noise_the_truth_comes_back(key, n, dt):
     num, den = system(n, 0.1 / dt)

@@ -25,6 +25,10 @@ pytestmark = pytest.mark.unjudged
 
 FLAG = Capability.FREE_DELAY
 ABLE = [key for key, method in METHODS.items() if FLAG in method().capabilities]
+one_of_them = pytest.mark.parametrize(
+    "key", [ABLE[0], *(pytest.param(key, marks=pytest.mark.slow) for key in ABLE[1:])]
+)
+"""For what the search does, which they share; what differs is compared for each of them."""
 UNABLE = [key for key in METHODS if key not in ABLE]
 DT = 0.05
 SECOND = ([2.0], [1.0, 1.0, 4.0])
@@ -73,7 +77,7 @@ def test_without_noise_the_delay_comes_back(key, num, den, delay, intersample):
     assert estimate.parameters["delay"].unit == "s"
 
 
-@pytest.mark.parametrize("key", ABLE)
+@one_of_them
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
 def test_fast_and_slow_systems_alike(key, scale):
     num, den = np.array([2.0 * scale**2]), np.array([1.0, scale, 4.0 * scale**2])
@@ -82,7 +86,7 @@ def test_fast_and_slow_systems_alike(key, scale):
     assert estimate.theta == pytest.approx([*den[1:], *num, 0.337 / scale], rel=1e-7)
 
 
-@pytest.mark.parametrize("key", ABLE)
+@one_of_them
 def test_every_input_has_a_delay_of_its_own(key):
     model = TransferFunction(
         [[[2.0], [1.0, 3.0]]], [[[1.0, 2.0], [1.0, 1.0, 4.0]]], delay=[[0.21, 0.6]]
@@ -94,7 +98,7 @@ def test_every_input_has_a_delay_of_its_own(key):
     assert estimate.theta == pytest.approx([2.0, 2.0, 1.0, 4.0, 1.0, 3.0, 0.21, 0.6], rel=1e-6)
 
 
-@pytest.mark.parametrize("key", ABLE)
+@one_of_them
 def test_outputs_share_the_delay_of_the_input(key):
     den = [1.0, 1.0, 4.0]
     model = TransferFunction([[[2.0]], [[1.0, 3.0]]], [[den], [den]], delay=0.4)
@@ -134,7 +138,7 @@ def test_the_covariance_is_that_of_finite_differences_of_simulate(key, options):
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
-@pytest.mark.parametrize("key", ABLE)
+@one_of_them
 def test_a_delay_of_several_periods_is_no_trap(key, seed):
     """A light damping gives the cost a minimum along the delay for every period."""
     model = TransferFunction([9.0], [1.0, 0.3, 9.0], delay=5.3)
@@ -152,7 +156,7 @@ def test_an_output_ahead_of_the_input_gives_no_negative_delay(key):
     assert estimate.parameters["delay"].value == pytest.approx(0.0, abs=1e-9)
 
 
-@pytest.mark.parametrize("key", ABLE)
+@one_of_them
 def test_experiments_of_other_steps_share_the_delay(key):
     model = TransferFunction(*SECOND, delay=0.33)
     records = [made(model, noise=0.1, offset=2.0), made(model, n=200, dt=0.08, noise=0.1, seed=1)]
@@ -185,7 +189,7 @@ def test_missing_samples_do_not_count(key):
 
 
 @pytest.mark.judged
-@pytest.mark.parametrize("key", ABLE)
+@one_of_them
 def test_a_fast_pole_that_a_delay_could_be_shows_in_the_standard_error(key):
     """A time constant of a fifth of a step, seen through noise: delay and pole trade places."""
     slow = TransferFunction([2.0], np.convolve([1.0, 1.5], [0.01, 1.0]) / 0.01, delay=0.3)

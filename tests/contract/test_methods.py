@@ -33,7 +33,7 @@ from tridentify import (
 from tridentify import errors as err
 from tridentify.estimation.methods.capability import Capability
 
-pytestmark = pytest.mark.parametrize("key", list(METHODS), ids=str)
+pytestmark = [pytest.mark.parametrize("key", list(METHODS), ids=str), pytest.mark.unjudged]
 DT = 0.05
 
 JOINED = "it filters the sampled output joined by straight lines, an error of order dt^2"

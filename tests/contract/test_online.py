@@ -451,7 +451,14 @@ def test_without_noise_the_truth(key, case, walked):
     assert np.max(np.abs(run.estimate.theta / truth - 1.0)) < limit
 
 
-@pytest.mark.parametrize("case", ["first order", "one zero", "microseconds", "kiloseconds"])
+@pytest.mark.parametrize(
+    "case",
+    [
+        "one zero",
+        "microseconds",
+        *(pytest.param(one, marks=pytest.mark.slow) for one in ("first order", "kiloseconds")),
+    ],
+)
 def test_gradient_comes_to_the_truth(case):
     system = CASES[case]
     record = system.record(200_000)

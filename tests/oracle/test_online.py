@@ -274,8 +274,14 @@ def test_ends_where_offline_does_over_draws(name, seed, n_samples):
     agreed(record, asked(name))
 
 
-@pytest.mark.parametrize("scale", [2e-5, 2e4], ids=["microseconds", "kiloseconds"])
-@pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.parametrize(
+    ("scale", "intersample"),
+    [
+        (2e-5, "foh"),
+        (2e4, "zoh"),
+        *(pytest.param(*x, marks=pytest.mark.slow) for x in ((2e-5, "zoh"), (2e4, "foh"))),
+    ],
+)
 def test_ends_where_offline_does_on_any_clock(intersample, scale):
     # of one white record in ten the scatter of the scores says that it is not: not of this one
     record, _ = recorded("one zero", 3000, 0.1, seed=3, intersample=intersample, scale=scale)

@@ -20,7 +20,7 @@ def spiky(seed):
     return Record(u, y, dt=0.05)
 
 
-@pytest.mark.parametrize("seed", [2, 3])
+@pytest.mark.parametrize("seed", [pytest.param(2, marks=pytest.mark.slow), 3])
 def test_one_look_at_the_cause_decides_as_the_whole_comparison_does(seed, monkeypatch):
     record = spiky(seed)
     estimate = identify(record, Structure(2, 0))
@@ -74,3 +74,16 @@ def test_a_sample_at_the_start_that_only_too_few_poles_leave_far_is_not_bad():
     estimate = identify(Record(u, y, dt=0.05), Structure(1, 0), throw=False)
     assert estimate.findings[0].code == "order-low", [f.text for f in estimate.findings]
     assert "bad-samples" not in [f.code for f in estimate.findings]
+
+
+@pytest.mark.parametrize("seed", [3, 4])
+def test_identify_itself_names_wild_samples_at_the_start(seed):
+    """They stand together, so that none stands alone, and the noise model takes what it can."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice([-1.0, 1.0], 50), 8)
+    plant = TransferFunction([-4.5, -90.0], [1.0, 13.0, 57.0])
+    y = simulate(plant, Record(u, u, dt=0.0224))[:, 0] + 0.08 * rng.standard_normal(400)
+    y[:3] += np.array([-1.6, 1.28, -0.64])
+    first = identify(Record(u, y, dt=0.0224), Structure(2, 1), throw=False).findings[0]
+    assert first.code == "bad-samples"
+    assert set(first.times) <= {0.0, 0.0224, 0.0448}

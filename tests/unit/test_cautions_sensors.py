@@ -212,7 +212,8 @@ SLOW_DEN = np.array([1.0, 1.0, 9.0])
 )
 @pytest.mark.parametrize("sides", [pytest.param(1, marks=pytest.mark.slow), 2])
 @pytest.mark.parametrize(
-    ("level", "steps"), [(0.0, 0.0), (0.05, 0.0), pytest.param(0.05, 0.5, marks=pytest.mark.slow)]
+    ("level", "steps"),
+    [(0.05, 0.0), *(pytest.param(*x, marks=pytest.mark.slow) for x in ((0.0, 0.0), (0.05, 0.5)))],
 )
 @pytest.mark.parametrize("noise", ["white", pytest.param("auto", marks=pytest.mark.slow)])
 def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):

@@ -143,6 +143,7 @@ def test_an_offset_is_fitted_where_prediction_holds_it():
     assert validate(estimate, moved).fit[0] == pytest.approx(fit, abs=0.5)
 
 
+@pytest.mark.unjudged
 def test_the_drift_of_an_estimate_is_fitted_along():
     model = CASES["second order"][0]
     record = noisy(model, EVEN, "zoh")

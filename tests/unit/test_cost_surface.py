@@ -10,6 +10,8 @@ from tridentify.errors import ChannelCountError, OptionError
 from tridentify.plots import plot_cost_surface
 from tridentify.uncertainty.cost_surface import cost_surface, step_2_bowl
 
+pytestmark = pytest.mark.unjudged
+
 REST = {"offset": False, "initial_state": "rest"}
 
 

@@ -30,9 +30,17 @@ def free(**options):
     return Structure(2, 0, delay="free", **options)
 
 
-@pytest.mark.parametrize("sign", [-1.0, 1.0])
+EDGES = (([30], 0.0), ([30], 0.1), ([25, 40, 52], 0.035), ([140, 160], 0.0))
+
+
 @pytest.mark.parametrize(
-    ("edges", "delay"), [([30], 0.0), ([30], 0.1), ([25, 40, 52], 0.035), ([140, 160], 0.0)]
+    ("edges", "delay", "sign"),
+    [
+        pytest.param(*case, sign, marks=[pytest.mark.slow] if twin else [])
+        for case in EDGES
+        for sign in (-1.0, 1.0)
+        for twin in [sign > 0.0 and case is not EDGES[0]]
+    ],
 )
 def test_the_edges_are_seen_however_early_they_come(edges, delay, sign):
     record = few_edges(edges, delay, sign=sign)

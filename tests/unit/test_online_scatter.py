@@ -139,6 +139,7 @@ def test_white_noise_keeps_its_standard_errors_and_coloured_noise_gets_its_own(m
         state, estimate = ended(noisy(10 + seed, coloured=False))
         plain = without_scatter(monkeypatch, state)
         kept += bool(np.array_equal(plain.cov, estimate.cov))
+    for seed in range(2):
         state, estimate = ended(noisy(20 + seed, coloured=True))
         plain = without_scatter(monkeypatch, state)
         changes += len(state.changes)

@@ -328,9 +328,14 @@ def test_dir_shows_what_users_need(single):
 
 
 ROOMS = ("excitation", "export", "online", "physical", "plots", "report", "studies", "uncertainty")
+QUICKLY = ("online", "plots", "report")
 
 
-@pytest.mark.parametrize("room", ROOMS)
+@pytest.mark.parametrize(
+    "room",
+    # a process each; all rooms are opened in the same way
+    [pytest.param(r, marks=[] if r in QUICKLY else [pytest.mark.slow]) for r in ROOMS],
+)
 def test_a_room_is_there_on_first_use(room):
     assert room in dir(tridentify)
     code = f"import tridentify; print(tridentify.{room}.__name__)"

@@ -37,7 +37,7 @@ from tridentify.judgement.validation.result import (
     Whiteness,
 )
 from tridentify.judgement.validation.transfer import carried_over
-from tridentify.judgement.validation.tried import may_react, torn_at, try_causes
+from tridentify.judgement.validation.tried import may_react, starts_wild, torn_at, try_causes
 from tridentify.judgement.validation.verdict import KnownCauses, family, findings, in_words
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import holm
@@ -157,7 +157,7 @@ def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, .
     try:
         outputs = range(len(view.outputs))
         called = any(suspicious(view, i, estimate) for i in outputs)
-        if not (called or torn_at(view) or may_react(view)):
+        if not (called or starts_wild(view) or torn_at(view) or may_react(view)):
             return ()
         found = _judge(estimate, view, LEVEL, _lags(estimate, view))
     except (TridentifyError, np.linalg.LinAlgError):

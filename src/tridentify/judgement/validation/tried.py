@@ -33,6 +33,7 @@ from tridentify.judgement.validation.explained import (
 from tridentify.judgement.validation.residuals import View, refitted
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.robust import median_scale
 
 AFTER_A_JUMP = 3
 """Samples after a jump of a held input where a far sample is a misfit of the model."""
@@ -48,6 +49,9 @@ NOTHING = 1.0
 
 FIRST_SAMPLES = 8
 """Samples at the start of a record that four poles, with a free start, fit whatever they are."""
+WILD = 6.0
+"""Standard deviations from which one of them is worth all tests: of Gaussian noise one in a
+thousand million."""
 FEW_LEFT = 0.9
 """Share of the samples that must be left where outliers are taken out and the tests made again."""
 LOOKS = 3
@@ -117,6 +121,21 @@ def may_react(view: View) -> bool:
         own = [np.hstack(pair) for pair in zip(one.coefficients, one.nuisance, strict=True)]
         within = Within.of(view.point, inputs, i)
         if coming(one.residual, own, one.noise, inputs, within).is_clear:
+            return True
+    return False
+
+
+def starts_wild(view: View) -> bool:
+    """Whether some of the first samples are far from the model, alone or together.
+
+    A free start follows them as far as it can, and a noise model the rest: what tests the residual
+    as a whole does not see them.
+    """
+    for output in view.outputs:
+        seen = np.concatenate([one[np.isfinite(one)] for one in output.residual])
+        limit = WILD * median_scale(np.abs(seen - np.median(seen))) if seen.size else 0.0
+        first = [one[:FIRST_SAMPLES] for one in output.residual]
+        if limit > 0 and any(np.any(np.abs(one[np.isfinite(one)]) > limit) for one in first):
             return True
     return False
 
@@ -246,9 +265,12 @@ def _first_ones(view: View, rows: Array) -> Array:
 
 
 def _far_without(tried: TriedCauses, given: View) -> int:
-    """Bad samples that stay far from the cause that is named, which was fitted without them."""
+    """Bad samples that stay far from the cause that is named, fitted without them.
+
+    All of them where it was fitted with them: nothing but them called for a cause.
+    """
     named, bad = tried.named, [one.normality.outliers for one in tried.evidence]
-    if named is None:
+    if named is None or tried.view is given:
         return sum(map(len, bad))
     return sum(len(still_far(named, given, i, rows)) for i, rows in enumerate(bad))
 
