@@ -89,12 +89,20 @@ class Loop:
         held = self._with_input(self._held - self.driven.inputs[0], "zoh")
         return found + simulate(model, fine)[::pieces] - simulate(model, held)
 
+    @property
+    def pieces(self) -> int:
+        """Of an interval, over each of which the driven input counts with its mean."""
+        step = float(np.median(np.diff(self.record.t)))
+        return int(np.clip(np.ceil(self.driven.rate * step / FINE), 1, MOST_PIECES))
+
+    @cached_property
+    def fine_inputs(self) -> Array:
+        """(pieces * n_samples, n_inputs) driven input in these pieces, about its first sample."""
+        return self.driven.inputs_between(self.pieces) - self.driven.inputs[0]
+
     @cached_property
     def _fine(self) -> tuple[Record, int]:
-        record = self.record
-        step = float(np.median(np.diff(record.t)))
-        pieces = int(np.clip(np.ceil(self.driven.rate * step / FINE), 1, MOST_PIECES))
-        u = self.driven.inputs_between(pieces) - self.driven.inputs[0]
+        record, pieces, u = self.record, self.pieces, self.fine_inputs
         y = np.zeros((len(u), record.n_outputs))
         if record.dt is not None:
             return Record(u, y, dt=record.dt / pieces), pieces

@@ -39,9 +39,12 @@ PER_DECADE = 3.0
 """Rates in a decade, as in `search.starts`: neighbours are a factor of two apart."""
 SLOW_EDGE = 3.0
 """Slowest rate times length of the record: it decays to 5 % within it."""
-FAST_EDGE = 2.0
-"""Fastest rate times sampling interval: a loop may be as fast as its sampling allows, and a rate of
-2 / dt is gone at the next sample."""
+FAST_EDGE = 1.0
+"""Fastest rate times sampling interval: that of the fastest loops; of faster operators the samples
+show no shape, and they are hardly told apart."""
+TOLD_APART = 1e-6
+"""Of columns with unit length, what a column must add to those before it: below, weights would be
+large, cancel at the samples, and run away between them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +84,19 @@ class Driven:
         return self.columns @ self.weights[:, self.record.n_inputs :]
 
     def inputs_between(self, pieces: int) -> Array:
-        """Means of the driven inputs over equal pieces of every interval.
+        """(pieces * n_samples, n_inputs) means of the driven inputs over pieces of every interval.
+
+        Examples
+        --------
+        >>> r = np.repeat([0.0, 1.0], 40)
+        >>> part = driven(Record(2.0 * r, r, dt=0.1, reference=r))
+        >>> part.inputs_between(2)[[0, -1], 0].round(9).tolist()
+        [0.0, 2.0]
+        """
+        return self.means(pieces, slice(0, self.record.n_inputs))
+
+    def means(self, pieces: int, signals: slice) -> Array:
+        """(pieces * n_samples, k) means of driven signals over equal pieces of every interval.
 
         By Simpson's rule on the ends and the middle of each piece. At a jump of a held reference
         the driven input jumps, and the rule takes the value after it.
@@ -89,19 +104,16 @@ class Driven:
         Parameters
         ----------
         pieces : int
-            In an interval.
-
-        Returns
-        -------
-        (pieces * n_samples, n_inputs) array
-            The last interval is as long as the one before.
+            In an interval; the last one is as long as the one before.
+        signals : slice
+            Of inputs and outputs.
         """
         halves = 2 * pieces
         fine = _refined(self.record, self.before, halves)
         states = operators(fine, self.rate, self.order)
         after, before = _sides(self.before, fine)
-        right = _columns(after, states[:-1]) @ self.weights[:, : self.record.n_inputs]
-        left = _columns(before, states[1:]) @ self.weights[:, : self.record.n_inputs]
+        right = _columns(after, states[:-1]) @ self.weights[:, signals]
+        left = _columns(before, states[1:]) @ self.weights[:, signals]
         # piece k: from node 2 k over 2 k + 1 to 2 k + 2
         return np.asarray((right[0::2] + 2.0 * (left[0::2] + right[1::2]) + left[1::2]) / 6.0)
 
@@ -251,7 +263,7 @@ def _cheapest(columns: Array, signals: Array, n_references: int, most: int) -> t
     ordered = columns[:, np.concatenate([np.arange(lead), nested])]
     norms = np.linalg.norm(ordered, axis=0)
     q, r = np.linalg.qr(ordered / np.where(norms > 0, norms, 1.0))
-    sound = np.abs(np.diag(r)) > 1e-10
+    sound = np.abs(np.diag(r)) > TOLD_APART
     total = 0.0
     counts = lead + n_references * np.arange(1, most + 1)
     for signal in signals.T:
@@ -281,5 +293,5 @@ def _fitted(columns: Array, signals: Array) -> Array:
     for k, signal in enumerate(signals.T):
         seen = np.isfinite(signal)
         scaled = columns[seen] / scale
-        found[:, k] = np.linalg.lstsq(scaled, signal[seen], rcond=None)[0] / scale
+        found[:, k] = np.linalg.lstsq(scaled, signal[seen], rcond=TOLD_APART)[0] / scale
     return found

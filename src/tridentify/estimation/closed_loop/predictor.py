@@ -1,0 +1,252 @@
+"""The stable predictor of a plant that is not stable, and what it leaves of a record.
+
+A plant with poles in the right half plane, or at zero, cannot be simulated on a recorded input: any
+error grows with time. Its predictor can. With the plant in observer form and the recorded
+output fed back,
+
+    x_{k+1} = A x_k + B u_k + K (y_k - C x_k - D u_k),        e_k = y_k - C x_k - D u_k,      (1)
+
+``e = (y - G u) a(z) / c(z)``, where ``c`` has the eigenvalues of ``A - K C``. With those of ``A``
+that lie outside the unit circle mirrored into it, ``a / c`` is all-pass: ``e`` is white where the
+noise of the output is. It is the stationary Kalman filter for an output without process noise, and
+least squares of ``e`` the maximum of the likelihood. Poles at zero are put where they decay within
+the record. Nothing else is changed, so that for a stable plant ``e = y - G u``.
+
+``e`` is linear in the signals, so that what the reference drives in it is ``e`` of the driven
+signals (`driven`), and its derivatives by the coefficients are instruments as in the stable case
+(`methods.reference`). They are taken by central differences of (1), which is exact at the samples:
+of a held input, and of a driven one of continuous time, by pieces of the intervals
+(`between_samples`).
+
+References: U. Forssell & L. Ljung, IEEE Transactions on Automatic Control 45 (2000) 137-141. L.
+Ljung, *System Identification*, 2nd ed., problem 4G.6 (1999), on the mirrored predictor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import scipy.linalg
+
+from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.interpolation import drive
+
+STEP = 1e-5
+"""Of the central differences, relative to the coefficients' natural sizes: the root of the
+rounding of ``e`` over the cube of what is left of it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """Several inputs, one output, one denominator.
+
+    Attributes
+    ----------
+    a : (n,) array
+        ``a_{n-1} .. a_0``.
+    b : tuple of arrays
+        Numerators of every input, descending powers.
+    """
+
+    a: Array
+    b: tuple[Array, ...]
+
+    @property
+    def poles(self) -> Array:
+        """(n,) complex array [rad/s]."""
+        return np.roots(np.concatenate([[1.0], self.a]))
+
+    @property
+    def theta(self) -> Array:
+        """Coefficients in the order of `Structure.names`."""
+        return np.concatenate([self.a, *self.b])
+
+    def with_theta(self, theta: Array) -> Plant:
+        """The same orders with other coefficients."""
+        ends = np.cumsum([self.a.size, *(one.size for one in self.b)])
+        parts = np.split(theta, ends[:-1])
+        return Plant(parts[0], tuple(parts[1:]))
+
+    @property
+    def scale(self) -> Array:
+        """Natural sizes of the coefficients, from the typical rate of the poles."""
+        n = self.a.size
+        rate = max(float(np.exp(np.mean(np.log(np.abs(self.poles) + 1e-300)))), 1e-150)
+        sizes = [rate ** np.arange(1.0, n + 1)]
+        for one in self.b:
+            powers = rate ** -np.arange(one.size - 1.0, -1.0, -1.0)
+            sizes.append(float(np.max(np.abs(one) / powers) or 1.0) * powers)
+        return np.concatenate(sizes)
+
+
+@dataclass(frozen=True, eq=False)
+class Signals:
+    """What a predictor is driven by: recorded, or what the references drive of it.
+
+    Attributes
+    ----------
+    u : (n_samples, n_inputs) array
+        Held over the intervals.
+    fine : (pieces * n_samples, n_inputs) array
+        Held over equal pieces of them; added to ``u``.
+    y : (n_samples,) array
+    dt : float
+    """
+
+    u: Array
+    fine: Array
+    y: Array
+    dt: float
+
+    @property
+    def pieces(self) -> int:
+        """Of an interval."""
+        return len(self.fine) // len(self.u) if len(self.fine) else 0
+
+
+def recorded(loop: Loop) -> Signals:
+    """All of a record, about its first sample; missing outputs are those that are driven."""
+    record, part = loop.record, loop.driven
+    y = np.where(np.isnan(record.y[:, 0]), part.outputs[:, 0], record.y[:, 0])
+    u = record.u - record.u[0]
+    held, fine = _split(loop, u)
+    return Signals(held, fine, y - y[0], float(record.dt or 0.0))
+
+
+def driven_signals(loop: Loop) -> Signals:
+    """What the references drive of a record."""
+    part = loop.driven
+    held, fine = _split(loop, part.inputs - part.inputs[0])
+    y = part.outputs[:, 0]
+    return Signals(held, fine, y - y[0], float(loop.record.dt or 0.0))
+
+
+def _split(loop: Loop, u: Array) -> tuple[Array, Array]:
+    if loop.sampling == "sampled":
+        return u, np.zeros((0, u.shape[1]))
+    fine = loop.fine_inputs
+    return u - (loop.driven.inputs - loop.driven.inputs[0]), fine
+
+
+@dataclass(frozen=True, eq=False)
+class Predictor:
+    """Equation (1) for one plant and one sampling interval.
+
+    Attributes
+    ----------
+    plant : Plant
+    dt : float
+        [s].
+    slowest : float
+        Slowest decay of the predictor [rad/s].
+    """
+
+    plant: Plant
+    dt: float
+    slowest: float
+
+    @cached_property
+    def _continuous(self) -> tuple[Array, Array, Array, Array]:
+        n = self.plant.a.size
+        rate = max(float(np.max(np.abs(self.plant.poles))), self.slowest)
+        # time in units of 1 / rate: the states are of one size
+        powers = rate ** np.arange(1.0, n + 1)
+        a = np.zeros((n, n))
+        a[:-1, 1:] = np.eye(n - 1)
+        a[:, 0] = -self.plant.a / powers
+        direct = np.array([one[0] if one.size > n else 0.0 for one in self.plant.b])
+        b = np.zeros((n, len(self.plant.b)))
+        for j, one in enumerate(self.plant.b):
+            proper = np.pad(one[-n:], (max(n - one.size, 0), 0)) - direct[j] * self.plant.a
+            b[:, j] = proper / powers
+        return rate * a, rate * b, direct, powers
+
+    def _discrete(self, step: float) -> tuple[Array, Array]:
+        a, b, _, _ = self._continuous
+        n, m = b.shape
+        block = np.zeros((n + m, n + m))
+        block[:n, :n], block[:n, n:] = a * step, b * step
+        whole = scipy.linalg.expm(block)
+        return whole[:n, :n], whole[:n, n:]
+
+    @property
+    def mirrored(self) -> Array:
+        """(n,) complex poles of the predictor [rad/s]."""
+        poles = self.plant.poles
+        return -np.maximum(np.abs(poles.real), self.slowest) + 1j * poles.imag
+
+    @cached_property
+    def gain(self) -> Array:
+        """(n,) ``K``, by Ackermann's formula on the observer form."""
+        a, n = self._discrete(self.dt)[0], self.plant.a.size
+        if np.all(self.plant.poles.real <= -self.slowest):
+            return np.zeros(n)
+        wanted = np.real(np.poly(np.exp(self.mirrored * self.dt)))
+        value, power, rows = np.zeros((n, n)), np.eye(n), []
+        for k in range(n + 1):
+            value += wanted[n - k] * power
+            if k < n:
+                rows.append(power[0])
+            power = power @ a
+        return np.asarray(value @ np.linalg.solve(np.array(rows), np.eye(n)[:, -1]))
+
+    def errors(self, signals: Signals) -> Array:
+        """(n_samples,) ``e`` from rest."""
+        a, b = self._discrete(self.dt)
+        direct, n = self._continuous[2], self.plant.a.size
+        inputs = b @ signals.u.T
+        through = signals.u @ direct
+        if signals.pieces:
+            af, bf = self._discrete(self.dt / signals.pieces)
+            blocks = signals.fine.reshape(len(signals.u), signals.pieces, -1)
+            step = bf
+            for k in range(signals.pieces - 1, -1, -1):
+                inputs = inputs + step @ blocks[:, k].T
+                step = af @ step
+            through = through + blocks[:, 0] @ direct
+        left = signals.y - through
+        inputs = inputs + np.outer(self.gain, left)
+        closed = a.copy()
+        closed[:, 0] -= self.gain
+        states = np.empty((n, len(left)))
+        drive(np.ascontiguousarray(closed), n - 1, inputs, np.zeros(n), states)
+        return np.asarray(left - states[0])
+
+    def starts(self, count: int) -> Array:
+        """(count, n) ``e`` of unit initial states, less the sign."""
+        a, n = self._discrete(self.dt)[0], self.plant.a.size
+        closed = a.copy()
+        closed[:, 0] -= self.gain
+        found = np.empty((count, n))
+        for k in range(n):
+            states = np.empty((n, count))
+            drive(np.ascontiguousarray(closed), n - 1, np.zeros((n, count)), np.eye(n)[k], states)
+            found[:, k] = states[0]
+        return found
+
+    @property
+    def start_numerators(self) -> Array:
+        """(n,) numerators of the free response over those states."""
+        return self._continuous[3] / float(self._continuous[3][0]) * 1.0
+
+    @property
+    def amplification(self) -> float:
+        """Of the standard deviation of white noise of the output, by the mirrored poles."""
+        real = self.plant.poles.real
+        return float(np.exp(self.dt * np.sum(np.where(real > self.slowest, real, 0.0))))
+
+
+def slopes(plant: Plant, signals: Signals, slowest: float) -> Array:
+    """(n_samples, n_coefficients) minus the derivatives of ``e`` by the coefficients."""
+    theta, scale = plant.theta, plant.scale
+    found = np.empty((len(signals.u), theta.size))
+    for k in range(theta.size):
+        step = np.zeros(theta.size)
+        step[k] = STEP * scale[k]
+        after = Predictor(plant.with_theta(theta + step), signals.dt, slowest).errors(signals)
+        before = Predictor(plant.with_theta(theta - step), signals.dt, slowest).errors(signals)
+        found[:, k] = (before - after) / (2.0 * step[k])
+    return found

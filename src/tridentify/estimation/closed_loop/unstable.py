@@ -1,0 +1,369 @@
+"""Steps 1, 2 and 4 for a plant that may be unstable or integrate, from the signals driven in a loop.
+
+*Step 1* is `driven`: ``u_M`` and ``y_M`` are bounded, whatever the plant, as the loop is stable.
+
+*Step 2* is the equation error of the two. With a stable ``c(p)``
+
+    (p^n / c) y_M = - sum a_k (p^k / c) y_M + sum b_k (p^k / c) u_M
+
+is linear in the coefficients and carries no noise; its poles are taken as they come. ``c`` is
+``(p + g)^n`` with the rate ``g`` of the operators and its neighbours, then the mirrored ``a``.
+
+*Step 4* is the root of ``sum Z e = 0`` with the errors ``e`` of the mirrored predictor and their
+driven derivatives ``Z`` (`predictor`): steps ``(Z' Z)^{-1} Z' e``, halved while they do not bring
+the driven part of ``e`` down. Start and offset are columns beside ``Z``; where the noise is coloured
+all of them are whitened. ``sigma^2 (Z' Z)^{-1}`` is the covariance (`methods.reference`, eq. 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.predictor import (
+    Plant,
+    Predictor,
+    driven_signals,
+    recorded,
+    slopes,
+)
+from tridentify.models.regression import Experiment, response_of
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
+from tridentify.numerics.realization import cascade, denominator, monomials, sort_poles
+
+SHARES = (1.0, 0.3, 3.0, 0.1)
+"""Rates of the first filters over that of the operators, which is one of the loop's."""
+START_PASSES = 6
+"""Of Step 2 on the mirrored denominator; they settle in three or not at all."""
+MOST_STEPS = 60
+"""Of Step 4; five to ten are usual."""
+STILL = 1e-4
+"""Standard errors that the coefficients move by in the last step."""
+NEARLY = 0.1
+"""Standard errors within which a step counts that does not lower the driven error."""
+HALVINGS = 8
+"""Of a step that does not lower the driven error: 1/256 of it is none."""
+MOST_NOISE_ROUNDS = 4
+"""Fits of the noise model and of the coefficients in turn."""
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Where Step 4 ended.
+
+    Attributes
+    ----------
+    plant : Plant
+    cov : (n, n) array
+        Of its coefficients.
+    errors : tuple of (n_samples,) arrays
+        ``e`` less start and offset, per experiment; ``nan`` where nothing was recorded.
+    noise : (p,) array
+        Autoregressive coefficients of ``e``; empty where it is white.
+    variance : float
+        Of the innovations of ``e``.
+    amplification : float
+        Of the output's noise in ``e``, in standard deviations.
+    nuisance : tuple of arrays
+        Per experiment: initial state, offset [output units].
+    freedom : int
+        Samples less unknowns.
+    condition : float
+        Of ``Z`` with unit columns.
+    steps : int
+    moved : float
+        By the last step [standard errors].
+    """
+
+    plant: Plant
+    cov: Array
+    errors: tuple[Array, ...]
+    noise: Array
+    variance: float
+    amplification: float
+    nuisance: tuple[Array, ...]
+    freedom: int
+    condition: float
+    steps: int
+    moved: float
+
+    @property
+    def still(self) -> bool:
+        """Whether it is a root."""
+        return self.moved <= STILL
+
+    def driven_share(self, loops: Sequence[Loop]) -> float:
+        """Mean square of what the references explain of the errors, over its expectation."""
+        total, columns = 0.0, 0
+        for loop, left in zip(loops, self.errors, strict=True):
+            seen = np.isfinite(left)
+            q = np.linalg.qr(loop.driven.columns[seen])[0]
+            total += float(np.sum((q.T @ left[seen]) ** 2)) / float(np.mean(left[seen] ** 2))
+            columns += q.shape[1]
+        return total / columns
+
+
+def starting_plants(loops: Sequence[Loop], n: int, zeros: Sequence[int]) -> list[Plant]:
+    """Step 2 from several filters.
+
+    Parameters
+    ----------
+    loops : sequence of Loop
+    n : int
+        Number of poles.
+    zeros : sequence of int
+        Of every input.
+    """
+    found = []
+    for share in SHARES:
+        poles = np.full(n, -share * loops[0].driven.rate, dtype=np.complex128)
+        try:
+            for _ in range(START_PASSES):
+                plant = _equation_error(loops, poles, zeros)
+                poles = _mirrored(plant, loops)
+        except (np.linalg.LinAlgError, ValueError):
+            continue
+        if np.all(np.isfinite(plant.theta)):
+            found.append(plant)
+    return found
+
+
+def _mirrored(plant: Plant, loops: Sequence[Loop]) -> Complex:
+    step = float(loops[0].record.dt or 0.0)
+    return sort_poles(Predictor(plant, step, slowest(loops)).mirrored)
+
+
+def slowest(loops: Sequence[Loop]) -> float:
+    """Slowest decay of a predictor: once within the shortest record [rad/s]."""
+    return 1.0 / min(loop.record.duration for loop in loops)
+
+
+def _equation_error(loops: Sequence[Loop], poles: Complex, zeros: Sequence[int]) -> Plant:
+    bank, n = cascade(poles), len(poles)
+    c = denominator(poles)
+    powers = monomials(bank, n)
+    rows, target = [], []
+    for loop in loops:
+        part = loop.driven
+        held = part.means(1, slice(0, loop.record.n_inputs + 1))
+        held = held - np.column_stack([part.inputs, part.outputs])[0]
+        width = held.shape[1]
+        experiment = Experiment(
+            np.ascontiguousarray(held), np.zeros((len(held), 1)), float(loop.record.dt or 0.0),
+            "zoh", free=True, offset=False, drift=False,
+        )  # fmt: skip
+        q = n * (width + 1)
+        pick = np.zeros((q, q + width + 2))
+        pick[:, :q] = np.eye(q)
+        states = response_of(experiment, bank, pick[:, : q + width], outputs=[0] * q)
+        start, own = states[:, :n], states[:, n:].reshape(len(held), width, n)
+        filtered = np.einsum("kjs,ps->kjp", own, powers)
+        columns = [-filtered[:, -1, ::-1]]
+        for j, m in enumerate(zeros):
+            block = filtered[:, j, : min(m + 1, n)][:, ::-1]
+            if m == n:
+                block = np.column_stack([held[:, j], block])
+                block[:, 0] -= filtered[:, j, :] @ c[:0:-1]
+            columns.append(block)
+        y = part.outputs[:, 0] - part.outputs[0, 0]
+        rows.append(np.hstack([*columns, start, np.ones((len(y), 1))]))
+        target.append(y - filtered[:, -1, :] @ c[:0:-1])
+    n_theta = n + sum(m + 1 for m in zeros)
+    matrix = _stacked([one[:, :n_theta] for one in rows], [one[:, n_theta:] for one in rows])
+    norms = np.linalg.norm(matrix, axis=0)
+    scale = np.where(norms > 0, norms, 1.0)
+    theta = (np.linalg.lstsq(matrix / scale, np.concatenate(target), rcond=1e-12)[0] / scale)
+    ends = np.cumsum([n, *(m + 1 for m in zeros)])
+    parts = np.split(theta[:n_theta], ends[:-1])
+    return Plant(parts[0], tuple(parts[1:]))
+
+
+def _stacked(shared: Sequence[Array], own: Sequence[Array]) -> Array:
+    """Columns of all experiments, and columns of each alone."""
+    blocks = []
+    width = sum(one.shape[1] for one in own)
+    at = 0
+    for left, right in zip(shared, own, strict=True):
+        block = np.zeros((len(left), width))
+        block[:, at : at + right.shape[1]] = right
+        at += right.shape[1]
+        blocks.append(np.hstack([left, block]))
+    return np.vstack(blocks)
+
+
+@dataclass(frozen=True, eq=False)
+class _Linear:
+    """Errors and columns at a plant, whitened; rows of missing samples are zero."""
+
+    errors: Array
+    slopes: Array
+    rest: Array
+    count: int
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether nothing ran away."""
+        return bool(np.isfinite(self.errors).all() and np.isfinite(self.slopes).all())
+
+    def step(self) -> tuple[Array, Array, Array]:
+        """Change of all unknowns, the residual, and unscaled ``R`` of the columns."""
+        matrix = np.hstack([self.slopes, self.rest])
+        norms = np.linalg.norm(matrix, axis=0)
+        scale = np.where(norms > 0, norms, 1.0)
+        q, r = np.linalg.qr(matrix / scale)
+        change = np.linalg.lstsq(r, q.T @ self.errors, rcond=1e-13)[0] / scale
+        return change, self.errors - q @ (q.T @ self.errors), r * scale
+
+
+def root(
+    loops: Sequence[Loop],
+    plants: Sequence[Plant],
+    choose_noise: Callable[[Sequence[Array]], Array] | None,
+    say: Callable[[str], None],
+) -> Found | None:
+    """Step 4 from several plants, the one first of which the references explain least.
+
+    Parameters
+    ----------
+    loops : sequence of Loop
+    plants : sequence of Plant
+    choose_noise : callable, optional
+        Gives the autoregressive coefficients for the errors of the experiments; white without it.
+    say : callable
+        Is told what is going on.
+
+    Returns
+    -------
+    Found or None
+        None where no start leads anywhere.
+    """
+    noise = np.zeros(0)
+    basis = _driven_basis(loops)
+    sound = [one for one in plants if _linear(loops, one, noise).is_finite]
+    found = None
+    for plant in sorted(sound, key=lambda one: _merit(_linear(loops, one, noise), basis)):
+        found = _descended(loops, plant, noise, basis)
+        if found.still:
+            break
+    for _ in range(MOST_NOISE_ROUNDS if found is not None and found.still else 0):
+        if choose_noise is None or found is None:
+            break
+        following = choose_noise(found.errors)
+        if following.size == noise.size and np.allclose(following, noise, atol=1e-4):
+            break
+        say("coloured noise")
+        noise = following
+        found = _descended(loops, found.plant, noise, basis)
+    return found
+
+
+def _driven_basis(loops: Sequence[Loop]) -> Array:
+    columns = [loop.driven.columns for loop in loops]
+    return np.linalg.qr(_stacked([one[:, :0] for one in columns], columns))[0]
+
+
+def autoregressive(errors: Sequence[Array]) -> Array:
+    """A model of the errors' colour, of the order of lowest AICc."""
+    fewest = min(int(np.isfinite(one).sum()) for one in errors)
+    return fit_autoregression(list(errors), most_coefficients(fewest))
+
+
+def _descended(loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array) -> Found:
+    moved, steps = np.inf, 0
+    linear = _linear(loops, plant, noise)
+    for steps in range(1, MOST_STEPS + 1):
+        change, left, upper = linear.step()
+        n = plant.theta.size
+        size = _deviation(upper, left, linear.count, n)
+        moved = float(np.max(np.abs(change[:n]) / size))
+        merit, share = _merit(linear, basis), 1.0
+        for _ in range(HALVINGS):
+            following = plant.with_theta(plant.theta + share * change[:n])
+            new = _linear(loops, following, noise)
+            if new.is_finite and _merit(new, basis) <= merit * (1 + 1e-9):
+                break
+            share *= 0.5
+        else:
+            # at a root the driven error may rise by what a step is too small to tell
+            if moved > NEARLY or not new.is_finite:
+                moved = np.inf
+                break
+        plant, linear = following, new
+        if moved <= STILL:
+            break
+    return _found(loops, plant, noise, linear, (steps, moved))
+
+
+def _deviation(upper: Array, left: Array, count: int, n: int) -> Array:
+    variance = float(left @ left) / max(count - upper.shape[1], 1)
+    inverse = np.linalg.pinv(upper)
+    return np.sqrt(variance * np.sum(inverse[:n] ** 2, axis=1)) + 1e-300
+
+
+def _merit(linear: _Linear, basis: Array) -> float:
+    """What the references explain of the errors beside start and offset."""
+    q = np.linalg.qr(linear.rest)[0]
+    left = linear.errors - q @ (q.T @ linear.errors)
+    along = basis.T @ left
+    return float(along @ along) if np.isfinite(along).all() else np.inf
+
+
+def _linear(loops: Sequence[Loop], plant: Plant, noise: Array) -> _Linear:
+    edge = slowest(loops)
+    errors, shared, own, count = [], [], [], 0
+    with np.errstate(all="ignore"):
+        for loop in loops:
+            signals = recorded(loop)
+            predictor = Predictor(plant, signals.dt, edge)
+            e = predictor.errors(signals)
+            z = slopes(plant, driven_signals(loop), edge)
+            rest = np.column_stack([predictor.starts(len(e)), np.ones(len(e))])
+            seen = np.isfinite(loop.record.y[:, 0])
+            count += int(seen.sum())
+            table = _white(np.column_stack([e, z, rest]), seen, noise)
+            errors.append(table[:, 0])
+            shared.append(table[:, 1 : 1 + z.shape[1]])
+            own.append(table[:, 1 + z.shape[1] :])
+    blocks = _stacked(shared, own)
+    n = plant.theta.size
+    return _Linear(np.concatenate(errors), blocks[:, :n], blocks[:, n:], count)
+
+
+def _white(table: Array, seen: Array, noise: Array) -> Array:
+    if not noise.size:
+        return np.where(seen[:, None], table, 0.0)
+    found = [whiten(np.where(seen, column, np.nan), noise)[0] for column in table.T]
+    return np.nan_to_num(np.column_stack(found))
+
+
+def _found(
+    loops: Sequence[Loop], plant: Plant, noise: Array, linear: _Linear, walked: tuple[int, float]
+) -> Found:
+    change, left, upper = linear.step()
+    n = plant.theta.size
+    freedom = max(linear.count - upper.shape[1] - noise.size, 1)
+    variance = float(left @ left) / freedom
+    inverse = np.linalg.pinv(upper)
+    columns = upper[:, :n] / np.linalg.norm(upper[:, :n], axis=0)
+    rest = np.split(change[n:], len(loops))
+    plain = _linear(loops, plant, np.zeros(0))
+    whole = plain.errors - plain.rest @ change[n:]
+    errors = np.split(whole, np.cumsum([loop.record.n_samples for loop in loops])[:-1])
+    seen = [np.isfinite(loop.record.y[:, 0]) for loop in loops]
+    step = float(loops[0].record.dt or 0.0)
+    return Found(
+        plant,
+        variance * inverse[:n] @ inverse[:n].T,
+        tuple(np.where(s, e, np.nan) for s, e in zip(seen, errors, strict=True)),
+        noise,
+        variance,
+        Predictor(plant, step, slowest(loops)).amplification,
+        tuple(rest),
+        freedom,
+        float(np.linalg.cond(columns)),
+        *walked,
+    )
