@@ -26,7 +26,7 @@ from tridentify.errors import (
     SampleTypeError,
     TooFewSamplesError,
 )
-from tridentify.judgement.validation.residuals import _root, look
+from tridentify.judgement.validation.residuals import look, root_of
 
 DT, N = 0.05, 600
 PLANT = TransferFunction([9.0], [1.0, 1.2, 9.0])
@@ -94,7 +94,7 @@ def test_a_right_model_passes(right, estimate, record):
 def test_the_derivatives_are_those_of_differences(estimate, record):
     view = look(estimate, [record], None)
     (output,) = view.outputs
-    root = _root(estimate)
+    root = root_of(estimate)
     assert root @ root.T == pytest.approx(estimate.cov, rel=1e-9, abs=1e-12)
     for k in range(root.shape[1]):
         ends = []
