@@ -43,8 +43,11 @@ MOST_STEPS = 60
 """Of Step 4; five to ten are usual."""
 STILL = 1e-4
 """Standard errors that the coefficients move by in the last step."""
-NEARLY = 0.1
-"""Standard errors within which a step counts that does not lower the driven error."""
+AS_WELL = 1e4
+"""Condition of the derivatives as the instruments see them, over that of the driven ones."""
+SCATTER = 4.0
+"""Times its expectation that the driven part of the errors may be without telling of a wrong plant:
+a root of as many equations as unknowns does not minimise it."""
 HALVINGS = 8
 """Of a step that does not lower the driven error: 1/256 of it is none."""
 MOST_NOISE_ROUNDS = 4
@@ -201,6 +204,7 @@ class _Linear:
 
     errors: Array
     slopes: Array
+    full: Array
     rest: Array
     count: int
 
@@ -210,13 +214,21 @@ class _Linear:
         return bool(np.isfinite(self.errors).all() and np.isfinite(self.slopes).all())
 
     def step(self) -> tuple[Array, Array, Array]:
-        """Change of all unknowns, the residual, and unscaled ``R`` of the columns."""
+        """Change of all unknowns, the residual beside start and offset, and ``R`` of the columns.
+
+        Newton's step for the root, with the derivatives of all of ``e`` beside the instruments;
+        where these hardly know them, that of the driven part alone.
+        """
         matrix = np.hstack([self.slopes, self.rest])
         norms = np.linalg.norm(matrix, axis=0)
         scale = np.where(norms > 0, norms, 1.0)
         q, r = np.linalg.qr(matrix / scale)
-        change = np.linalg.lstsq(r, q.T @ self.errors, rcond=1e-13)[0] / scale
-        return change, self.errors - q @ (q.T @ self.errors), r * scale
+        full = q.T @ (np.hstack([self.full, self.rest]) / scale)
+        if np.linalg.cond(np.linalg.solve(r.T, full.T)) > AS_WELL:
+            full = r
+        change = np.linalg.lstsq(full, q.T @ self.errors, rcond=1e-13)[0] / scale
+        own = np.linalg.qr(self.rest)[0]
+        return change, self.errors - own @ (own.T @ self.errors), r * scale
 
 
 def root(
@@ -280,7 +292,8 @@ def _descended(loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array) 
         n = plant.theta.size
         size = _deviation(upper, left, linear.count, n)
         moved = float(np.max(np.abs(change[:n]) / size))
-        merit, share = _merit(linear, basis), 1.0
+        noise_level = SCATTER * basis.shape[1] * float(left @ left) / linear.count
+        merit, share = max(_merit(linear, basis), noise_level), 1.0
         for _ in range(HALVINGS):
             following = plant.with_theta(plant.theta + share * change[:n])
             new = _linear(loops, following, noise)
@@ -288,10 +301,8 @@ def _descended(loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array) 
                 break
             share *= 0.5
         else:
-            # at a root the driven error may rise by what a step is too small to tell
-            if moved > NEARLY or not new.is_finite:
-                moved = np.inf
-                break
+            moved = np.inf
+            break
         plant, linear = following, new
         if moved <= STILL:
             break
@@ -321,16 +332,18 @@ def _linear(loops: Sequence[Loop], plant: Plant, noise: Array) -> _Linear:
             predictor = Predictor(plant, signals.dt, edge)
             e = predictor.errors(signals)
             z = slopes(plant, driven_signals(loop), edge)
+            every = slopes(plant, signals, edge)
             rest = np.column_stack([predictor.starts(len(e)), np.ones(len(e))])
             seen = np.isfinite(loop.record.y[:, 0])
             count += int(seen.sum())
-            table = _white(np.column_stack([e, z, rest]), seen, noise)
+            table = _white(np.column_stack([e, z, every, rest]), seen, noise)
             errors.append(table[:, 0])
-            shared.append(table[:, 1 : 1 + z.shape[1]])
-            own.append(table[:, 1 + z.shape[1] :])
+            shared.append(table[:, 1 : 1 + 2 * z.shape[1]])
+            own.append(table[:, 1 + 2 * z.shape[1] :])
     blocks = _stacked(shared, own)
     n = plant.theta.size
-    return _Linear(np.concatenate(errors), blocks[:, :n], blocks[:, n:], count)
+    both = (blocks[:, :n], blocks[:, n : 2 * n])
+    return _Linear(np.concatenate(errors), *both, blocks[:, 2 * n :], count)
 
 
 def _white(table: Array, seen: Array, noise: Array) -> Array:
