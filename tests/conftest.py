@@ -74,3 +74,14 @@ def _judged_where_it_counts(
     marked = request.node.get_closest_marker
     if QUICK and marked("unjudged") and not marked("judged"):
         monkeypatch.setattr(choice, "judged", _of_the_method)
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _judged_where_a_file_counts(request: pytest.FixtureRequest) -> Iterator[None]:
+    """The same for what the tests of a file share, where none of them reads findings."""
+    own = [item for item in request.session.items if item.parent is request.node]
+    numbers = request.node.get_closest_marker("unjudged") is not None
+    with pytest.MonkeyPatch.context() as patch:
+        if QUICK and numbers and not any(item.get_closest_marker("judged") for item in own):
+            patch.setattr(choice, "judged", _of_the_method)
+        yield

@@ -388,7 +388,10 @@ def test_the_posterior_mean_is_refused_where_it_is_asked_for():
 
 # -------------------------------------------------------------------------- units and starts
 @every_able
-@pytest.mark.parametrize(("dt", "input_unit", "output_unit"), [(1e-6, 1e3, 1.0), (1e5, 1.0, 1e-6)])
+@pytest.mark.parametrize(
+    ("dt", "input_unit", "output_unit"),
+    [(1e-6, 1e3, 1.0), pytest.param(1e5, 1.0, 1e-6, marks=pytest.mark.slow)],
+)
 @pytest.mark.parametrize("case", ["gain", "bound and prior", "equality", "integrator"])
 def test_units_change_nothing_but_the_units(key, case, dt, input_unit, output_unit):
     num, den = ([2.0], [1.0, 2.0, 0.0]) if case == "integrator" else ([0.2, 0.5], [1.0, 1.0, 3.0])

@@ -148,7 +148,7 @@ FIXTURE_IS_CONSTANT = [HealthCheck.function_scoped_fixture]
 
 
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
 def test_damage_is_refused_or_read(sample, seed: int) -> None:
     if sample.needs == "asammdf":
         pytest.skip("asammdf takes seconds to start; the slow test below damages MDF4 files")

@@ -302,7 +302,7 @@ def measured(seed):
 
 
 @pytest.mark.parametrize(
-    "between", ["zoh", "foh", pytest.param("band-limited", marks=pytest.mark.slow)]
+    "between", ["zoh", *(pytest.param(b, marks=pytest.mark.slow) for b in ("foh", "band-limited"))]
 )
 def test_a_smooth_measured_input_is_no_feedback(between):
     u, y = measured(7)

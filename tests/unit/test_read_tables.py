@@ -38,6 +38,8 @@ def write_npz(path: Path, frame: pl.DataFrame) -> Path:
 
 
 WRITERS = {"run.parquet": write_parquet, "run.feather": write_feather, "run.npz": write_npz}
+# Parquet and Feather are read by one library in a process of its own, which takes a while.
+NAMES = ["run.parquet", pytest.param("run.feather", marks=pytest.mark.slow), "run.npz"]
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -51,7 +53,7 @@ def test_a_table_comes_back(tmp_path: Path, name: str) -> None:
     assert dict(record.units) == {"y": "deg"}
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_content_decides_and_not_the_suffix(tmp_path: Path, name: str) -> None:
     path = WRITERS[name](tmp_path / name, pl.DataFrame(COLUMNS))
     renamed = path.rename(path.with_suffix(".csv"))
@@ -59,14 +61,14 @@ def test_the_content_decides_and_not_the_suffix(tmp_path: Path, name: str) -> No
     assert record.n_samples == 3
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", NAMES)
 def test_channels_are_listed_with_units_and_samples(tmp_path: Path, name: str) -> None:
     path = WRITERS[name](tmp_path / name, pl.DataFrame(COLUMNS))
     listed = [(c.name, c.unit, c.samples) for c in list_channels(path)]
     assert listed == [("t", "", 3), ("u", "", 3), ("y", "deg", 3)]
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize(
     ("error", "options", "words"),
     [
@@ -88,7 +90,7 @@ def test_refusals(tmp_path: Path, name: str, error: type[Exception], options, wo
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.parametrize("name", NAMES)
 def test_no_row_is_refused(tmp_path: Path, name: str) -> None:
     path = WRITERS[name](tmp_path / name, pl.DataFrame(COLUMNS).clear())
     with pytest.raises((errors.EmptyFileError, errors.TooFewSamplesError), match="expected"):
