@@ -10,6 +10,7 @@ from types import MappingProxyType
 from tridentify.checks.samples import Behaviour
 from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import ranked
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.filtered.bias_compensated_least_squares import (
@@ -21,6 +22,7 @@ from tridentify.estimation.methods.filtered.refined_instrumental_variable import
 from tridentify.estimation.methods.filtered.svf_instrumental_variable import SvfInstrumentalVariable
 from tridentify.estimation.methods.filtered.svf_least_squares import SvfLeastSquares
 from tridentify.estimation.methods.output_error import OutputError
+from tridentify.estimation.methods.reference import explained_records
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import (
     IN_WORDS,
@@ -29,6 +31,7 @@ from tridentify.judgement.causes.intersample import (
     better_behaviour,
 )
 from tridentify.judgement.cautions import judged
+from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.direct import about_direct
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -64,7 +67,8 @@ def with_behaviour(
         seen = [record.settled(wanted) for record in records]
         tried.append(wanted)
         estimate = method.estimate(seen, structure, progress)
-        found = behaviours(estimate, seen)
+        # what lies between the samples of a loop is no matter of the input's samples alone
+        found = None if estimate.route == "reference" else behaviours(estimate, seen)
         if stated:
             return estimate, seen, found, ()
         if found is None:
@@ -74,6 +78,10 @@ def with_behaviour(
         if better in tried or not _can_be(better, method):
             return estimate, seen, found, (found.in_words(),)
         wanted = better
+
+
+ANSWERED = ("feedback", "loop-not-excited")
+"""What a reference answers: that there was a controller is known."""
 
 
 def _can_be(behaviour: Behaviour, method: Method) -> bool:
@@ -102,7 +110,13 @@ def with_judgement(
     told : sequence of str
         Further decisions for its trace.
     """
-    found = about_direct(judged(estimate, list(records), between), estimate, records)
+    seen = explained_records(estimate, records)
+    if seen is None:
+        found = ranked([*estimate.findings, *coefficient_findings(estimate, list(records))])
+    else:
+        found = about_direct(judged(estimate, seen, between), estimate, records)
+        if estimate.route == "reference":
+            found = tuple(one for one in found if one.code not in ANSWERED)
     trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *told))
     return replace(estimate, findings=found, trace=trace, call=as_call(method))
 

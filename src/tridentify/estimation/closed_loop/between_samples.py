@@ -98,7 +98,7 @@ class Loop:
     @cached_property
     def fine_inputs(self) -> Array:
         """(pieces * n_samples, n_inputs) driven input in these pieces, about its first sample."""
-        return self.driven.inputs_between(self.pieces) - self.driven.inputs[0]
+        return np.asarray(self.driven.inputs_between(self.pieces) - self.driven.inputs[0])
 
     @cached_property
     def _fine(self) -> tuple[Record, int]:

@@ -31,7 +31,7 @@ import numpy as np
 import scipy.linalg
 
 from tridentify.estimation.closed_loop.between_samples import Loop
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.interpolation import drive
 
 STEP = 1e-5
@@ -55,9 +55,9 @@ class Plant:
     b: tuple[Array, ...]
 
     @property
-    def poles(self) -> Array:
+    def poles(self) -> Complex:
         """(n,) complex array [rad/s]."""
-        return np.roots(np.concatenate([[1.0], self.a]))
+        return np.roots(np.concatenate([[1.0], self.a])).astype(np.complex128)
 
     @property
     def theta(self) -> Array:
@@ -173,10 +173,10 @@ class Predictor:
         return whole[:n, :n], whole[:n, n:]
 
     @property
-    def mirrored(self) -> Array:
+    def mirrored(self) -> Complex:
         """(n,) complex poles of the predictor [rad/s]."""
         poles = self.plant.poles
-        return -np.maximum(np.abs(poles.real), self.slowest) + 1j * poles.imag
+        return np.asarray(-np.maximum(np.abs(poles.real), self.slowest) + 1j * poles.imag)
 
     @cached_property
     def gain(self) -> Array:
@@ -193,8 +193,8 @@ class Predictor:
             power = power @ a
         return np.asarray(value @ np.linalg.solve(np.array(rows), np.eye(n)[:, -1]))
 
-    def errors(self, signals: Signals) -> Array:
-        """(n_samples,) ``e`` from rest."""
+    def errors(self, signals: Signals, start: Array | None = None) -> Array:
+        """(n_samples,) ``e``, from rest or from a start: the initial state, then the offset."""
         a, b = self._discrete(self.dt)
         direct, n = self._continuous[2], self.plant.a.size
         inputs = b @ signals.u.T
@@ -207,20 +207,25 @@ class Predictor:
                 inputs = inputs + step @ blocks[:, k].T
                 step = af @ step
             through = through + blocks[:, 0] @ direct
-        left = signals.y - through
+        left = signals.y - through if start is None else signals.y - start[-1] - through
         inputs = inputs + np.outer(self.gain, left)
         closed = a.copy()
         closed[:, 0] -= self.gain
         states = np.empty((n, len(left)))
-        drive(np.ascontiguousarray(closed), n - 1, inputs, np.zeros(n), states)
+        first = np.zeros(n) if start is None else np.array(start[:-1], dtype=np.float64)
+        drive(np.ascontiguousarray(closed), n - 1, inputs, first, states)
         return np.asarray(left - states[0])
 
     def starts(self, count: int) -> Array:
-        """(count, n) ``e`` of unit initial states, less the sign."""
+        """(count, n + 1) minus the derivatives of ``e`` by the initial state and the offset."""
         a, n = self._discrete(self.dt)[0], self.plant.a.size
         closed = a.copy()
         closed[:, 0] -= self.gain
-        found = np.empty((count, n))
+        found = np.empty((count, n + 1))
+        states = np.empty((n, count))
+        fed = np.outer(self.gain, np.ones(count))
+        drive(np.ascontiguousarray(closed), n - 1, fed, np.zeros(n), states)
+        found[:, n] = 1.0 - states[0]
         for k in range(n):
             states = np.empty((n, count))
             drive(np.ascontiguousarray(closed), n - 1, np.zeros((n, count)), np.eye(n)[k], states)
@@ -239,14 +244,30 @@ class Predictor:
         return float(np.exp(self.dt * np.sum(np.where(real > self.slowest, real, 0.0))))
 
 
-def slopes(plant: Plant, signals: Signals, slowest: float) -> Array:
-    """(n_samples, n_coefficients) minus the derivatives of ``e`` by the coefficients."""
+def slopes(plant: Plant, signals: Signals, slowest: float, start: Array) -> Array:
+    """(n_samples, n_coefficients) minus the derivatives of ``e`` by the coefficients.
+
+    Parameters
+    ----------
+    plant : Plant
+    signals : Signals
+    slowest : float
+        Slowest decay of the predictor [rad/s].
+    start : (n + 1,) array
+        Initial state, in units of the plant's own, and offset, which are held.
+    """
+    physical = np.append(start[:-1] * Predictor(plant, signals.dt, slowest).start_numerators, 0.0)
+
     theta, scale = plant.theta, plant.scale
     found = np.empty((len(signals.u), theta.size))
     for k in range(theta.size):
         step = np.zeros(theta.size)
         step[k] = STEP * scale[k]
-        after = Predictor(plant.with_theta(theta + step), signals.dt, slowest).errors(signals)
-        before = Predictor(plant.with_theta(theta - step), signals.dt, slowest).errors(signals)
-        found[:, k] = (before - after) / (2.0 * step[k])
+        both = []
+        for moved in (theta + step, theta - step):
+            one = Predictor(plant.with_theta(moved), signals.dt, slowest)
+            own = physical / np.append(one.start_numerators, 1.0)
+            own[-1] = start[-1]
+            both.append(one.errors(signals, own))
+        found[:, k] = (both[1] - both[0]) / (2.0 * step[k])
     return found

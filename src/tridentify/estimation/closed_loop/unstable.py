@@ -1,4 +1,4 @@
-"""Steps 1, 2 and 4 for a plant that may be unstable or integrate, from the signals driven in a loop.
+"""Steps 1, 2 and 4 for a plant that may be unstable or integrate, from what a reference drives.
 
 *Step 1* is `driven`: ``u_M`` and ``y_M`` are bounded, whatever the plant, as the loop is stable.
 
@@ -11,21 +11,27 @@ is linear in the coefficients and carries no noise; its poles are taken as they 
 
 *Step 4* is the root of ``sum Z e = 0`` with the errors ``e`` of the mirrored predictor and their
 driven derivatives ``Z`` (`predictor`): steps ``(Z' Z)^{-1} Z' e``, halved while they do not bring
-the driven part of ``e`` down. Start and offset are columns beside ``Z``; where the noise is coloured
-all of them are whitened. ``sigma^2 (Z' Z)^{-1}`` is the covariance (`methods.reference`, eq. 2).
+the driven part of ``e`` down. Start and offset are columns beside ``Z``; where the noise is
+coloured all of them are whitened. ``sigma^2 (Z' Z)^{-1}`` is the covariance
+(`methods.reference`, eq. 2).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tridentify.estimation.answer.assemble import Request, Solved, assemble
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.parameter import Nuisance
+from tridentify.estimation.answer.trace import Status, Trace
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.predictor import (
     Plant,
     Predictor,
+    Signals,
     driven_signals,
     recorded,
     slopes,
@@ -33,7 +39,11 @@ from tridentify.estimation.closed_loop.predictor import (
 from tridentify.models.regression import Experiment, response_of
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import cascade, denominator, monomials, sort_poles
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
 
 SHARES = (1.0, 0.3, 3.0, 0.1)
 """Rates of the first filters over that of the operators, which is one of the loop's."""
@@ -132,7 +142,52 @@ def starting_plants(loops: Sequence[Loop], n: int, zeros: Sequence[int]) -> list
             continue
         if np.all(np.isfinite(plant.theta)):
             found.append(plant)
-    return found
+    sampled = _difference_equation(loops, n, zeros)
+    return found if sampled is None else [*found, sampled]
+
+
+def _difference_equation(loops: Sequence[Loop], n: int, zeros: Sequence[int]) -> Plant | None:
+    """Step 2 in discrete time: the same equation between samples, by instrumental variables.
+
+    ``y_k = - sum alpha_i y_{k-i} + sum beta_i u_{k-i}`` is exact for a held input, and needs
+    nothing of what lies between the samples; its instruments are the same lags of the driven
+    signals. The numerators follow from the poles, as ``e`` is linear in them.
+    """
+    rows, mates, target = [], [], []
+    for loop in loops:
+        part, y = loop.driven, recorded(loop).y
+        signals = np.column_stack([y, loop.record.u])
+        free = np.column_stack([part.outputs[:, 0] - part.outputs[0, 0], part.inputs])
+        lags = [range(1, n + 1), *(range(n + 1) for _ in zeros)]
+        rows.append(_lagged(signals, lags, n))
+        mates.append(_lagged(free, lags, n))
+        target.append(y[n:])
+    phi, z = np.vstack(rows), np.vstack(mates)
+    norms = np.linalg.norm(z, axis=0) + 1e-300
+    alpha = -np.linalg.lstsq(
+        (z / norms).T @ phi, (z / norms).T @ np.concatenate(target), rcond=1e-12
+    )[0][:n]
+    roots = np.roots(np.concatenate([[1.0], alpha]))
+    if not np.isfinite(roots).all() or np.any((roots.imag == 0) & (roots.real <= 0)):
+        return None
+    step = float(loops[0].record.dt or 0.0)
+    a = np.real(np.poly(np.log(roots) / step))[1:]
+    plant = Plant(a, tuple(np.zeros(m + 1) for m in zeros))
+    linear = _linear(loops, plant, np.zeros(0))
+    if not linear.is_finite:
+        return None
+    matrix = np.hstack([linear.slopes[:, n:], linear.rest])
+    norms = np.linalg.norm(matrix, axis=0) + 1e-300
+    weights = np.linalg.lstsq(matrix / norms, linear.errors, rcond=1e-12)[0] / norms
+    return plant.with_theta(np.concatenate([a, weights[: plant.theta.size - n]]))
+
+
+def _lagged(signals: Array, lags: Sequence[range], most: int) -> Array:
+    """(n_samples - most, k) lags of the signals, and a constant."""
+    columns = [
+        signals[most - lag : len(signals) - lag, j] for j, own in enumerate(lags) for lag in own
+    ]
+    return np.column_stack([*columns, np.ones(len(signals) - most)])
 
 
 def _mirrored(plant: Plant, loops: Sequence[Loop]) -> Complex:
@@ -179,7 +234,7 @@ def _equation_error(loops: Sequence[Loop], poles: Complex, zeros: Sequence[int])
     matrix = _stacked([one[:, :n_theta] for one in rows], [one[:, n_theta:] for one in rows])
     norms = np.linalg.norm(matrix, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
-    theta = (np.linalg.lstsq(matrix / scale, np.concatenate(target), rcond=1e-12)[0] / scale)
+    theta = np.linalg.lstsq(matrix / scale, np.concatenate(target), rcond=1e-12)[0] / scale
     ends = np.cumsum([n, *(m + 1 for m in zeros)])
     parts = np.split(theta[:n_theta], ends[:-1])
     return Plant(parts[0], tuple(parts[1:]))
@@ -285,9 +340,9 @@ def autoregressive(errors: Sequence[Array]) -> Array:
 
 
 def _descended(loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array) -> Found:
-    moved, steps = np.inf, 0
+    moved = np.inf
     linear = _linear(loops, plant, noise)
-    for steps in range(1, MOST_STEPS + 1):
+    for steps in range(1, MOST_STEPS + 1):  # noqa: B007 - counts after the loop
         change, left, upper = linear.step()
         n = plant.theta.size
         size = _deviation(upper, left, linear.count, n)
@@ -312,7 +367,7 @@ def _descended(loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array) 
 def _deviation(upper: Array, left: Array, count: int, n: int) -> Array:
     variance = float(left @ left) / max(count - upper.shape[1], 1)
     inverse = np.linalg.pinv(upper)
-    return np.sqrt(variance * np.sum(inverse[:n] ** 2, axis=1)) + 1e-300
+    return np.asarray(np.sqrt(variance * np.sum(inverse[:n] ** 2, axis=1)) + 1e-300)
 
 
 def _merit(linear: _Linear, basis: Array) -> float:
@@ -330,11 +385,10 @@ def _linear(loops: Sequence[Loop], plant: Plant, noise: Array) -> _Linear:
         for loop in loops:
             signals = recorded(loop)
             predictor = Predictor(plant, signals.dt, edge)
-            e = predictor.errors(signals)
-            z = slopes(plant, driven_signals(loop), edge)
-            every = slopes(plant, signals, edge)
-            rest = np.column_stack([predictor.starts(len(e)), np.ones(len(e))])
+            rest = predictor.starts(len(signals.y))
             seen = np.isfinite(loop.record.y[:, 0])
+            e, every = _with_start(plant, predictor, signals, rest, seen)
+            _, z = _with_start(plant, predictor, driven_signals(loop), rest, seen)
             count += int(seen.sum())
             table = _white(np.column_stack([e, z, every, rest]), seen, noise)
             errors.append(table[:, 0])
@@ -344,6 +398,17 @@ def _linear(loops: Sequence[Loop], plant: Plant, noise: Array) -> _Linear:
     n = plant.theta.size
     both = (blocks[:, :n], blocks[:, n : 2 * n])
     return _Linear(np.concatenate(errors), *both, blocks[:, 2 * n :], count)
+
+
+def _with_start(
+    plant: Plant, predictor: Predictor, signals: Signals, rest: Array, seen: Array
+) -> tuple[Array, Array]:
+    """Errors from rest, and slopes at the start and offset that suit the signals best."""
+    e = predictor.errors(signals)
+    if not (np.isfinite(e).all() and np.isfinite(rest).all()):
+        return e, np.full((len(e), plant.theta.size), np.nan)
+    start = np.linalg.lstsq(rest[seen], e[seen], rcond=None)[0]
+    return e, slopes(plant, signals, predictor.slowest, start)
 
 
 def _white(table: Array, seen: Array, noise: Array) -> Array:
@@ -380,3 +445,97 @@ def _found(
         float(np.linalg.cond(columns)),
         *walked,
     )
+
+
+def orders_of(
+    records: Sequence[Record], structure: Structure
+) -> tuple[int, tuple[int, ...]] | None:
+    """Poles and zeros of what this route can do; None for anything else.
+
+    That is one output, one shared denominator, no delay, nothing known beforehand, uniform time.
+    """
+    first = records[0]
+    if (
+        first.n_outputs != 1
+        or not structure.shared
+        or structure.constrained
+        or structure.drift is True
+        or structure.delay == "free"
+        or np.any(structure.delay_matrix(1, first.n_inputs))
+        or any(record.dt is None for record in records)
+    ):
+        return None
+    zeros = structure.zeros_matrix(1, first.n_inputs)[0]
+    return structure.common_poles, tuple(int(m) for m in zeros)
+
+
+def estimate_of(
+    asked: Request, loops: Sequence[Loop], found: Found, words: Sequence[str]
+) -> Estimate:
+    """The estimate of a plant that is not stable.
+
+    Its fit is that of the predictor's errors, as those of the noise of the output; its start and
+    offset are those at which the predictor began.
+    """
+    plant, names = found.plant, asked.records[0]
+    zero = np.zeros(1)
+    nuisance = []
+    for loop, terms in zip(loops, found.nuisance, strict=True):
+        record = loop.record
+        seen = np.flatnonzero(np.isfinite(record.y[:, 0]))
+        base = float(recorded_base(loop) if not seen.size or seen[0] else record.y[0, 0])
+        predictor = Predictor(plant, float(record.dt or 0.0), slowest(loops))
+        nuisance.append(
+            Nuisance(
+                input_reference=np.array(record.u[0]),
+                offset=np.array([terms[-1] + base]),
+                drift=zero,
+                free_response=(terms[:-1] * predictor.start_numerators)[None, :],
+                offset_std=zero,
+                drift_std=zero,
+                initial_state="free",
+                t0=float(record.t[0]),
+            )
+        )
+    variance = found.variance / found.amplification**2
+    left = np.concatenate(found.errors) / found.amplification
+    y = np.concatenate([r.y[:, 0] - np.nanmean(r.y[:, 0]) for r in asked.records])
+    fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2) / np.nansum(y**2)))
+    rates = ", ".join(f"{pole.real:.4g}" for pole in plant.poles if pole.real > -slowest(loops))
+    told = (
+        f"reference route by the mirrored predictor: {found.steps} steps",
+        f"the plant is not stable: a pole with real part {rates} rad/s; fit and noise are those of "
+        "the predictor's errors",
+        *words,
+    )
+    count = float(sum(np.isfinite(one).sum() for one in found.errors))
+    k = plant.theta.size + sum(one.size for one in found.nuisance) + 1.0 + found.noise.size
+    solved = Solved(
+        structure=replace(asked.structure, offset=True, drift=False, initial_state="free"),
+        model=TransferFunction(
+            [[one for one in plant.b]],
+            [[np.concatenate([[1.0], plant.a])] * len(plant.b)],
+            input_names=names.input_names,
+            output_names=names.output_names,
+        ),
+        theta=plant.theta,
+        cov=found.cov,
+        noise_variance=np.array([variance]),
+        fit=np.array([fit]),
+        status=Status.CONVERGED,
+        trace=Trace((), decisions=told, stopped="the coefficients stand still"),
+        nuisance=tuple(nuisance),
+        degrees_of_freedom=found.freedom,
+        cost=float(np.nanmean(left**2)),
+        aicc=count * float(np.log(np.nanmean(np.concatenate(found.errors) ** 2)))
+        + aicc_price(k, count),
+        condition=found.condition,
+        gradient=0.0,
+        noise_model=(found.noise,) if found.noise.size else (),
+    )
+    return replace(assemble(asked, solved), route="reference")
+
+
+def recorded_base(loop: Loop) -> float:
+    """What the first output counts as where it was not recorded."""
+    return float(loop.driven.outputs[0, 0])

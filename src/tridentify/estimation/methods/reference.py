@@ -51,6 +51,14 @@ from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import Driven, beside_noise, driven
+from tridentify.estimation.closed_loop.unstable import (
+    autoregressive,
+    estimate_of,
+    orders_of,
+    slowest,
+    starting_plants,
+)
+from tridentify.estimation.closed_loop.unstable import root as unstable_root
 from tridentify.estimation.methods.base import Method
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
@@ -59,9 +67,13 @@ from tridentify.transfer_function import TransferFunction
 
 Controller = Literal["unknown", "sampled", "continuous"]
 
+TAKEN_AS_CONTINUOUS = f"controller taken as {IN_WORDS['continuous']}"
+"""How the trace begins to say it."""
 CLEARLY = 10.0
 """Fall of ``-2 log L`` from which the other kind of controller is believed: a chance of 1 in 150
 in favour of what the record is stated to be."""
+MORE_ROUNDS = 4
+"""The same for a plant that is not stable, whose input is more noise than response."""
 PLAINLY = 50.0
 """Rise of ``-2 log L`` from which the record speaks against the other kind of controller: what is
 not known of the driven input between the samples may cost some 30 by itself, a wrong kind 1000."""
@@ -96,6 +108,8 @@ def reference_estimate(
     near: Callable[[TransferFunction], Method],
     coloured: Method | None,
     say: Callable[[str], None],
+    *,
+    robust: bool = False,
 ) -> Estimate:
     """The estimate by the reference route.
 
@@ -112,6 +126,8 @@ def reference_estimate(
         The whole method with a noise model, if the noise may have one.
     say : callable
         Is told what is going on.
+    robust : bool
+        Whether ``near`` minimises another loss than squares.
 
     Returns
     -------
@@ -120,6 +136,10 @@ def reference_estimate(
     say("what the reference drives")
     parts = [driven(record) for record in asked.records]
     kind = _kind(controller, asked.records)
+    if coloured is not None or not robust:
+        unstable = _unstable(parts, kind, asked, coloured is not None, say)
+        if unstable is not None:
+            return unstable
     found = _white(parts, kind, asked.structure, plain, near, say)
     told = f"controller taken as {IN_WORDS[kind]}"
     if controller == "unknown":
@@ -153,6 +173,40 @@ def _white(
         loops = [Loop(part, sampling) for part in parts]
         best = root(loops, structure, best.estimate, near, say)
     return loops, best
+
+
+def _unstable(
+    parts: Sequence[Driven],
+    kind: Sampling,
+    asked: Request,
+    coloured: bool,
+    say: Callable[[str], None],
+) -> Estimate | None:
+    """The estimate of a plant with a pole at zero or to the right of it; None for any other."""
+    orders = orders_of(asked.records, asked.structure)
+    if orders is None:
+        return None
+    loops = [Loop(part, kind) for part in parts]
+    edge = slowest(loops)
+    plants = starting_plants(loops, *orders)
+    if not any(plant.poles.real.max() > -edge for plant in plants):
+        return None
+    say("a plant that is not stable")
+    choose = autoregressive if coloured else None
+    best = unstable_root(loops, plants, None, say)
+    for _ in range(MORE_ROUNDS if kind == "continuous" else 0):
+        if best is None or not best.still:
+            break
+        renewed = [
+            beside_noise(part, left[:, None]) for part, left in zip(parts, best.errors, strict=True)
+        ]
+        loops = [Loop(part, kind) for part in renewed]
+        best = unstable_root(loops, [best.plant], None, say)
+    if best is not None and best.still and choose is not None:
+        best = unstable_root(loops, [best.plant], choose, say)
+    if best is None or not best.still or not best.plant.poles.real.max() > -edge:
+        return None
+    return estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
 
 
 def _kind(controller: Controller, records: Sequence[Record]) -> Sampling:
@@ -349,3 +403,27 @@ def _model_like(estimate: Estimate, theta: Array) -> TransferFunction:
         input_names=estimate.input_names,
         output_names=estimate.output_names,
     )
+
+
+def explained_records(estimate: Estimate, records: Sequence[Record]) -> list[Record] | None:
+    """What an estimate of the reference route is a fit to: the pairs ``(u_M, y')`` at its end.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+
+    Returns
+    -------
+    list of Record or None
+        The records themselves where the route is another one; None where there is no such pair, as
+        for a plant that is not stable, or a record without a reference.
+    """
+    if estimate.route != "reference":
+        return list(records)
+    if not estimate.model.is_stable or any(record.reference is None for record in records):
+        return None
+    kind: Sampling = "sampled"
+    if any(told.startswith(TAKEN_AS_CONTINUOUS) for told in estimate.trace.decisions):
+        kind = "continuous"
+    return [without_rest(Loop(driven(record), kind), estimate.model) for record in records]

@@ -255,7 +255,8 @@ class ThreeModel:
         )
         white = self.noise == "white" or self.loss != "squared"
         coloured = None if white else replace(open_loop, starts=1)
-        return reference_estimate(asked, self.controller, plain, near, coloured, say)
+        robust = self.loss != "squared"
+        return reference_estimate(asked, self.controller, plain, near, coloured, say, robust=robust)
 
     def _robust(self, records: Sequence[Record], structure: Structure, say: Progress) -> Estimate:
         """With another loss: the same on pseudo-samples, round by round."""

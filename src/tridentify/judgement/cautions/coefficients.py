@@ -82,7 +82,16 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
     found += _at_bounds(estimate)
     parameters = estimate.parameters.values()
     integrates = any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters)
-    if not (estimate.model.is_stable or integrates):
+    if not (estimate.model.is_stable or integrates) and estimate.route == "reference":
+        found.append(
+            Finding(
+                "unstable",
+                "note",
+                "The plant is not stable: the loop is, and its reference shows the pole.",
+                "",
+            )
+        )
+    elif not (estimate.model.is_stable or integrates):
         found.append(
             Finding(
                 "unstable",

@@ -15,10 +15,16 @@ from dataclasses import replace
 import numpy as np
 from scipy.special import ndtri
 
-from tridentify.errors import OptionError, SampleTypeError, TridentifyError
+from tridentify.errors import (
+    OptionError,
+    SampleTypeError,
+    TridentifyError,
+    UnsupportedError,
+)
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.methods.reference import explained_records
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.validation.correlation import correlate
 from tridentify.judgement.validation.evidence import (
@@ -132,7 +138,8 @@ def validate(
         known = remembered(estimate, records) if usual else None
         if known is not None:
             return known
-        view = look(estimate, records, experiment)
+        own = fingerprint(records) == estimate.record_fingerprint
+        view = look(estimate, _explained(estimate, records), experiment, own=own)
         return _judge(estimate, view, level, n_lags or _lags(estimate, view))
 
 
@@ -183,6 +190,18 @@ def may_react_at_all(estimate: Estimate, records: Sequence[Record]) -> bool:
     """Whether a quick look at the identified records suspects that an input reacts to an output."""
     view = own_look(estimate, records)
     return view is not None and may_react(view)
+
+
+def _explained(estimate: Estimate, records: Sequence[Record]) -> Sequence[Record]:
+    """What the estimate is a fit to, of the records of a loop."""
+    found = explained_records(estimate, records)
+    if found is None:
+        raise UnsupportedError(
+            "found an estimate by the reference route of a plant that is not stable, or a record "
+            "without a reference; expected a stable model and the reference; compare the "
+            "coefficients of two records in place of it"
+        )
+    return found
 
 
 def _listed(record: Record | Sequence[Record]) -> list[Record]:
