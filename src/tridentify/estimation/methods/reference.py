@@ -163,8 +163,16 @@ def _white(
     for _ in range(ROUNDS):
         noise = residuals(loops, best.estimate)
         parts = [beside_noise(part, left) for part, left in zip(parts, noise, strict=True)]
-        loops = [Loop(part, sampling) for part in parts]
-        best = root(loops, structure, best.estimate, near, say)
+        beside = [Loop(part, sampling) for part in parts]
+        try:
+            end = root(beside, structure, best.estimate, near, say)
+        except TridentifyError:
+            break
+        # where hardly any noise is left, what is follows the reference and takes its part
+        worse = _deviance(beside, end.estimate) - _deviance(loops, best.estimate)
+        if best.still and not (end.still and worse < PLAINLY):
+            break
+        loops, best = beside, end
     return loops, best
 
 
