@@ -28,6 +28,11 @@ if TYPE_CHECKING:
     )
     from tridentify.estimation.answer.estimate import Estimate, Parameter, Status, Trace
     from tridentify.estimation.answer.finding import Finding
+    from tridentify.estimation.methods.closed_loop.projection import Projection
+    from tridentify.estimation.methods.closed_loop.simulated_instruments import (
+        ClosedLoopRefinedInstrumentalVariable,
+    )
+    from tridentify.estimation.methods.closed_loop.two_stage import TwoStage
     from tridentify.estimation.methods.filtered.asymptotic_bias import asymptotic_bias
     from tridentify.estimation.methods.filtered.bias_compensated_least_squares import (
         BiasCompensatedLeastSquares,
@@ -59,6 +64,7 @@ __all__ = [
     "METHODS",
     "Advice",
     "BiasCompensatedLeastSquares",
+    "ClosedLoopRefinedInstrumentalVariable",
     "Comparison",
     "ConvergenceError",
     "DataError",
@@ -70,6 +76,7 @@ __all__ = [
     "OutputError",
     "OutputPathError",
     "Parameter",
+    "Projection",
     "Record",
     "RefinedInstrumentalVariable",
     "Selection",
@@ -82,6 +89,7 @@ __all__ = [
     "Trace",
     "TransferFunction",
     "TridentifyError",
+    "TwoStage",
     "Validation",
     "__version__",
     "advise",
@@ -112,6 +120,7 @@ _HOME = {
     "METHODS": "identify",
     "Advice": "judgement.advice",
     "BiasCompensatedLeastSquares": "estimation.methods.filtered.bias_compensated_least_squares",
+    "ClosedLoopRefinedInstrumentalVariable": "estimation.methods.closed_loop.simulated_instruments",
     "Comparison": "judgement.comparison",
     "ConvergenceError": "errors",
     "DataError": "errors",
@@ -123,6 +132,7 @@ _HOME = {
     "OutputError": "estimation.methods.output_error",
     "OutputPathError": "errors",
     "Parameter": "estimation.answer.estimate",
+    "Projection": "estimation.methods.closed_loop.projection",
     "Record": "record.record",
     "RefinedInstrumentalVariable": "estimation.methods.filtered.refined_instrumental_variable",
     "Selection": "judgement.selection",
@@ -135,6 +145,7 @@ _HOME = {
     "Trace": "estimation.answer.estimate",
     "TransferFunction": "transfer_function",
     "TridentifyError": "errors",
+    "TwoStage": "estimation.methods.closed_loop.two_stage",
     "Validation": "judgement.validation",
     "advise": "judgement.advice",
     "asymptotic_bias": "estimation.methods.filtered.asymptotic_bias",

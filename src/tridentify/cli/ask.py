@@ -178,7 +178,7 @@ def chosen_method(name: str, noise: Noise = Noise.AUTO, loss: Loss = Loss.SQUARE
     Parameters
     ----------
     name : str
-        A key of `tridentify.identify.METHODS`.
+        A key of `judgement.choice.METHODS` or `METHODS_IN_LOOP`.
     noise : Noise
     loss : Loss
 
@@ -191,23 +191,24 @@ def chosen_method(name: str, noise: Noise = Noise.AUTO, loss: Loss = Loss.SQUARE
     OptionError
         The method does not exist, or has no choice of the noise or the loss.
     """
-    from tridentify.identify import METHODS
+    from tridentify.judgement.choice import METHODS, METHODS_IN_LOOP
 
-    if name not in METHODS:
+    known = {**METHODS, **METHODS_IN_LOOP}
+    if name not in known:
         raise OptionError(
-            f"found --method {shown(name)}; expected one of {', '.join(METHODS)}; choose one"
+            f"found --method {shown(name)}; expected one of {', '.join(known)}; choose one"
         )
     asked = {"noise": noise.value} if noise is not Noise.AUTO else {}
     asked |= {"loss": loss.value} if loss is not Loss.SQUARED else {}
     for option, value in asked.items():
-        if not _offers(METHODS[name], option):
-            able = ", ".join(key for key, make in METHODS.items() if _offers(make, option))
+        if not _offers(known[name], option):
+            able = ", ".join(key for key, make in known.items() if _offers(make, option))
             raise OptionError(
                 f"found --{option} {value} with --method {name}, which has no choice of the "
                 f"{option}; expected --{option} with --method {able} only; leave it out or choose "
                 "another method"
             )
-    plain: Any = METHODS[name]()
+    plain: Any = known[name]()
     method: Method = replace(plain, **asked)
     return method
 

@@ -13,6 +13,8 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import ranked
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.closed_loop.projection import Projection
+from tridentify.estimation.methods.closed_loop.two_stage import TwoStage
 from tridentify.estimation.methods.filtered.bias_compensated_least_squares import (
     BiasCompensatedLeastSquares,
 )
@@ -48,6 +50,12 @@ METHODS: Mapping[str, Callable[[], Method]] = MappingProxyType(
     }
 )
 """Name -> method with its default options; the command line and the contract tests read it."""
+
+METHODS_IN_LOOP: Mapping[str, Callable[[], Method]] = MappingProxyType(
+    {"two-stage": TwoStage, "projection": Projection}
+)
+"""The same of methods that need a reference. `ClosedLoopRefinedInstrumentalVariable`, which needs
+the controller too, has no default options and hence no row."""
 
 
 def with_behaviour(
@@ -137,9 +145,12 @@ def checked_method(method: object) -> Method:
     if isinstance(method, str) and method in METHODS:
         made = METHODS[method]
         write = f"{getattr(made, '__name__', write)}(), or METHODS[{method!r}]()"
+    elif isinstance(method, str) and method in METHODS_IN_LOOP:
+        write = f"{getattr(METHODS_IN_LOOP[method], '__name__', write)}()"
     elif isinstance(method, type):
         found = f"the class {method.__name__}"
-        if issubclass(method, tuple(m for m in METHODS.values() if isinstance(m, type))):
+        known = [*METHODS.values(), *METHODS_IN_LOOP.values()]
+        if issubclass(method, tuple(m for m in known if isinstance(m, type))):
             write = f"{method.__name__}()"
     raise OptionError(
         f"found method={found}; expected a method with its options; write method={write}"

@@ -23,7 +23,9 @@ from typing import Literal
 
 import numpy as np
 
+from tridentify.checks.samples import Behaviour
 from tridentify.estimation.closed_loop.driven import Driven
+from tridentify.estimation.closed_loop.simulated import Simulated
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.simulate import simulate
@@ -46,12 +48,13 @@ class Loop:
 
     Attributes
     ----------
-    driven : Driven
+    driven : Driven or Simulated
+        What the reference drives: fitted, or simulated with a known controller.
     sampling : {"sampled", "continuous"}
         How the controller works.
     """
 
-    driven: Driven
+    driven: Driven | Simulated
     sampling: Sampling
 
     @property
@@ -59,13 +62,23 @@ class Loop:
         """As it was recorded."""
         return self.driven.record
 
+    def at(self, model: TransferFunction) -> Loop:
+        """The loop as a model shows it: the same, where what the reference drives was fitted."""
+        return self
+
+    @property
+    def fitted(self) -> Driven:
+        """What is driven, where it was fitted and not simulated with a known controller."""
+        assert isinstance(self.driven, Driven)
+        return self.driven
+
     @cached_property
     def instrument(self) -> Record:
         """The record with the driven part of its input in place of the input.
 
         Held at the samples or, for a continuous controller, at its mean over every interval.
         """
-        return self._with_input(self._held, "zoh")
+        return with_input(self.record, self._held, "zoh")
 
     @cached_property
     def _held(self) -> Array:
@@ -81,12 +94,14 @@ class Loop:
 
     def beside(self, model: TransferFunction) -> Array:
         """(n_samples, n_outputs) what a model makes of the input beyond that of `instrument`."""
-        rest = self._with_input(np.asarray(self.record.u) - self.driven.inputs, self._between)
+        rest = with_input(
+            self.record, np.asarray(self.record.u) - self.driven.inputs, self._between
+        )
         found = simulate(model, rest)
         if self.sampling == "sampled":
             return found
         fine, pieces = self._fine
-        held = self._with_input(self._held - self.driven.inputs[0], "zoh")
+        held = with_input(self.record, self._held - self.driven.inputs[0], "zoh")
         return found + simulate(model, fine)[::pieces] - simulate(model, held)
 
     @property
@@ -110,16 +125,17 @@ class Loop:
         t = (record.t[:, None] + gaps[:, None] * np.arange(pieces) / pieces).ravel()
         return Record(u, y, t=t), pieces
 
-    def _with_input(self, u: Array, between: Literal["zoh", "foh"]) -> Record:
-        record = self.record
-        clock = {"t": record.t} if record.dt is None else {"dt": record.dt}
-        return Record(
-            u,
-            record.y,
-            **clock,
-            intersample=between,
-            input_names=record.input_names,
-            output_names=record.output_names,
-            units=record.units,
-            name=record.name,
-        )
+
+def with_input(record: Record, u: Array, between: Behaviour) -> Record:
+    """A record with another input in place of its own, and without references."""
+    clock = {"t": record.t} if record.dt is None else {"dt": record.dt}
+    return Record(
+        u,
+        record.y,
+        **clock,
+        intersample=between,
+        input_names=record.input_names,
+        output_names=record.output_names,
+        units=record.units,
+        name=record.name,
+    )

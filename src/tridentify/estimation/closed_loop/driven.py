@@ -74,6 +74,11 @@ class Driven:
     columns: Array
 
     @property
+    def words(self) -> str:
+        """How it was found, as it is told."""
+        return f"{self.order} operators on each reference"
+
+    @property
     def inputs(self) -> Array:
         """(n_samples, n_inputs) part of the inputs that the references drive, at the samples."""
         return self.columns @ self.weights[:, : self.record.n_inputs]
@@ -109,7 +114,7 @@ class Driven:
             Of inputs and outputs.
         """
         halves = 2 * pieces
-        fine = _refined(self.record, self.before, halves)
+        fine = refined(self.record, self.before, halves)
         states = operators(fine, self.rate, self.order)
         after, before = _sides(self.before, fine)
         right = _columns(after, states[:-1]) @ self.weights[:, signals]
@@ -135,7 +140,7 @@ def driven(record: Record) -> Driven:
     most = _affordable(record)
     found: Driven | None = None
     lowest = np.inf
-    for before in _befores(direct):
+    for before in befores(direct):
         experiment = _experiment(record, before)
         for rate in _rates(record):
             states = operators(experiment, rate, most)
@@ -149,7 +154,7 @@ def driven(record: Record) -> Driven:
     return found
 
 
-def _befores(reference: Array) -> list[Array]:
+def befores(reference: Array) -> list[Array]:
     """What the references may have been before the record: as at its start for long, or nothing."""
     first = np.array(reference[0])
     return [first, np.zeros_like(first)] if np.any(first) else [first]
@@ -200,7 +205,7 @@ def _experiment(record: Record, before: Array) -> Experiment:
     )
 
 
-def _refined(record: Record, before: Array, factor: int) -> Experiment:
+def refined(record: Record, before: Array, factor: int) -> Experiment:
     """The references on a raster so many times as fine, one interval longer."""
     coarse, steps = _experiment(record, before), np.arange(record.n_samples * factor + 1)
     if coarse.t is not None:

@@ -109,7 +109,7 @@ class Signals:
 
 def recorded(loop: Loop) -> Signals:
     """All of a record, about its first sample; missing outputs are those that are driven."""
-    record, part = loop.record, loop.driven
+    record, part = loop.record, loop.fitted
     y = np.where(np.isnan(record.y[:, 0]), part.outputs[:, 0], record.y[:, 0])
     u = record.u - record.u[0]
     held, fine = _split(loop, u)
@@ -118,7 +118,7 @@ def recorded(loop: Loop) -> Signals:
 
 def driven_signals(loop: Loop) -> Signals:
     """What the references drive of a record."""
-    part = loop.driven
+    part = loop.fitted
     held, fine = _split(loop, part.inputs - part.inputs[0])
     y = part.outputs[:, 0]
     return Signals(held, fine, y - y[0], float(loop.record.dt or 0.0))
@@ -128,7 +128,7 @@ def _split(loop: Loop, u: Array) -> tuple[Array, Array]:
     if loop.sampling == "sampled":
         return u, np.zeros((0, u.shape[1]))
     fine = loop.fine_inputs
-    return u - (loop.driven.inputs - loop.driven.inputs[0]), fine
+    return u - (loop.fitted.inputs - loop.fitted.inputs[0]), fine
 
 
 @dataclass(frozen=True, eq=False)

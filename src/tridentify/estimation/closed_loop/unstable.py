@@ -114,7 +114,7 @@ class Found:
         total, columns = 0.0, 0
         for loop, left in zip(loops, self.errors, strict=True):
             seen = np.isfinite(left)
-            q = np.linalg.qr(loop.driven.columns[seen])[0]
+            q = np.linalg.qr(loop.fitted.columns[seen])[0]
             total += float(np.sum((q.T @ left[seen]) ** 2)) / float(np.mean(left[seen] ** 2))
             columns += q.shape[1]
         return total / columns
@@ -133,7 +133,7 @@ def starting_plants(loops: Sequence[Loop], n: int, zeros: Sequence[int]) -> list
     """
     found = []
     for share in SHARES:
-        poles = np.full(n, -share * loops[0].driven.rate, dtype=np.complex128)
+        poles = np.full(n, -share * loops[0].fitted.rate, dtype=np.complex128)
         try:
             for _ in range(START_PASSES):
                 plant = _equation_error(loops, poles, zeros)
@@ -155,7 +155,7 @@ def _difference_equation(loops: Sequence[Loop], n: int, zeros: Sequence[int]) ->
     """
     rows, mates, target = [], [], []
     for loop in loops:
-        part, y = loop.driven, recorded(loop).y
+        part, y = loop.fitted, recorded(loop).y
         signals = np.column_stack([y, loop.record.u])
         free = np.column_stack([part.outputs[:, 0] - part.outputs[0, 0], part.inputs])
         lags = [range(1, n + 1), *(range(n + 1) for _ in zeros)]
@@ -206,7 +206,7 @@ def _equation_error(loops: Sequence[Loop], poles: Complex, zeros: Sequence[int])
     powers = monomials(bank, n)
     rows, target = [], []
     for loop in loops:
-        part = loop.driven
+        part = loop.fitted
         held = part.means(1, slice(0, loop.record.n_inputs + 1))
         held = held - np.column_stack([part.inputs, part.outputs])[0]
         width = held.shape[1]
@@ -329,7 +329,7 @@ def root(
 
 
 def _driven_basis(loops: Sequence[Loop]) -> Array:
-    columns = [loop.driven.columns for loop in loops]
+    columns = [loop.fitted.columns for loop in loops]
     return np.linalg.qr(_stacked([one[:, :0] for one in columns], columns))[0]
 
 
@@ -538,4 +538,4 @@ def estimate_of(
 
 def recorded_base(loop: Loop) -> float:
     """What the first output counts as where it was not recorded."""
-    return float(loop.driven.outputs[0, 0])
+    return float(loop.fitted.outputs[0, 0])

@@ -46,11 +46,12 @@ from typing import Literal
 
 import numpy as np
 
-from tridentify.errors import OptionError, shown
+from tridentify.errors import OptionError, TridentifyError, shown
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import Driven, beside_noise, driven
+from tridentify.estimation.closed_loop.known_controller import known_loop, refuse_unknown_loop
 from tridentify.estimation.closed_loop.unstable import (
     autoregressive,
     estimate_of,
@@ -65,7 +66,7 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-Controller = Literal["unknown", "sampled", "continuous"]
+Controller = Literal["unknown", "sampled", "continuous"] | TransferFunction
 
 TAKEN_AS_CONTINUOUS = f"controller taken as {IN_WORDS['continuous']}"
 """How the trace begins to say it."""
@@ -94,10 +95,12 @@ def check_controller(controller: object) -> None:
     ------
     OptionError
     """
+    if isinstance(controller, TransferFunction):
+        return
     if controller not in ("unknown", "sampled", "continuous"):
         raise OptionError(
             f"found controller={shown(controller)}; expected 'sampled' (its output is held between "
-            "samples), 'continuous' or 'unknown'; choose one of them"
+            "samples), 'continuous', 'unknown' or a TransferFunction; choose one of them"
         )
 
 
@@ -117,7 +120,8 @@ def reference_estimate(
     ----------
     asked : Request
         Records with references, the structure, and how the estimate is to be called.
-    controller : {"unknown", "sampled", "continuous"}
+    controller : {"unknown", "sampled", "continuous"} or TransferFunction
+        The latter as what acts on the measured output, in continuous time.
     plain : Method
         The whole method for open loop and white noise, its search included.
     near : callable
@@ -133,6 +137,9 @@ def reference_estimate(
     -------
     Estimate
     """
+    known = controller if isinstance(controller, TransferFunction) else None
+    if known is not None:
+        refuse_unknown_loop(asked.records, asked.structure, known)
     say("what the reference drives")
     parts = [driven(record) for record in asked.records]
     kind = _kind(controller, asked.records)
@@ -142,14 +149,20 @@ def reference_estimate(
             return unstable
     found = _white(parts, kind, asked.structure, plain, near, say)
     told = f"controller taken as {IN_WORDS[kind]}"
-    if controller == "unknown":
-        other = _other(*found, asked.structure, near, say)
-        turned, told = _compared(found, other)
-        found = other if turned else found
+    if known is not None:
+        found, told = _with_controller(*found, known, asked.structure, near, say)
+    elif controller == "unknown":
+        try:
+            other = _other(*found, asked.structure, near, say)
+        except TridentifyError as refused:
+            told += f"; as {IN_WORDS[_opposite(kind)]}, no estimate: {refused}"
+        else:
+            turned, told = _compared(found, other)
+            found = other if turned else found
     loops, best = found
     if coloured is not None:
         best = _with_noise_model(loops, asked.structure, best, coloured, say)
-    return _completed(asked, loops, best, told)
+    return completed(asked, loops, best, told)
 
 
 def _white(
@@ -170,8 +183,16 @@ def _white(
     for _ in range(ROUNDS):
         noise = residuals(loops, best.estimate)
         parts = [beside_noise(part, left) for part, left in zip(parts, noise, strict=True)]
-        loops = [Loop(part, sampling) for part in parts]
-        best = root(loops, structure, best.estimate, near, say)
+        beside = [Loop(part, sampling) for part in parts]
+        try:
+            end = root(beside, structure, best.estimate, near, say)
+        except TridentifyError:
+            break
+        # where hardly any noise is left, what is follows the reference and takes its part
+        worse = _deviance(beside, end.estimate) - _deviance(loops, best.estimate)
+        if best.still and not (end.still and worse < PLAINLY):
+            break
+        loops, best = beside, end
     return loops, best
 
 
@@ -209,8 +230,27 @@ def _unstable(
     return estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
 
 
+def _with_controller(
+    loops: Sequence[Loop],
+    best: Rooted,
+    controller: TransferFunction,
+    structure: Structure,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> tuple[tuple[list[Loop], Rooted], str]:
+    """The root where the loop is simulated with its controller, and what is told."""
+    say("the loop with the controller given")
+    parts = [one.driven for one in loops if isinstance(one.driven, Driven)]
+    first, kind = best.estimate.model, loops[0].sampling
+    known: list[Loop] = [known_loop(part, first, controller, kind) for part in parts]
+    found = root(known, structure, best.estimate, near, say)
+    return (known, replace(found, passes=found.passes + best.passes)), "controller as given"
+
+
 def _kind(controller: Controller, records: Sequence[Record]) -> Sampling:
     """How the controller worked: as stated, or as the input is stated to behave."""
+    if isinstance(controller, TransferFunction):
+        return "continuous"
     if controller != "unknown":
         return controller
     return "sampled" if all(record.behaviour == "zoh" for record in records) else "continuous"
@@ -224,9 +264,12 @@ def _other(
     say: Callable[[str], None],
 ) -> tuple[list[Loop], Rooted]:
     """The root for the other kind of controller, from the one that is there."""
-    kind: Sampling = "continuous" if loops[0].sampling == "sampled" else "sampled"
-    others = [Loop(one.driven, kind) for one in loops]
+    others = [Loop(one.driven, _opposite(one.sampling)) for one in loops]
     return others, root(others, structure, best.estimate, near, say)
+
+
+def _opposite(kind: Sampling) -> Sampling:
+    return "continuous" if kind == "sampled" else "sampled"
 
 
 def _compared(
@@ -282,14 +325,14 @@ def _with_noise_model(
     return replace(found, passes=found.passes + white.passes)
 
 
-def _completed(asked: Request, loops: Sequence[Loop], best: Rooted, told: str) -> Estimate:
+def completed(asked: Request, loops: Sequence[Loop], best: Rooted, *told: str) -> Estimate:
     """The last pass as an estimate of the records as they were given."""
     estimate = best.estimate
     left = np.vstack(residuals(loops, estimate))
     y = np.vstack([record.y - np.nanmean(record.y, axis=0) for record in asked.records])
     fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2, axis=0) / np.nansum(y**2, axis=0)))
-    orders = ", ".join(str(one.driven.order) for one in loops)
-    words = [f"reference route: {orders} operators on each reference, {best.passes} passes", told]
+    driven_by = ", ".join(one.driven.words for one in loops)
+    words = [f"reference route: {driven_by}, {best.passes} passes", *told]
     status = estimate.status
     if not best.still:
         words.append(f"not at rest: the last pass moved a coefficient by {best.moved:.2g} errors")
@@ -362,7 +405,7 @@ def root(
         if moved <= STILL:
             break
         following = _extrapolated(given, images, scale)
-        if not _is_sound(_model_like(estimate, following)):
+        if not _model_like(estimate, following).is_stable:
             following = 0.5 * (given[-1] + images[-1])
         given.append(following)
     return Rooted(estimate, count, moved)
@@ -370,7 +413,8 @@ def root(
 
 def without_rest(loop: Loop, model: TransferFunction) -> Record:
     """The pair ``(u_M, y')`` of (3)."""
-    return loop.instrument.with_outputs(np.asarray(loop.record.y) - loop.beside(model))
+    now = loop.at(model)
+    return now.instrument.with_outputs(np.asarray(loop.record.y) - now.beside(model))
 
 
 def _extrapolated(given: Sequence[Array], images: Sequence[Array], scale: Array) -> Array:
@@ -384,10 +428,6 @@ def _extrapolated(given: Sequence[Array], images: Sequence[Array], scale: Array)
     steps = rest[1:] - rest[:-1]
     weights = np.linalg.lstsq(steps.T, rest[-1], rcond=1e-8)[0]
     return np.asarray((g[-1] - weights @ (g[1:] - g[:-1])) * scale)
-
-
-def _is_sound(model: TransferFunction) -> bool:
-    return bool(np.all(model.poles.real < 0))
 
 
 def _model_like(estimate: Estimate, theta: Array) -> TransferFunction:

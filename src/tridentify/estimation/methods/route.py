@@ -55,12 +55,31 @@ def refuse_without_reference(route: Route, records: Sequence[Record]) -> None:
     ------
     OptionError
     """
+    if route == "reference":
+        refuse_unreferenced("route='reference'", records, "leave the route out")
+
+
+def refuse_unreferenced(asked: str, records: Sequence[Record], instead: str) -> None:
+    """Refuse records without a reference.
+
+    Parameters
+    ----------
+    asked : str
+        What needs one.
+    records : sequence of Record
+    instead : str
+        What else to do.
+
+    Raises
+    ------
+    OptionError
+    """
     without = [k for k, one in enumerate(records) if getattr(one, "reference", None) is None]
-    if route == "reference" and without:
+    if without:
         raise OptionError(
-            f"found route='reference' and {_which(without, len(records))} without a reference; "
+            f"found {asked} and {_which(without, len(records))} without a reference; "
             "expected the signal that the controller was told to follow; write Record(u, y, "
-            "reference=...), or leave the route out"
+            f"reference=...), or {instead}"
         )
 
 

@@ -104,9 +104,11 @@ class ThreeModel:
         What to make of a controller that may have been running (`methods.route`): nothing; to fit
         what follows a recorded reference; to give the noise a model in any case, which a fit
         without a reference depends on; or what the record calls for.
-    controller : {"unknown", "sampled", "continuous"}
+    controller : {"unknown", "sampled", "continuous"} or TransferFunction
         How the controller works, for the reference route: held between samples, or continuous.
-        Unknown, it is what explains a record that is stated to be held.
+        Unknown, it is what explains a record that is stated to be held. A linear controller ``C``
+        that is known may be given, as of ``u = r - C y`` or ``u = C (r - y)``: the loop is then
+        simulated with the model of every pass.
 
     References
     ----------

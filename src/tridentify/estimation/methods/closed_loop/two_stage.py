@@ -1,0 +1,101 @@
+"""The two-stage method: the input that the reference makes first, then the plant.
+
+In ``u = S r - C S v`` the reference is independent of the noise, so that a fit of ``u`` to ``r``
+gives ``S``, and ``u_M = S r`` is an input without noise. With it
+
+    y = G u_M + S v
+
+is an open-loop problem, whatever the controller, and the second stage is output error on ``(u_M,
+y)`` (Van den Hof & Schrama 1993). What is paid: the noise of the second stage is ``S v``, and that
+part of ``u`` which the first stage does not explain is noise too, so the estimate is consistent
+and not efficient. The error of ``u_M`` between the samples stays: it is taken as the record states
+of its input.
+
+The first stage is that of the reference route (`closed_loop.driven`), Laguerre functions with rate
+and number by AICc; the authors take an FIR or an ARX model of high order.
+
+References
+----------
+P. Van den Hof & R. Schrama, Automatica 29(6) (1993), 1523-1527.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.closed_loop.between_samples import with_input
+from tridentify.estimation.closed_loop.driven import driven
+from tridentify.estimation.likelihood.question import silently
+from tridentify.estimation.methods.base import Progress, check
+from tridentify.estimation.methods.capability import EVERYTHING, Capability
+from tridentify.estimation.methods.closed_loop.second_stage import second_stage
+from tridentify.estimation.methods.route import refuse_unreferenced
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+
+@dataclass(frozen=True)
+class TwoStage:
+    """Two stages: the input from the reference, then output error with that input.
+
+    References
+    ----------
+    .. [1] P. Van den Hof, R. Schrama, Automatica 29(6) (1993), 1523-1527.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from tridentify import Record, Structure, TransferFunction, TwoStage, identify, simulate
+    >>> r = np.sign(np.sin(np.arange(400) ** 1.5))
+    >>> y = simulate(TransferFunction([2.0], [1.0, 4.0]), Record(r, r, dt=0.02))
+    >>> record = Record(r, y, dt=0.02, reference=r, intersample="zoh")
+    >>> identify(record, Structure(1, 0), TwoStage()).theta.round(6).tolist()
+    [4.0, 2.0]
+    """
+
+    @property
+    def name(self) -> str:
+        """``"TwoStage"``."""
+        return "TwoStage"
+
+    @property
+    def capabilities(self) -> Capability:
+        """All of them."""
+        return EVERYTHING
+
+    def estimate(
+        self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
+    ) -> Estimate:
+        """Estimate the coefficients.
+
+        Parameters
+        ----------
+        records : sequence of Record
+            Each with its references.
+        structure : Structure
+        progress : callable, optional
+
+        Returns
+        -------
+        Estimate
+
+        Raises
+        ------
+        OptionError
+            A record has no reference.
+        DataError, StructureError
+            If records and structure are not usable or not supported.
+        IdentifiabilityError
+            If the data cannot determine the coefficients.
+        """
+        say = progress or silently
+        check(records, structure, self.name, self.capabilities)
+        refuse_unreferenced("TwoStage()", records, "use ThreeModel(route='direct')")
+        say("the input from the reference")
+        parts = [driven(record) for record in records]
+        made = [with_input(part.record, part.inputs, part.record.behaviour) for part in parts]
+        told = f"first stage: {', '.join(part.words for part in parts)}"
+        return second_stage(Request.of(records, structure, self.name), made, told, say)
