@@ -45,6 +45,8 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
+BY_PREDICTOR = "reference route by the mirrored predictor"
+"""How the trace begins to say it."""
 SHARES = (1.0, 0.3, 3.0, 0.1)
 """Rates of the first filters over that of the operators, which is one of the loop's."""
 START_PASSES = 6
@@ -503,7 +505,7 @@ def estimate_of(
     fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2) / np.nansum(y**2)))
     rates = ", ".join(f"{pole.real:.4g}" for pole in plant.poles if pole.real > -slowest(loops))
     told = (
-        f"reference route by the mirrored predictor: {found.steps} steps",
+        f"{BY_PREDICTOR}: {found.steps} steps",
         f"the plant is not stable: a pole with real part {rates} rad/s; fit and noise are those of "
         "the predictor's errors",
         *words,

@@ -49,10 +49,12 @@ import numpy as np
 from tridentify.errors import OptionError, TridentifyError, shown
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status
+from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import Driven, beside_noise, driven
 from tridentify.estimation.closed_loop.known_controller import known_loop, refuse_unknown_loop
 from tridentify.estimation.closed_loop.unstable import (
+    BY_PREDICTOR,
     autoregressive,
     estimate_of,
     orders_of,
@@ -70,14 +72,17 @@ Controller = Literal["unknown", "sampled", "continuous"] | TransferFunction
 
 TAKEN_AS_CONTINUOUS = f"controller taken as {IN_WORDS['continuous']}"
 """How the trace begins to say it."""
-CLEARLY = 10.0
-"""Fall of ``-2 log L`` from which the other kind of controller is believed: a chance of 1 in 150
-in favour of what the record is stated to be."""
 MORE_ROUNDS = 4
 """The same for a plant that is not stable, whose input is more noise than response."""
+NOT_TOLD = "the record does not tell"
+"""Which of two kinds of controller it was."""
 PLAINLY = 50.0
-"""Rise of ``-2 log L`` from which the record speaks against the other kind of controller: what is
-not known of the driven input between the samples may cost some 30 by itself, a wrong kind 1000."""
+"""Difference of ``-2 log L`` from which the record speaks for one kind of controller: what is not
+known of the driven input between the samples, or the colour of the noise, may make some 30 by
+itself, a wrong kind 1000."""
+COARSE = 0.3
+"""Rate of the loop times sampling interval from which what a continuous controller does between the
+samples counts: standard errors are then a fifth too small and more."""
 ROUNDS = 2
 """Fits of the driven input beside the noise that the model leaves; a third changes nothing."""
 MOST_PASSES = 40
@@ -279,7 +284,7 @@ def _compared(
     (loops, best), (others, end) = mine, other
     words, rival = IN_WORDS[loops[0].sampling], IN_WORDS[others[0].sampling]
     gain = _deviance(loops, best.estimate) - _deviance(others, end.estimate)
-    if end.still and (gain > CLEARLY or not best.still):
+    if end.still and (gain > PLAINLY or not best.still):
         return True, f"controller taken as {rival}: -2 log L is lower by {gain:.1f} than as {words}"
     moved = np.abs(end.estimate.theta - best.estimate.theta) / best.estimate.std
     k = int(np.argmax(moved))
@@ -287,7 +292,7 @@ def _compared(
         against = f"the record speaks against a {others[0].sampling} one"
     else:
         against = (
-            f"the record does not tell; as {rival}, {best.estimate.names[k]} would be "
+            f"{NOT_TOLD}; as {rival}, {best.estimate.names[k]} would be "
             f"{end.estimate.theta[k]:.4g} in place of {best.estimate.theta[k]:.4g}"
         )
     return False, f"controller taken as {words}; {against}"
@@ -332,6 +337,7 @@ def completed(asked: Request, loops: Sequence[Loop], best: Rooted, *told: str) -
     y = np.vstack([record.y - np.nanmean(record.y, axis=0) for record in asked.records])
     fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2, axis=0) / np.nansum(y**2, axis=0)))
     driven_by = ", ".join(one.driven.words for one in loops)
+    findings = (*estimate.findings, *_between(loops, told))
     words = [f"reference route: {driven_by}, {best.passes} passes", *told]
     status = estimate.status
     if not best.still:
@@ -341,6 +347,7 @@ def completed(asked: Request, loops: Sequence[Loop], best: Rooted, *told: str) -
         estimate,
         fit=fit,
         status=status,
+        findings=findings,
         method=asked.method,
         n_samples=asked.n_samples,
         dt=asked.dt,
@@ -349,6 +356,35 @@ def completed(asked: Request, loops: Sequence[Loop], best: Rooted, *told: str) -
         route="reference",
         trace=estimate.trace.told(*words, *asked.told),
     )
+
+
+def _between(loops: Sequence[Loop], told: str) -> list[Finding]:
+    """What is to be said of the input between the samples of a loop."""
+    found = []
+    steps = [float(np.median(np.diff(one.record.t))) for one in loops]
+    fastest = max(one.driven.rate * step for one, step in zip(loops, steps, strict=True))
+    if loops[0].sampling == "continuous" and fastest > COARSE:
+        found.append(
+            Finding(
+                "intersample",
+                "warning",
+                f"The controller is continuous and the loop fast for the sampling ({fastest:.2g} "
+                "rad a step): what noise makes of the input between the samples is not recorded, "
+                "and the standard errors do not allow for all of it.",
+                "Sample faster, by five times if possible.",
+            )
+        )
+    if NOT_TOLD in told:
+        found.append(
+            Finding(
+                "intersample",
+                "note",
+                f"Controller: {told.partition('; ')[2]}.",
+                "State how the controller works: controller='sampled' or 'continuous' "
+                "(--controller).",
+            )
+        )
+    return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -461,7 +497,8 @@ def explained_records(estimate: Estimate, records: Sequence[Record]) -> list[Rec
     """
     if estimate.route != "reference":
         return list(records)
-    if not estimate.model.is_stable or any(record.reference is None for record in records):
+    mirrored = any(told.startswith(BY_PREDICTOR) for told in estimate.trace.decisions)
+    if mirrored or any(record.reference is None for record in records):
         return None
     kind: Sampling = "sampled"
     if any(told.startswith(TAKEN_AS_CONTINUOUS) for told in estimate.trace.decisions):
