@@ -286,7 +286,8 @@ def _compared(
     gain = _deviance(loops, best.estimate) - _deviance(others, end.estimate)
     if end.still and (gain > PLAINLY or not best.still):
         return True, f"controller taken as {rival}: -2 log L is lower by {gain:.1f} than as {words}"
-    moved = np.abs(end.estimate.theta - best.estimate.theta) / best.estimate.std
+    size = np.maximum(best.estimate.std, 1e-12 * np.abs(best.estimate.theta) + 1e-300)
+    moved = np.abs(end.estimate.theta - best.estimate.theta) / size
     k = int(np.argmax(moved))
     if not end.still or gain < -PLAINLY:
         against = f"the record speaks against a {others[0].sampling} one"
@@ -337,7 +338,7 @@ def completed(asked: Request, loops: Sequence[Loop], best: Rooted, *told: str) -
     y = np.vstack([record.y - np.nanmean(record.y, axis=0) for record in asked.records])
     fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2, axis=0) / np.nansum(y**2, axis=0)))
     driven_by = ", ".join(one.driven.words for one in loops)
-    findings = (*estimate.findings, *_between(loops, told))
+    findings = (*estimate.findings, *_between(loops, "; ".join(told)))
     words = [f"reference route: {driven_by}, {best.passes} passes", *told]
     status = estimate.status
     if not best.still:
@@ -379,7 +380,7 @@ def _between(loops: Sequence[Loop], told: str) -> list[Finding]:
             Finding(
                 "intersample",
                 "note",
-                f"Controller: {told.partition('; ')[2]}.",
+                f"Controller: {NOT_TOLD + told.partition(NOT_TOLD)[2]}.",
                 "State how the controller works: controller='sampled' or 'continuous' "
                 "(--controller).",
             )
