@@ -125,8 +125,8 @@ def reference_estimate(
     if known is not None:
         refuse_unknown_loop(asked.records, asked.structure, known)
     say("what the reference drives")
-    parts = [driven(record) for record in asked.records]
     kind = _kind(controller, asked.records)
+    parts = [driven(record, between=kind == "continuous") for record in asked.records]
     found = _white(parts, kind, asked.structure, plain, near, say)
     told = f"controller taken as {IN_WORDS[kind]}"
     if known is not None:
@@ -210,7 +210,8 @@ def _other(
     say: Callable[[str], None],
 ) -> tuple[list[Loop], Rooted]:
     """The root for the other kind of controller, from the one that is there."""
-    others = [Loop(one.driven, _opposite(one.sampling)) for one in loops]
+    kind = _opposite(loops[0].sampling)
+    others = [Loop(driven(one.record, between=kind == "continuous"), kind) for one in loops]
     return others, root(others, structure, best.estimate, near, say)
 
 
