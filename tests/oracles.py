@@ -60,3 +60,67 @@ def by_integration(num, den, force, t):
         (t[0], t[-1]), np.zeros(len(b)), t_eval=t, method="DOP853", rtol=1e-10, atol=1e-12,
     )  # fmt: skip
     return row @ found.y + direct * np.array([force(now) for now in t])
+
+
+def stacked(channels):
+    """(A, B, C) of ``channels[output][input] = (num, den)``, each strictly proper, side by side."""
+    blocks = [
+        (i, j, companion(*channels[i][j])[:3])
+        for i in range(len(channels))
+        for j in range(len(channels[0]))
+    ]
+    order = sum(len(b) for _, _, (_, b, _) in blocks)
+    a, inputs = np.zeros((order, order)), np.zeros((order, len(channels[0])))
+    outputs, at = np.zeros((len(channels), order)), 0
+    for i, j, (block, b, row) in blocks:
+        span = slice(at, at + b.size)
+        a[span, span], inputs[span, j], outputs[i, span] = block, b, row
+        at += b.size
+    return a, inputs, outputs
+
+
+def sampled_loop(channels, control, noise, dt, *, initial=None):
+    """(u, y) of a plant whose input a computer sets: ``control(k, y[k])`` is held for one sample."""
+    a, inputs, outputs = stacked(channels)
+    n, m = inputs.shape
+    block = np.zeros((n + m, n + m))
+    block[:n, :n], block[:n, n:] = a, inputs
+    step = expm(block * dt)[:n]
+    x = np.zeros(n) if initial is None else np.asarray(initial, float)
+    u, y = np.empty((len(noise), m)), np.empty((len(noise), len(outputs)))
+    for k, disturbance in enumerate(noise):
+        y[k] = outputs @ x + disturbance
+        u[k] = control(k, y[k])
+        x = step @ np.concatenate([x, u[k]])
+    return u, y
+
+
+def continuous_loop(channel, controller, r, noise, dt, *, dither=None, intersample="zoh"):
+    """(u, y) of one plant and one continuous controller, ``u = C (r - y - noise) + dither``.
+
+    ``controller`` is ``(A, b, c, d)``; the noise is held, as a converter would hold it.
+    """
+    a, inputs, outputs = stacked([[channel]])
+    a_c, b_c, c_c, d_c = controller
+    n, m = len(a), len(a_c)
+    loop = np.zeros((n + m, n + m))
+    loop[:n, :n], loop[:n, n:] = a - d_c * inputs @ outputs, inputs @ c_c[None, :]
+    loop[n:, :n], loop[n:, n:] = -b_c[:, None] @ outputs, a_c
+    drive = np.zeros((n + m, 3))
+    drive[:n] = inputs @ np.array([[d_c, 1.0, -d_c]])
+    drive[n:] = b_c[:, None] @ np.array([[1.0, 0.0, -1.0]])
+    size = n + m
+    block = np.zeros((size + 6, size + 6))
+    block[:size, :size], block[:size, size : size + 3] = loop, drive
+    block[size : size + 3, size + 3 :] = np.eye(3)
+    step = expm(block * dt)[:size]
+    forces = np.column_stack([r, np.zeros(len(r)) if dither is None else dither, noise])
+    slopes = np.zeros_like(forces)
+    if intersample == "foh":
+        slopes[:-1, :2] = np.diff(forces[:, :2], axis=0) / dt
+    x, u, y = np.zeros(size), np.empty(len(r)), np.empty(len(r))
+    for k, (force, slope) in enumerate(zip(forces, slopes, strict=True)):
+        y[k] = (outputs @ x[:n]).item() + force[2]
+        u[k] = c_c @ x[n:] + d_c * (force[0] - y[k]) + force[1]
+        x = step @ np.concatenate([x, force, slope])
+    return u, y

@@ -123,13 +123,15 @@ class Driven:
         return np.asarray((right[0::2] + 2.0 * (left[0::2] + right[1::2]) + left[1::2]) / 6.0)
 
 
-def driven(record: Record) -> Driven:
+def driven(record: Record, *, between: bool = False) -> Driven:
     """Fit the parallel model that the references drive to inputs and outputs.
 
     Parameters
     ----------
     record : Record
         With at least one reference.
+    between : bool
+        Whether the signals count between the samples too (`shown_by_samples`).
 
     Returns
     -------
@@ -143,15 +145,35 @@ def driven(record: Record) -> Driven:
     for before in befores(direct):
         experiment = _experiment(record, before)
         for rate in _rates(record):
-            states = operators(experiment, rate, most)
-            criterion, order = _cheapest(_columns(direct, states), signals, direct.shape[1], most)
+            count = min(most, shown_by_samples(rate * experiment.dt)) if between else most
+            states = operators(experiment, rate, count)
+            criterion, order = _cheapest(_columns(direct, states), signals, direct.shape[1], count)
             if found is None or criterion < lowest:
                 lowest = criterion
-                columns = _columns(direct, states[:, _first(order, most, direct.shape[1])])
+                columns = _columns(direct, states[:, _first(order, count, direct.shape[1])])
                 weights = _fitted(columns, signals)
                 found = Driven(record, rate, order, before, weights, columns)
     assert found is not None
     return found
+
+
+def shown_by_samples(step: float) -> int:
+    """Most operators that samples determine between the samples too.
+
+    An operator turns the phase by ``2 arctan(w / rate)``; what turns above the Nyquist frequency is
+    not seen at the samples, and half a turn there is a function that may swing between them.
+
+    Parameters
+    ----------
+    step : float
+        Rate times sampling interval.
+
+    Examples
+    --------
+    >>> shown_by_samples(0.05), shown_by_samples(0.5), shown_by_samples(2.0)
+    (98, 9, 2)
+    """
+    return max(1, int(np.pi / (2.0 * np.arctan(step / np.pi))))
 
 
 def befores(reference: Array) -> list[Array]:

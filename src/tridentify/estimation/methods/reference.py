@@ -146,8 +146,8 @@ def reference_estimate(
     if known is not None:
         refuse_unknown_loop(asked.records, asked.structure, known)
     say("what the reference drives")
-    parts = [driven(record) for record in asked.records]
     kind = _kind(controller, asked.records)
+    parts = [driven(record, between=kind == "continuous") for record in asked.records]
     if coloured is not None or not robust:
         unstable = _unstable(parts, kind, asked, coloured is not None, say)
         if unstable is not None:
@@ -269,7 +269,8 @@ def _other(
     say: Callable[[str], None],
 ) -> tuple[list[Loop], Rooted]:
     """The root for the other kind of controller, from the one that is there."""
-    others = [Loop(one.driven, _opposite(one.sampling)) for one in loops]
+    kind = _opposite(loops[0].sampling)
+    others = [Loop(driven(one.record, between=kind == "continuous"), kind) for one in loops]
     return others, root(others, structure, best.estimate, near, say)
 
 
@@ -504,4 +505,6 @@ def explained_records(estimate: Estimate, records: Sequence[Record]) -> list[Rec
     kind: Sampling = "sampled"
     if any(told.startswith(TAKEN_AS_CONTINUOUS) for told in estimate.trace.decisions):
         kind = "continuous"
-    return [without_rest(Loop(driven(record), kind), estimate.model) for record in records]
+    between = kind == "continuous"
+    loops = [Loop(driven(record, between=between), kind) for record in records]
+    return [without_rest(loop, estimate.model) for loop in loops]
