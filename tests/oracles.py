@@ -80,7 +80,7 @@ def stacked(channels):
 
 
 def sampled_loop(channels, control, noise, dt, *, initial=None):
-    """(u, y) of a plant whose input a computer sets: ``control(k, y[k])`` is held for one sample."""
+    """(u, y) of a plant whose input a computer sets: ``control(k, y[k])`` is held for a sample."""
     a, inputs, outputs = stacked(channels)
     n, m = inputs.shape
     block = np.zeros((n + m, n + m))

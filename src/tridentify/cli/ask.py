@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any, Literal, TypeVar
 
 from tridentify.cli.knowledge import NUMBER
-from tridentify.cli.options import Loss, Noise
 from tridentify.errors import ChannelCountError, OptionError, OrderError, shown
 from tridentify.estimation.methods.base import Method
 
@@ -172,15 +171,19 @@ def _nested(
     return [row * n_inputs if len(row) == 1 else row for row in rows]
 
 
-def chosen_method(name: str, noise: Noise = Noise.AUTO, loss: Loss = Loss.SQUARED) -> Method:
+BY_ITSELF = {"noise": "auto", "loss": "squared", "route": "auto", "controller": "unknown"}
+"""Option of a method -> what it is where nobody asks."""
+
+
+def chosen_method(name: str, **options: str) -> Method:
     """Make the method with its options.
 
     Parameters
     ----------
     name : str
         A key of `judgement.choice.METHODS` or `METHODS_IN_LOOP`.
-    noise : Noise
-    loss : Loss
+    **options : str
+        ``noise``, ``loss``, ``route``, ``controller``; what is at its default is not asked for.
 
     Returns
     -------
@@ -189,7 +192,7 @@ def chosen_method(name: str, noise: Noise = Noise.AUTO, loss: Loss = Loss.SQUARE
     Raises
     ------
     OptionError
-        The method does not exist, or has no choice of the noise or the loss.
+        The method does not exist, or has no such choice.
     """
     from tridentify.judgement.choice import METHODS, METHODS_IN_LOOP
 
@@ -198,8 +201,7 @@ def chosen_method(name: str, noise: Noise = Noise.AUTO, loss: Loss = Loss.SQUARE
         raise OptionError(
             f"found --method {shown(name)}; expected one of {', '.join(known)}; choose one"
         )
-    asked = {"noise": noise.value} if noise is not Noise.AUTO else {}
-    asked |= {"loss": loss.value} if loss is not Loss.SQUARED else {}
+    asked = {option: value for option, value in options.items() if value != BY_ITSELF[option]}
     for option, value in asked.items():
         if not _offers(known[name], option):
             able = ", ".join(key for key, make in known.items() if _offers(make, option))

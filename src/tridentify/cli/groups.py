@@ -125,10 +125,18 @@ class Way:
 
     method: options.Method = "three-model"
     noise: options.NoiseModel = options.Noise.AUTO
+    route: options.Routes = options.Route.AUTO
+    controller: options.Controllers = options.Controller.UNKNOWN
 
     def chosen(self, loss: options.Loss = options.Loss.SQUARED) -> Method:
         """The method with its options."""
-        return chosen_method(self.method, self.noise, loss)
+        return chosen_method(
+            self.method,
+            noise=self.noise.value,
+            loss=loss.value,
+            route=self.route.value,
+            controller=self.controller.value,
+        )
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:
@@ -144,8 +152,8 @@ def with_groups(command: Callable[..., None]) -> Callable[..., None]:
     >>> def fit(file: str, way: Way, out: str | None = None) -> None:
     ...     print(way.method, out)
     >>> list(inspect.signature(with_groups(fit)).parameters)
-    ['file', 'method', 'noise', 'out']
-    >>> with_groups(fit)(file="a.csv", method="output-error", noise=options.Noise.AUTO, out="b")
+    ['file', 'method', 'noise', 'route', 'controller', 'out']
+    >>> with_groups(fit)(file="a.csv", out="b", **vars(Way("output-error")))
     output-error b
     """
     hints = get_type_hints(command, include_extras=True)

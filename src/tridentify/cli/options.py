@@ -62,6 +62,23 @@ class Noise(StrEnum):
     AR = "ar"
 
 
+class Route(StrEnum):
+    """What is made of a controller that may have been running."""
+
+    AUTO = "auto"
+    OPEN_LOOP = "open-loop"
+    REFERENCE = "reference"
+    DIRECT = "direct"
+
+
+class Controller(StrEnum):
+    """How the controller works between the samples."""
+
+    UNKNOWN = "unknown"
+    SAMPLED = "sampled"
+    CONTINUOUS = "continuous"
+
+
 class Loss(StrEnum):
     """What is minimised."""
 
@@ -228,6 +245,25 @@ NoiseModel = Annotated[
         metavar="HOW",
         help="Measurement noise: white, ar (autoregressive; the samples are whitened), or auto "
         "(ar where the residual is not white).",
+    ),
+]
+Routes = Annotated[
+    Route,
+    model_option(
+        "--route",
+        metavar="WAY",
+        help="What to make of a controller that set the input: reference (both signals fitted by "
+        "what drove the loop; needs --reference), direct (a noise model), open-loop (none was "
+        "running), or auto (reference where there is one).",
+    ),
+]
+Controllers = Annotated[
+    Controller,
+    model_option(
+        "--controller",
+        metavar="HOW",
+        help="How that controller worked, for the reference route: sampled (the input is held), "
+        "continuous, or unknown.",
     ),
 ]
 Losses = Annotated[

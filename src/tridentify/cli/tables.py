@@ -178,6 +178,7 @@ def estimate_document(estimate: Estimate, records: Sequence[Record]) -> dict[str
         "experiments": experiments,
         "units": dict(estimate.units),
         "method": estimate.method,
+        "route": estimate.route,
         "structure": estimate.structure.to_dict(),
         "status": {
             "name": status.name,

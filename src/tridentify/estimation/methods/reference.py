@@ -76,10 +76,12 @@ MORE_ROUNDS = 4
 """The same for a plant that is not stable, whose input is more noise than response."""
 NOT_TOLD = "the record does not tell"
 """Which of two kinds of controller it was."""
-PLAINLY = 50.0
-"""Difference of ``-2 log L`` from which the record speaks for one kind of controller: what is not
-known of the driven input between the samples, or the colour of the noise, may make some 30 by
-itself, a wrong kind 1000."""
+WORSE = 50.0
+"""Rise of ``-2 log L`` that a better known driven input may cost by chance."""
+PLAINLY = 0.3
+"""Difference of ``-2 log L`` a sample from which the record speaks for one kind of controller:
+noise of the driven input between the samples, or its colour, may make a tenth by itself, a wrong
+kind makes 4."""
 COARSE = 0.3
 """Rate of the loop times sampling interval from which what a continuous controller does between the
 samples counts: standard errors are then a fifth too small and more."""
@@ -195,7 +197,7 @@ def _white(
             break
         # where hardly any noise is left, what is follows the reference and takes its part
         worse = _deviance(beside, end.estimate) - _deviance(loops, best.estimate)
-        if best.still and not (end.still and worse < PLAINLY):
+        if best.still and not (end.still and worse < WORSE):
             break
         loops, best = beside, end
     return loops, best
@@ -285,12 +287,13 @@ def _compared(
     (loops, best), (others, end) = mine, other
     words, rival = IN_WORDS[loops[0].sampling], IN_WORDS[others[0].sampling]
     gain = _deviance(loops, best.estimate) - _deviance(others, end.estimate)
-    if end.still and (gain > PLAINLY or not best.still):
+    plainly = PLAINLY * sum(int(np.isfinite(one.record.y).sum()) for one in loops)
+    if end.still and (gain > plainly or not best.still):
         return True, f"controller taken as {rival}: -2 log L is lower by {gain:.1f} than as {words}"
     size = np.maximum(best.estimate.std, 1e-12 * np.abs(best.estimate.theta) + 1e-300)
     moved = np.abs(end.estimate.theta - best.estimate.theta) / size
     k = int(np.argmax(moved))
-    if not end.still or gain < -PLAINLY:
+    if not end.still or gain < -plainly:
         against = f"the record speaks against a {others[0].sampling} one"
     else:
         against = (

@@ -90,7 +90,7 @@ def undetermined(estimate: Estimate, longest: float) -> list[str]:
     """Poles and leading numerator coefficients that the record does not determine, in words."""
     found = []
     structure = estimate.structure
-    if structure.shared and not structure.constrained:
+    if structure.shared and not structure.constrained and estimate.model.is_stable:
         den = estimate.model.den[0][0]
         n = den.size - 1
         poles = sort_poles(np.roots(den).astype(np.complex128))
