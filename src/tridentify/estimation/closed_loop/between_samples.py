@@ -136,6 +136,6 @@ def with_input(record: Record, u: Array, between: Behaviour) -> Record:
         intersample=between,
         input_names=record.input_names,
         output_names=record.output_names,
-        units=record.units,
+        units=record._units_of_a_model,
         name=record.name,
     )
