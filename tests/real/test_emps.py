@@ -103,3 +103,34 @@ def test_the_other_record_is_predicted(record, estimate, judged):
     fit = judged(estimate.model, alone)[0]
     assert fit == pytest.approx(92.6, abs=0.3)
     assert fit > judged(estimate.model, record("data_pulses.csv", ["u_pulse"]))[0]
+
+
+def test_the_reference_alone_gives_mass_and_friction(shared_data):
+    """Mass and viscous friction from the position reference; friction is an input and a reference."""
+    table = np.genfromtxt(shared_data / "emps" / "data.csv", delimiter=",", names=True)
+    step, wanted = 5, 1000.0 * table["r_pos"]
+    speed = np.gradient(table["r_pos"], table["t"])
+    sign = np.where(np.abs(speed) > 1e-4, np.sign(speed), 0.0)
+    count = len(wanted) // step
+    force, rubbing = (
+        one[: count * step].reshape(count, step).mean(axis=1)
+        for one in (35.1506519 * table["u_volt"], sign)
+    )
+    record = Record(
+        np.column_stack([force, rubbing]),
+        1000.0 * table["y_pos"][: count * step : step],
+        dt=step * 1e-3,
+        reference=np.column_stack([wanted[: count * step : step], rubbing]),
+        input_names=["F", "friction"],
+        reference_names=["r", "friction_r"],
+        reference_intersample="foh",
+    )
+    known = Structure(2, 0, fixed={"a0": 0.0})
+    estimate = ThreeModel(controller="sampled", noise="white").estimate([record], known)
+    assert estimate.route == "reference"
+    gain, damping = estimate.parameters["b0[y,F]"], estimate.parameters["a1"]
+    mass = 1000.0 / gain.value
+    joint = np.hypot(mass * gain.relative_std, 0.1085)
+    assert abs(mass - 95.1089) < 2.0 * joint
+    friction = mass * damping.value
+    assert abs(friction - 203.5) < 2.0 * np.hypot(mass * damping.std, 1.15)

@@ -167,7 +167,8 @@ def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, .
         if not (called or starts_wild(view) or torn_at(view) or may_react(view)):
             return ()
         found = _judge(estimate, view, LEVEL, _lags(estimate, view))
-    except (TridentifyError, np.linalg.LinAlgError):
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        # ValueError: noise at the edge of what is stationary, as of an integrator in open loop
         return ()
     if cut:
         return tuple(f for f in found.findings if f.code != "noise-size")
