@@ -106,7 +106,7 @@ def test_the_other_record_is_predicted(record, estimate, judged):
 
 
 def test_the_reference_alone_gives_mass_and_friction(shared_data):
-    """Mass and viscous friction from the position reference; friction is an input and a reference."""
+    """Mass and viscous friction; what stands for dry friction is an input and a reference."""
     table = np.genfromtxt(shared_data / "emps" / "data.csv", delimiter=",", names=True)
     step, wanted = 5, 1000.0 * table["r_pos"]
     speed = np.gradient(table["r_pos"], table["t"])
