@@ -217,10 +217,9 @@ def _unstable(
     loops = [Loop(part, kind) for part in parts]
     edge = slowest(loops)
     plants = starting_plants(loops, *orders)
-    if kind == "sampled":
-        # fast operators follow the samples and swing between them, where Step 2 looks
-        calm = [Loop(driven(record, between=True), kind) for record in asked.records]
-        plants += starting_plants(calm, *orders)
+    # fast operators follow the samples and swing between them, where Step 2 looks; slow ones miss
+    others = [Loop(driven(one, between=kind == "sampled"), kind) for one in asked.records]
+    plants += starting_plants(others, *orders)
     if not any(plant.poles.real.max() > -edge for plant in plants):
         return None
     say("a plant that is not stable")
