@@ -15,6 +15,7 @@ from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.closed_loop.projection import Projection
 from tridentify.estimation.methods.closed_loop.two_stage import TwoStage
+from tridentify.estimation.methods.explained import explained_records
 from tridentify.estimation.methods.filtered.bias_compensated_least_squares import (
     BiasCompensatedLeastSquares,
 )
@@ -24,7 +25,6 @@ from tridentify.estimation.methods.filtered.refined_instrumental_variable import
 from tridentify.estimation.methods.filtered.svf_instrumental_variable import SvfInstrumentalVariable
 from tridentify.estimation.methods.filtered.svf_least_squares import SvfLeastSquares
 from tridentify.estimation.methods.output_error import OutputError
-from tridentify.estimation.methods.reference import explained_records
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import (
     IN_WORDS,

@@ -54,7 +54,7 @@ from scipy.linalg import toeplitz
 
 from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.incomplete import Incomplete
-from tridentify.numerics.levinson import autocovariance, polynomial
+from tridentify.numerics.levinson import autocovariance, stationary_polynomial
 
 Places = NDArray[np.int64]
 
@@ -424,11 +424,11 @@ def fit_autoregression(
             order = _order(np.array(fits), exact.count, fewest)
         # samples that all stand alone have no reflection coefficients, whatever order is asked for
         first = reflection[:order]
-        return polynomial(exact.best(first) if first.size else first)
+        return stationary_polynomial(exact.best(first) if first.size else first)
     if order is None:
         n = sum(one.size for one in series)
         order = _order(n * np.log(np.maximum(power, 1e-300)), n, fewest)
-    return polynomial(reflection[:order])
+    return stationary_polynomial(reflection[:order])
 
 
 def _order(fits: Array, n: int, fewest: int) -> int:

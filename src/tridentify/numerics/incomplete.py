@@ -37,7 +37,7 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 from scipy.optimize import minimize
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.levinson import autocovariance
+from tridentify.numerics.levinson import covariance
 
 Places = NDArray[np.int64]
 
@@ -302,9 +302,7 @@ class Incomplete:
         a, slopes = np.zeros(k.size + 1), np.zeros((k.size, k.size))
         levinson(k, a, slopes)
         slopes *= 1.0 - k * k
-        information = (
-            max(self.count, 1) * slopes.T @ toeplitz(autocovariance(a[1:], k.size - 1)) @ slopes
-        )
+        information = max(self.count, 1) * slopes.T @ toeplitz(covariance(k)[: k.size]) @ slopes
         try:
             upper = cholesky(information)
         except np.linalg.LinAlgError:

@@ -37,6 +37,7 @@ from tridentify.estimation.answer.encoding import (
     save_document,
 )
 from tridentify.estimation.answer.finding import Finding, without_fewer
+from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import NOT_DETERMINED, Nuisance, Parameter
 from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace, freeze_arrays
 from tridentify.numerics import delta_method
@@ -138,6 +139,8 @@ class Estimate(EstimateViews):
     route : {"open-loop", "reference", "direct"}
         What was made of a controller that may have been running: nothing; the parts of input and
         output that follow the reference were fitted; or the noise got a model in any case.
+    loop : LoopTaken or None
+        What the reference route took the loop for; None on the other routes.
     call : str
         The method with its options, as one writes it; empty if it was not called by `identify`.
 
@@ -183,6 +186,7 @@ class Estimate(EstimateViews):
     call: str = ""
     errors: str = "likelihood"
     route: str = dataclasses.field(default="open-loop", metadata=LEFT_OUT)
+    loop: LoopTaken | None = dataclasses.field(default=None, metadata=LEFT_OUT)
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -197,7 +201,7 @@ class Estimate(EstimateViews):
             raise DataError(
                 f"found errors={self.errors!r}; expected 'likelihood' or 'scores'; name one of them"
             )
-        check_route(self.route, ROUTES)
+        check_route(self.route, ROUTES, looped=self.loop is not None)
         self._check_shapes()
         self._check_names()
         object.__setattr__(self, "units", dict(self.units))

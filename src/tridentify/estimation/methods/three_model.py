@@ -42,16 +42,13 @@ from tridentify.estimation.likelihood.thresholds import SETTLED
 from tridentify.estimation.methods.base import Progress, check, check_count, check_tolerance
 from tridentify.estimation.methods.capability import EVERYTHING, Capability
 from tridentify.estimation.methods.constrained import within_constraints
+from tridentify.estimation.methods.controller_kind import Controller, check_controller
 from tridentify.estimation.methods.delays import over_delays
 from tridentify.estimation.methods.maximum import Reached, maximum
 from tridentify.estimation.methods.noise import with_noise_model
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.paper import as_printed
-from tridentify.estimation.methods.reference import (
-    Controller,
-    check_controller,
-    reference_estimate,
-)
+from tridentify.estimation.methods.reference import reference_estimate
 from tridentify.estimation.methods.robust import check_loss, robust_estimate
 from tridentify.estimation.methods.route import (
     Route,

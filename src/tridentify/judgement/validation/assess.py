@@ -24,7 +24,7 @@ from tridentify.errors import (
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.estimation.methods.reference import explained_records
+from tridentify.estimation.methods.explained import explained_records
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.validation.correlation import correlate
 from tridentify.judgement.validation.evidence import (
@@ -167,8 +167,7 @@ def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, .
         if not (called or starts_wild(view) or torn_at(view) or may_react(view)):
             return ()
         found = _judge(estimate, view, LEVEL, _lags(estimate, view))
-    except (TridentifyError, np.linalg.LinAlgError, ValueError):
-        # ValueError: noise at the edge of what is stationary, as of an integrator in open loop
+    except (TridentifyError, np.linalg.LinAlgError):
         return ()
     if cut:
         return tuple(f for f in found.findings if f.code != "noise-size")

@@ -18,6 +18,7 @@ import numpy as np
 from tridentify.checks.orders import HIGHEST_ORDER
 from tridentify.errors import TridentifyError, shown
 from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import Nuisance, Parameter
 from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace
 from tridentify.numerics.arrays import Array
@@ -180,6 +181,12 @@ def _whole(value: Any) -> int:
     return value
 
 
+def _truth(value: Any) -> bool:
+    if type(value) is not bool:
+        raise ValueError(f"{shown(value)} in place of true or false")
+    return value
+
+
 def _text(value: Any) -> str:
     if not isinstance(value, str) or len(value) > LONGEST_TEXT or not value.isprintable():
         raise ValueError(
@@ -229,6 +236,7 @@ _DECODERS: Mapping[str, Decoder] = {
     "float": _real,
     "float | None": lambda value: None if value is None else _real(value),
     "int": _whole,
+    "bool": _truth,
     "int | None": lambda value: None if value is None else _whole(value),
     "str": _text,
     "Severity": _text,
@@ -246,4 +254,6 @@ _DECODERS: Mapping[str, Decoder] = {
     "Status": _status,
     "Structure": _structure,
     "TransferFunction": plain_model,
+    "TransferFunction | None": lambda value: None if value is None else plain_model(value),
+    "LoopTaken | None": lambda value: None if value is None else decode(LoopTaken, value),
 }

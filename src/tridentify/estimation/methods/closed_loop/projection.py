@@ -11,8 +11,11 @@ approximation of the plant in the spectrum of ``u_P`` whatever the loop is (Fors
 Its noise is ``v + G (u - u_P)``; it is consistent and not efficient. Between the samples ``u_P`` is
 taken as the record states of its input.
 
-The past taps are as many as AICc says, the residual of ``u`` taken as white, of lengths a factor of
-two apart; the future ones a quarter of these.
+A loop that settles within a thousand samples would need a thousand weights. As a response is smooth
+where it is that long, ``s_m`` is taken as linear between knots, ``d`` samples apart: a smaller
+space, every response in it still without any assumption on order or causality. The number of past
+knots and ``d`` are those of lowest AICc, the residual of ``u`` taken as white, a factor of two
+apart; the future has a quarter as many.
 
 References
 ----------
@@ -22,31 +25,30 @@ U. Forssell & L. Ljung, Automatica 36(9) (2000), 1351-1357 (projection method), 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.closed_loop.between_samples import with_input
-from tridentify.estimation.likelihood.question import silently
-from tridentify.estimation.methods.base import Progress, check
+from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.methods.capability import EVERYTHING, Capability
-from tridentify.estimation.methods.closed_loop.second_stage import second_stage
-from tridentify.estimation.methods.route import refuse_unreferenced
+from tridentify.estimation.methods.closed_loop.second_stage import in_two_stages
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
-FEWEST_TAPS = 4
+FEWEST_KNOTS = 4
 """Of the shortest response: a loop that settles within four samples."""
-SAMPLES_A_TAP = 10
-"""Samples that a tap needs at least, as an operator of the reference route does."""
-MOST_TAPS = 512
-"""Of the longest response: 600 columns on 10,000 samples take some seconds."""
+SAMPLES_A_KNOT = 10
+"""Samples that a knot needs at least, as an operator of the reference route does."""
+MOST_KNOTS = 256
+"""Of the longest response: 320 columns on 10,000 samples take a second."""
+WIDEST = 32
+"""Samples between two knots at most: a loop that needs more is sampled far too fast."""
 FUTURE = 4
-"""Past taps for one in the future: there is little in it unless the loop is not linear."""
+"""Past knots for one in the future: there is little in it unless the loop is not linear."""
 
 
 @dataclass(frozen=True)
@@ -103,21 +105,18 @@ class Projection:
         IdentifiabilityError
             If the data cannot determine the coefficients.
         """
-        say = progress or silently
-        check(records, structure, self.name, self.capabilities)
-        refuse_unreferenced("Projection()", records, "use ThreeModel(route='direct')")
-        say("the projection of the input on the reference")
-        found = [projected(np.asarray(one.u), np.asarray(one.reference)) for one in records]
-        made = [
-            with_input(one, u, one.behaviour) for one, (u, _) in zip(records, found, strict=True)
-        ]
-        taps = ", ".join(str(count) for _, count in found)
-        told = f"first stage: {taps} past taps on each reference, a quarter as many in the future"
-        return second_stage(Request.of(records, structure, self.name), made, told, say)
+        return in_two_stages(self.name, self.capabilities, records, structure, progress, _driven)
 
 
-def projected(u: Array, reference: Array) -> tuple[Array, int]:
-    """The projection of the inputs, and the number of past taps.
+def _driven(record: Record) -> tuple[Record, str]:
+    """The record with its input projected, and what is told of that."""
+    u, knots, spacing = projected(np.asarray(record.u), np.asarray(record.reference))
+    told = f"{knots} knots {spacing} samples apart in the past, a quarter as many in the future"
+    return with_input(record, u, record.behaviour), told
+
+
+def projected(u: Array, reference: Array) -> tuple[Array, int, int]:
+    """The projection of the inputs, the number of past knots, and the samples between two.
 
     Parameters
     ----------
@@ -128,28 +127,43 @@ def projected(u: Array, reference: Array) -> tuple[Array, int]:
     Returns
     -------
     projection : (n_samples, n_inputs) array
-    taps : int
+    knots : int
+    spacing : int
     """
     n, n_references = reference.shape
-    most = min(n // (SAMPLES_A_TAP * n_references), MOST_TAPS)
-    best, lowest, taps, chosen = np.zeros_like(u), np.inf, FEWEST_TAPS, FEWEST_TAPS
-    while taps <= max(most, FEWEST_TAPS):
-        columns = _shifted(reference, taps)
+    most = max(min(n // (SAMPLES_A_KNOT * n_references), MOST_KNOTS), FEWEST_KNOTS)
+    best, lowest, chosen = np.zeros_like(u), np.inf, (FEWEST_KNOTS, 1)
+    for knots, spacing in _lengths(most, n):
+        columns = _responses(reference, knots, spacing)
         weights = np.linalg.lstsq(columns, u, rcond=None)[0]
         made = columns @ weights
         left = np.maximum(np.sum((u - made) ** 2, axis=0), np.finfo(float).tiny)
         own = columns.shape[1]
         criterion = float(np.sum(n * np.log(left / n) + 2.0 * own * n / max(n - own - 1, 1)))
         if criterion < lowest:
-            best, lowest, chosen = made, criterion, taps
-        taps *= 2
-    return np.asarray(best), chosen
+            best, lowest, chosen = made, criterion, (knots, spacing)
+    return np.asarray(best), *chosen
 
 
-def _shifted(reference: Array, taps: int) -> Array:
-    """A constant, and every reference at lags from the future to the past."""
-    later = -(-taps // FUTURE)
-    padded = np.pad(reference, ((taps - 1, later), (0, 0)), mode="edge")
+def _lengths(most: int, n: int) -> Iterator[tuple[int, int]]:
+    """Knots and spacings a factor of two apart, none longer than half the record."""
+    spacing = 1
+    while spacing <= WIDEST:
+        knots = FEWEST_KNOTS
+        while knots <= most and knots * spacing <= n // 2:
+            yield knots, spacing
+            knots *= 2
+        spacing *= 2
+
+
+def _responses(reference: Array, knots: int, spacing: int) -> Array:
+    """A constant, and every reference through the hat at each knot, from the future to the past."""
+    later = -(-knots // FUTURE)
+    hat = np.convolve(np.ones(spacing), np.ones(spacing)) / spacing
+    margin = spacing - 1
+    before, after = (knots - 1) * spacing + margin, later * spacing + margin
+    padded = np.pad(reference, ((before, after), (0, 0)), mode="edge")
+    smooth = np.column_stack([np.convolve(one, hat, mode="valid") for one in padded.T])
     n = len(reference)
-    lags = [padded[taps - 1 - lag :][:n] for lag in range(-later, taps)]
+    lags = [smooth[before - margin - k * spacing :][:n] for k in range(-later, knots)]
     return np.hstack([np.ones((n, 1)), *lags])

@@ -2,36 +2,64 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.methods.base import Progress
+from tridentify.estimation.answer.loop_taken import LoopTaken
+from tridentify.estimation.likelihood.question import silently
+from tridentify.estimation.methods.base import Progress, check
+from tridentify.estimation.methods.capability import Capability
+from tridentify.estimation.methods.route import refuse_unreferenced
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.record.record import Record
+from tridentify.structure import Structure
 
 OPEN_LOOP = ThreeModel(noise="white", route="open-loop", finish="likelihood")
 """Output error with a search in front of it: rivals shall not lose by their start."""
 
 
-def second_stage(asked: Request, made: Sequence[Record], told: str, say: Progress) -> Estimate:
+def in_two_stages(
+    name: str,
+    can: Capability,
+    records: Sequence[Record],
+    structure: Structure,
+    progress: Progress | None,
+    first_stage: Callable[[Record], tuple[Record, str]],
+) -> Estimate:
     """The estimate with inputs in place of the recorded ones.
 
     Parameters
     ----------
-    asked : Request
-    made : sequence of Record
-        With the inputs that the references make.
-    told : str
-        Of the first stage.
-    say : callable
+    name : str
+        Of the method.
+    can : Capability
+        What it can do.
+    records : sequence of Record
+    structure : Structure
+    progress : callable or None
+    first_stage : callable
+        Gives a record with the input that its reference makes, and what is told of it.
+
+    Raises
+    ------
+    OptionError
+        A record has no reference.
     """
-    found = OPEN_LOOP.estimate(made, asked.structure, say)
+    say = progress or silently
+    check(records, structure, name, can)
+    refuse_unreferenced(f"{name}()", records, "use ThreeModel(route='direct')")
+    say("the input from the reference")
+    asked = Request.of(records, structure, name)
+    made = [first_stage(one) for one in records]
+    found = OPEN_LOOP.estimate([one for one, _ in made], structure, say)
+    told = f"first stage: {', '.join(words for _, words in made)}"
     return replace(
         found,
         method=asked.method,
         record_fingerprint=asked.fingerprint,
         route="reference",
+        loop=LoopTaken("sampled"),
         trace=found.trace.told(told, *asked.told),
     )

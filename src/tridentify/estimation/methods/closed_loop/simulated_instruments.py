@@ -50,7 +50,8 @@ from tridentify.estimation.methods.base import Progress, check
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.closed_loop.second_stage import OPEN_LOOP
 from tridentify.estimation.methods.output_error import OutputError
-from tridentify.estimation.methods.reference import completed, root
+from tridentify.estimation.methods.passes import root
+from tridentify.estimation.methods.reference import completed
 from tridentify.estimation.methods.route import refuse_unreferenced
 from tridentify.record.record import Record
 from tridentify.structure import Structure

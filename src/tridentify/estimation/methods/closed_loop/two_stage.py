@@ -24,15 +24,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.closed_loop.between_samples import with_input
 from tridentify.estimation.closed_loop.driven import driven
-from tridentify.estimation.likelihood.question import silently
-from tridentify.estimation.methods.base import Progress, check
+from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.methods.capability import EVERYTHING, Capability
-from tridentify.estimation.methods.closed_loop.second_stage import second_stage
-from tridentify.estimation.methods.route import refuse_unreferenced
+from tridentify.estimation.methods.closed_loop.second_stage import in_two_stages
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -91,11 +88,10 @@ class TwoStage:
         IdentifiabilityError
             If the data cannot determine the coefficients.
         """
-        say = progress or silently
-        check(records, structure, self.name, self.capabilities)
-        refuse_unreferenced("TwoStage()", records, "use ThreeModel(route='direct')")
-        say("the input from the reference")
-        parts = [driven(record) for record in records]
-        made = [with_input(part.record, part.inputs, part.record.behaviour) for part in parts]
-        told = f"first stage: {', '.join(part.words for part in parts)}"
-        return second_stage(Request.of(records, structure, self.name), made, told, say)
+        return in_two_stages(self.name, self.capabilities, records, structure, progress, _driven)
+
+
+def _driven(record: Record) -> tuple[Record, str]:
+    """The record with the input that its reference makes, and what is told of that."""
+    part = driven(record)
+    return with_input(record, part.inputs, record.behaviour), part.words

@@ -1,0 +1,160 @@
+"""The way of a plant that may be unstable or integrate, and its estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tridentify.estimation.answer.assemble import Request, Solved, assemble
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.loop_taken import LoopTaken
+from tridentify.estimation.answer.parameter import Nuisance
+from tridentify.estimation.answer.trace import Status, Trace
+from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
+from tridentify.estimation.closed_loop.driven import Driven, beside_noise, driven
+from tridentify.estimation.closed_loop.linear_errors import slowest
+from tridentify.estimation.closed_loop.predictor import Predictor
+from tridentify.estimation.closed_loop.unstable import Found, autoregressive, root
+from tridentify.estimation.closed_loop.unstable_starts import starting_plants
+from tridentify.numerics.information import aicc_price
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
+
+MORE_ROUNDS = 4
+"""Fits of the driven input beside the noise that the model leaves: more than of a stable plant, as
+the input is more noise than response."""
+
+
+def unstable_estimate(
+    parts: Sequence[Driven],
+    kind: Sampling,
+    asked: Request,
+    coloured: bool,
+    say: Callable[[str], None],
+) -> Estimate | None:
+    """The estimate of a plant with a pole at zero or to the right of it; None for any other."""
+    orders = orders_of(asked.records, asked.structure)
+    if orders is None:
+        return None
+    loops = [Loop(part, kind) for part in parts]
+    edge = slowest(loops)
+    plants = starting_plants(loops, *orders)
+    # fast operators follow the samples and swing between them, where Step 2 looks; slow ones miss
+    others = [Loop(driven(one, between=kind == "sampled"), kind) for one in asked.records]
+    plants += starting_plants(others, *orders)
+    if not any(plant.poles.real.max() > -edge for plant in plants):
+        return None
+    say("a plant that is not stable")
+    choose = autoregressive if coloured else None
+    best = root(loops, plants, None, say)
+    for _ in range(MORE_ROUNDS if kind == "continuous" else 0):
+        if best is None or not best.still:
+            break
+        renewed = [
+            beside_noise(part, left[:, None]) for part, left in zip(parts, best.errors, strict=True)
+        ]
+        loops = [Loop(part, kind) for part in renewed]
+        best = root(loops, [best.plant], None, say)
+    if best is not None and best.still and choose is not None:
+        best = root(loops, [best.plant], choose, say)
+    if best is None or not best.still or not best.plant.poles.real.max() > -edge:
+        return None
+    return estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
+
+
+def orders_of(
+    records: Sequence[Record], structure: Structure
+) -> tuple[int, tuple[int, ...]] | None:
+    """Poles and zeros of what this route can do; None for anything else.
+
+    That is one output, one shared denominator, no delay, nothing known beforehand, uniform time.
+    """
+    first = records[0]
+    if (
+        first.n_outputs != 1
+        or not structure.shared
+        or structure.constrained
+        or structure.drift is True
+        or structure.delay == "free"
+        or np.any(structure.delay_matrix(1, first.n_inputs))
+        or any(record.dt is None for record in records)
+    ):
+        return None
+    zeros = structure.zeros_matrix(1, first.n_inputs)[0]
+    return structure.common_poles, tuple(int(m) for m in zeros)
+
+
+def estimate_of(
+    asked: Request, loops: Sequence[Loop], found: Found, words: Sequence[str]
+) -> Estimate:
+    """The estimate of a plant that is not stable.
+
+    Its fit is that of the predictor's errors, as those of the noise of the output; its start and
+    offset are those at which the predictor began.
+    """
+    plant, names = found.plant, asked.records[0]
+    zero = np.zeros(1)
+    nuisance = []
+    for loop, terms in zip(loops, found.nuisance, strict=True):
+        record = loop.record
+        seen = np.flatnonzero(np.isfinite(record.y[:, 0]))
+        base = float(recorded_base(loop) if not seen.size or seen[0] else record.y[0, 0])
+        predictor = Predictor(plant, float(record.dt or 0.0), slowest(loops))
+        nuisance.append(
+            Nuisance(
+                input_reference=np.array(record.u[0]),
+                offset=np.array([terms[-1] + base]),
+                drift=zero,
+                free_response=(terms[:-1] * predictor.start_numerators)[None, :],
+                offset_std=zero,
+                drift_std=zero,
+                initial_state="free",
+                t0=float(record.t[0]),
+            )
+        )
+    variance = found.variance / found.amplification**2
+    left = np.concatenate(found.errors) / found.amplification
+    y = np.concatenate([r.y[:, 0] - np.nanmean(r.y[:, 0]) for r in asked.records])
+    fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2) / np.nansum(y**2)))
+    rates = ", ".join(f"{pole.real:.4g}" for pole in plant.poles if pole.real > -slowest(loops))
+    told = (
+        f"reference route by the mirrored predictor: {found.steps} steps",
+        f"the plant is not stable: a pole with real part {rates} rad/s; fit and noise are those of "
+        "the predictor's errors",
+        *words,
+    )
+    count = float(sum(np.isfinite(one).sum() for one in found.errors))
+    k = plant.theta.size + sum(one.size for one in found.nuisance) + 1.0 + found.noise.size
+    solved = Solved(
+        structure=replace(asked.structure, offset=True, drift=False, initial_state="free"),
+        model=TransferFunction(
+            [[one for one in plant.b]],
+            [[np.concatenate([[1.0], plant.a])] * len(plant.b)],
+            input_names=names.input_names,
+            output_names=names.output_names,
+        ),
+        theta=plant.theta,
+        cov=found.cov,
+        noise_variance=np.array([variance]),
+        fit=np.array([fit]),
+        status=Status.CONVERGED,
+        trace=Trace((), decisions=told, stopped="the coefficients stand still"),
+        nuisance=tuple(nuisance),
+        degrees_of_freedom=found.freedom,
+        cost=float(np.nanmean(left**2)),
+        aicc=count * float(np.log(np.nanmean(np.concatenate(found.errors) ** 2)))
+        + aicc_price(k, count),
+        condition=found.condition,
+        gradient=0.0,
+        noise_model=(found.noise,) if found.noise.size else (),
+    )
+    taken = LoopTaken(loops[0].sampling, mirrored=True)
+    return replace(assemble(asked, solved), route="reference", loop=taken)
+
+
+def recorded_base(loop: Loop) -> float:
+    """What the first output counts as where it was not recorded."""
+    return float(loop.fitted.outputs[0, 0])

@@ -1,0 +1,135 @@
+"""Passes of the reference route: fits of what the reference drives, until they stand still.
+
+The equation and its fixed point are derived in `methods.reference`, (1) and (3).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.methods.base import Method
+from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+from tridentify.transfer_function import TransferFunction
+
+MOST_PASSES = 40
+"""Passes; nearly all loops need four to ten."""
+STILL = 1e-3
+"""Standard errors that the coefficients move by in the last pass."""
+MEMORY = 4
+"""Passes that the extrapolation uses: as many as coefficients of a second-order model."""
+
+
+@dataclass(frozen=True, eq=False)
+class Rooted:
+    """Where the passes ended.
+
+    Attributes
+    ----------
+    estimate : Estimate
+        Of the last pass.
+    passes : int
+    moved : float
+        By which the last pass moved the coefficients [standard errors].
+    """
+
+    estimate: Estimate
+    passes: int
+    moved: float
+
+    @property
+    def still(self) -> bool:
+        """Whether it is a root."""
+        return self.moved <= STILL
+
+
+def root(
+    loops: Sequence[Loop],
+    structure: Structure,
+    first: Estimate,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> Rooted:
+    """Passes of (3) until the coefficients stand still.
+
+    Parameters
+    ----------
+    loops : sequence of Loop
+    structure : Structure
+    first : Estimate
+        Where to begin.
+    near : callable
+        The method of the passes, which begins at a model.
+    say : callable
+        Is told what is going on.
+    """
+    given, images, estimate, moved = [first.theta], [], first, np.inf
+    for count in range(1, MOST_PASSES + 1):
+        say(f"what the reference does not drive, pass {count}")
+        at = _model_like(estimate, given[-1])
+        estimate = near(at).estimate([without_rest(one, at) for one in loops], structure)
+        images.append(estimate.theta)
+        scale = np.maximum(estimate.std, 1e-12 * np.abs(estimate.theta) + 1e-300)
+        moved = float(np.max(np.abs(images[-1] - given[-1]) / scale))
+        if moved <= STILL:
+            break
+        following = _extrapolated(given, images, scale)
+        if not _model_like(estimate, following).is_stable:
+            following = 0.5 * (given[-1] + images[-1])
+        given.append(following)
+    return Rooted(estimate, count, moved)
+
+
+def without_rest(loop: Loop, model: TransferFunction) -> Record:
+    """The pair ``(u_M, y')`` of (3)."""
+    now = loop.at(model)
+    return now.instrument.with_outputs(np.asarray(loop.record.y) - now.beside(model))
+
+
+def _extrapolated(given: Sequence[Array], images: Sequence[Array], scale: Array) -> Array:
+    """Anderson's extrapolation of the last passes, in units of standard errors."""
+    depth = min(MEMORY, len(images), scale.size + 1)
+    x = np.array([one / scale for one in given[-depth:]])
+    g = np.array([one / scale for one in images[-depth:]])
+    rest = g - x
+    if depth == 1:
+        return images[-1]
+    steps = rest[1:] - rest[:-1]
+    weights = np.linalg.lstsq(steps.T, rest[-1], rcond=1e-8)[0]
+    return np.asarray((g[-1] - weights @ (g[1:] - g[:-1])) * scale)
+
+
+def _model_like(estimate: Estimate, theta: Array) -> TransferFunction:
+    """The model of other coefficients of the same structure."""
+    channels = [
+        [estimate.channel_draws(theta[None], i, j) for j in range(len(estimate.input_names))]
+        for i in range(len(estimate.output_names))
+    ]
+    return TransferFunction(
+        [[num[0] for num, _, _ in row] for row in channels],
+        [[den[0] for _, den, _ in row] for row in channels],
+        delay=np.array([[float(late[0]) for _, _, late in row] for row in channels]),
+        input_names=estimate.input_names,
+        output_names=estimate.output_names,
+    )
+
+
+def residuals(loops: Sequence[Loop], estimate: Estimate) -> list[Array]:
+    """(n_samples, n_outputs) per experiment, ``y - G u`` less the nuisance terms."""
+    return [
+        estimate.residual(without_rest(loop, estimate.model), experiment=e)
+        for e, loop in enumerate(loops)
+    ]
+
+
+def deviance(loops: Sequence[Loop], estimate: Estimate) -> float:
+    """Minus two log likelihood of the residuals, as if they were white."""
+    left = np.vstack(residuals(loops, estimate))
+    counts = np.isfinite(left).sum(axis=0)
+    return float(counts @ np.log(np.nanmean(left**2, axis=0)))
