@@ -140,7 +140,8 @@ class Estimate(EstimateViews):
         What was made of a controller that may have been running: nothing; the parts of input and
         output that follow the reference were fitted; or the noise got a model in any case.
     loop : LoopTaken or None
-        What the reference route took the loop for; None on the other routes.
+        What the reference route took the loop for, or how a plant that is not stable was
+        estimated; else None.
     call : str
         The method with its options, as one writes it; empty if it was not called by `identify`.
 
@@ -201,7 +202,7 @@ class Estimate(EstimateViews):
             raise DataError(
                 f"found errors={self.errors!r}; expected 'likelihood' or 'scores'; name one of them"
             )
-        check_route(self.route, ROUTES, looped=self.loop is not None)
+        check_route(self.route, ROUTES)
         self._check_shapes()
         self._check_names()
         object.__setattr__(self, "units", dict(self.units))

@@ -24,6 +24,7 @@ from typing import Literal
 import numpy as np
 
 from tridentify.checks.samples import Behaviour
+from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.driven import Driven
 from tridentify.estimation.closed_loop.simulated import Simulated
 from tridentify.numerics.arrays import Array
@@ -48,13 +49,14 @@ class Loop:
 
     Attributes
     ----------
-    driven : Driven or Simulated
-        What the reference drives: fitted, or simulated with a known controller.
+    driven : Driven, Simulated or AsRecorded
+        What the reference drives: fitted, or simulated with a known controller; or all of the
+        input, where there is no controller.
     sampling : {"sampled", "continuous"}
         How the controller works.
     """
 
-    driven: Driven | Simulated
+    driven: Driven | Simulated | AsRecorded
     sampling: Sampling
 
     @property
@@ -67,9 +69,9 @@ class Loop:
         return self
 
     @property
-    def fitted(self) -> Driven:
-        """What is driven, where it was fitted and not simulated with a known controller."""
-        assert isinstance(self.driven, Driven)
+    def fitted(self) -> Driven | AsRecorded:
+        """What is driven, where it was not simulated with a known controller."""
+        assert not isinstance(self.driven, Simulated)
         return self.driven
 
     @cached_property

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.driven import Driven
 from tridentify.estimation.closed_loop.predictor import (
     Plant,
     Predictor,
@@ -54,14 +55,18 @@ class Linear:
         scale = np.where(norms > 0, norms, 1.0)
         q, r = np.linalg.qr(matrix / scale)
         full = q.T @ (np.hstack([self.full, self.rest]) / scale)
-        if np.linalg.cond(np.linalg.solve(r.T, full.T)) > AS_WELL:
+        sizes = np.abs(np.diag(r))
+        dependent = sizes.min() <= np.finfo(float).eps * sizes.max()
+        if dependent or np.linalg.cond(np.linalg.solve(r.T, full.T)) > AS_WELL:
             full = r
         change = np.linalg.lstsq(full, q.T @ self.errors, rcond=1e-13)[0] / scale
         own = np.linalg.qr(self.rest)[0]
         return change, self.errors - own @ (own.T @ self.errors), r * scale
 
 
-def linear_errors(loops: Sequence[Loop], plant: Plant, noise: Array) -> Linear:
+def linear_errors(
+    loops: Sequence[Loop], plant: Plant, noise: Array, *, fed_back: bool = True
+) -> Linear:
     """Errors and columns at a plant, whitened by an autoregression of the noise.
 
     Parameters
@@ -70,17 +75,19 @@ def linear_errors(loops: Sequence[Loop], plant: Plant, noise: Array) -> Linear:
     plant : Plant
     noise : (p,) array
         Empty for white noise.
+    fed_back : bool
+        As of the `Predictor`.
     """
     edge = slowest(loops)
     errors, shared, own, count = [], [], [], 0
     with np.errstate(all="ignore"):
         for loop in loops:
             signals = recorded(loop)
-            predictor = Predictor(plant, signals.dt, edge)
+            predictor = Predictor(plant, signals.dt, edge, fed_back)
             rest = predictor.starts(len(signals.y))
             seen = np.isfinite(loop.record.y[:, 0])
-            e, every = _with_start(plant, predictor, signals, rest, seen)
-            _, z = _with_start(plant, predictor, driven_signals(loop), rest, seen)
+            e, every = _with_start(predictor, signals, rest, seen)
+            _, z = _with_start(predictor, driven_signals(loop), rest, seen)
             count += int(seen.sum())
             table = _white(np.column_stack([e, z, every, rest]), seen, noise)
             errors.append(table[:, 0])
@@ -93,14 +100,14 @@ def linear_errors(loops: Sequence[Loop], plant: Plant, noise: Array) -> Linear:
 
 
 def _with_start(
-    plant: Plant, predictor: Predictor, signals: Signals, rest: Array, seen: Array
+    predictor: Predictor, signals: Signals, rest: Array, seen: Array
 ) -> tuple[Array, Array]:
     """Errors from rest, and slopes at the start and offset that suit the signals best."""
     e = predictor.errors(signals)
     if not (np.isfinite(e).all() and np.isfinite(rest).all()):
-        return e, np.full((len(e), plant.theta.size), np.nan)
+        return e, np.full((len(e), predictor.plant.theta.size), np.nan)
     start = np.linalg.lstsq(rest[seen], e[seen], rcond=None)[0]
-    return e, slopes(plant, signals, predictor.slowest, start)
+    return e, slopes(predictor, signals, start)
 
 
 def _white(table: Array, seen: Array, noise: Array) -> Array:
@@ -110,17 +117,34 @@ def _white(table: Array, seen: Array, noise: Array) -> Array:
     return np.nan_to_num(np.column_stack(found))
 
 
-def driven_basis(loops: Sequence[Loop]) -> Array:
-    """Orthonormal columns of all that the references drive, experiments below each other."""
-    columns = [loop.fitted.columns for loop in loops]
+def driven_basis(loops: Sequence[Loop], noise: Array) -> Array | None:
+    """Orthonormal columns of all that the references drive, experiments below each other.
+
+    Parameters
+    ----------
+    loops : sequence of Loop
+    noise : (p,) array
+        By which they are whitened, as the errors are.
+
+    Returns
+    -------
+    (n, n_columns) array or None
+        None where no reference drives anything, and all errors count.
+    """
+    columns = []
+    for loop in loops:
+        if not isinstance(loop.driven, Driven):
+            return None
+        seen = np.isfinite(loop.record.y[:, 0])
+        columns.append(_white(loop.driven.columns, seen, noise))
     return np.linalg.qr(stacked([one[:, :0] for one in columns], columns))[0]
 
 
-def merit(linear: Linear, basis: Array) -> float:
-    """What the references explain of the errors beside start and offset."""
+def merit(linear: Linear, basis: Array | None) -> float:
+    """Sum of squares of what the references explain of the errors beside start and offset."""
     q = np.linalg.qr(linear.rest)[0]
     left = linear.errors - q @ (q.T @ linear.errors)
-    along = basis.T @ left
+    along = left if basis is None else basis.T @ left
     return float(along @ along) if np.isfinite(along).all() else np.inf
 
 

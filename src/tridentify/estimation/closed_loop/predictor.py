@@ -24,7 +24,7 @@ Ljung, *System Identification*, 2nd ed., problem 4G.6 (1999), on the mirrored pr
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -142,11 +142,15 @@ class Predictor:
         [s].
     slowest : float
         Slowest decay of the predictor [rad/s].
+    fed_back : bool
+        Without it ``K`` is zero and ``e`` the output's error itself, which grows where the plant
+        does: of use in open loop alone, where the record grows alike.
     """
 
     plant: Plant
     dt: float
     slowest: float
+    fed_back: bool = True
 
     @cached_property
     def _continuous(self) -> tuple[Array, Array, Array, Array]:
@@ -182,7 +186,7 @@ class Predictor:
     def gain(self) -> Array:
         """(n,) ``K``, by Ackermann's formula on the observer form."""
         a, n = self._discrete(self.dt)[0], self.plant.a.size
-        if np.all(self.plant.poles.real <= -self.slowest):
+        if not self.fed_back or np.all(self.plant.poles.real <= -self.slowest):
             return np.zeros(n)
         wanted = np.real(np.poly(np.exp(self.mirrored * self.dt)))
         value, power, rows = np.zeros((n, n)), np.eye(n), []
@@ -240,24 +244,24 @@ class Predictor:
     @property
     def amplification(self) -> float:
         """Of the standard deviation of white noise of the output, by the mirrored poles."""
+        if not self.fed_back:
+            return 1.0
         real = self.plant.poles.real
         return float(np.exp(self.dt * np.sum(np.where(real > self.slowest, real, 0.0))))
 
 
-def slopes(plant: Plant, signals: Signals, slowest: float, start: Array) -> Array:
+def slopes(predictor: Predictor, signals: Signals, start: Array) -> Array:
     """(n_samples, n_coefficients) minus the derivatives of ``e`` by the coefficients.
 
     Parameters
     ----------
-    plant : Plant
+    predictor : Predictor
     signals : Signals
-    slowest : float
-        Slowest decay of the predictor [rad/s].
     start : (n + 1,) array
         Initial state, in units of the plant's own, and offset, which are held.
     """
-    physical = np.append(start[:-1] * Predictor(plant, signals.dt, slowest).start_numerators, 0.0)
-
+    plant = predictor.plant
+    physical = np.append(start[:-1] * predictor.start_numerators, 0.0)
     theta, scale = plant.theta, plant.scale
     found = np.empty((len(signals.u), theta.size))
     for k in range(theta.size):
@@ -265,7 +269,7 @@ def slopes(plant: Plant, signals: Signals, slowest: float, start: Array) -> Arra
         step[k] = STEP * scale[k]
         both = []
         for moved in (theta + step, theta - step):
-            one = Predictor(plant.with_theta(moved), signals.dt, slowest)
+            one = replace(predictor, plant=plant.with_theta(moved))
             own = physical / np.append(one.start_numerators, 1.0)
             own[-1] = start[-1]
             both.append(one.errors(signals, own))

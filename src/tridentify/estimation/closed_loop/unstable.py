@@ -14,9 +14,10 @@ coloured all of them are whitened. ``sigma^2 (Z' Z)^{-1}`` is the covariance
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import fftconvolve
 
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.linear_errors import (
@@ -28,12 +29,18 @@ from tridentify.estimation.closed_loop.linear_errors import (
 )
 from tridentify.estimation.closed_loop.predictor import Plant, Predictor
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
+from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
+from tridentify.numerics.information import aicc_price
+from tridentify.numerics.levinson import autocovariance
+from tridentify.numerics.whiteness import is_white
 
 MOST_STEPS = 60
 """Of Step 4; five to ten are usual."""
 STILL = 1e-4
 """Standard errors that the coefficients move by in the last step."""
+FLOOR = 1e-8
+"""Of the coefficients' natural sizes, added to their standard errors: the derivatives by difference
+are not known better, and without noise there is no error to compare with."""
 SCATTER = 4.0
 """Times its expectation that the driven part of the errors may be without telling of a wrong plant:
 a root of as many equations as unknowns does not minimise it."""
@@ -88,15 +95,12 @@ class Found:
         """Whether it is a root."""
         return self.moved <= STILL
 
-    def driven_share(self, loops: Sequence[Loop]) -> float:
-        """Mean square of what the references explain of the errors, over its expectation."""
-        total, columns = 0.0, 0
-        for loop, left in zip(loops, self.errors, strict=True):
-            seen = np.isfinite(left)
-            q = np.linalg.qr(loop.fitted.columns[seen])[0]
-            total += float(np.sum((q.T @ left[seen]) ** 2)) / float(np.mean(left[seen] ** 2))
-            columns += q.shape[1]
-        return total / columns
+    @property
+    def deviance(self) -> float:
+        """Minus two log likelihood of the noise of the output, with AICc's price of its model."""
+        seen = float(sum(np.isfinite(one).sum() for one in self.errors))
+        least = self.variance * self.freedom / seen / self.amplification**2
+        return seen * float(np.log(least)) + aicc_price(self.noise.size + 1.0, seen)
 
 
 def root(
@@ -104,6 +108,8 @@ def root(
     plants: Sequence[Plant],
     choose_noise: Callable[[Sequence[Array]], Array] | None,
     say: Callable[[str], None],
+    *,
+    fed_back: bool = True,
 ) -> Found | None:
     """Step 4 from several plants, the one first of which the references explain least.
 
@@ -115,6 +121,8 @@ def root(
         Gives the autoregressive coefficients for the errors of the experiments; white without it.
     say : callable
         Is told what is going on.
+    fed_back : bool
+        As of the `Predictor`.
 
     Returns
     -------
@@ -122,13 +130,22 @@ def root(
         None where no start leads anywhere.
     """
     noise = np.zeros(0)
-    basis = driven_basis(loops)
-    sound = [one for one in plants if linear_errors(loops, one, noise).is_finite]
+    basis = driven_basis(loops, noise)
+    begun = [(one, linear_errors(loops, one, noise, fed_back=fed_back)) for one in plants]
+    sound = [(merit(linear, basis), k) for k, (_, linear) in enumerate(begun) if linear.is_finite]
     found = None
-    for plant in sorted(sound, key=lambda one: merit(linear_errors(loops, one, noise), basis)):
-        found = _descended(loops, plant, noise, basis)
-        if found.still:
-            break
+    lowest = np.inf
+    for _, k in sorted(sound):
+        try:
+            ended = _descended(loops, plants[k], noise, basis, fed_back)
+        except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
+            continue
+        if basis is not None:
+            found = ended
+            if ended.still:
+                break
+        elif ended.still and ended.deviance < lowest:
+            found, lowest = ended, ended.deviance
     for _ in range(MOST_NOISE_ROUNDS if found is not None and found.still else 0):
         if choose_noise is None or found is None:
             break
@@ -137,29 +154,60 @@ def root(
             break
         say("coloured noise")
         noise = following
-        found = _descended(loops, found.plant, noise, basis)
+        whitened = _descended(loops, found.plant, noise, driven_basis(loops, noise), fed_back)
+        if not whitened.still:
+            return found if found.noise.size else _in_coloured_noise(loops, found, noise)
+        found = whitened
     return found
 
 
+def _in_coloured_noise(loops: Sequence[Loop], found: Found, noise: Array) -> Found:
+    """A root for white noise with its covariance in coloured noise.
+
+    With ``S`` the covariance of the errors a root of ``Z' e = 0`` has the covariance ``(Z' Z)^{-1}
+    Z' S Z (Z' Z)^{-1}`` (Soderstrom & Stoica 1983), whatever ``S`` is.
+    """
+    linear = linear_errors(loops, found.plant, np.zeros(0))
+    own = np.linalg.qr(linear.rest)[0]
+    q, r = np.linalg.qr(linear.slopes - own @ (own.T @ linear.slopes))
+    left = [whiten(one, noise)[0] for one in found.errors]
+    variance = float(np.nanmean(np.concatenate(left) ** 2))
+    middle, at = np.zeros_like(r), 0
+    for one in found.errors:
+        lags = autocovariance(noise, one.size - 1)
+        both = np.concatenate([lags[:0:-1], lags])
+        part = q[at : at + one.size]
+        middle += part.T @ fftconvolve(part, both[:, None], axes=0)[one.size - 1 :][: one.size]
+        at += one.size
+    back = np.linalg.pinv(r)
+    return replace(found, cov=variance * back @ middle @ back.T)
+
+
 def autoregressive(errors: Sequence[Array]) -> Array:
-    """A model of the errors' colour, of the order of lowest AICc."""
+    """A model of the errors' colour, of lowest AICc; none where they pass for white."""
+    if is_white(errors):
+        return np.zeros(0)
     fewest = min(int(np.isfinite(one).sum()) for one in errors)
     return fit_autoregression(list(errors), most_coefficients(fewest))
 
 
-def _descended(loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array) -> Found:
+def _descended(
+    loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array | None, fed_back: bool
+) -> Found:
     moved = np.inf
-    linear = linear_errors(loops, plant, noise)
+    linear = linear_errors(loops, plant, noise, fed_back=fed_back)
     for steps in range(1, MOST_STEPS + 1):  # noqa: B007 - counts after the loop
         change, left, upper = linear.step()
         n = plant.theta.size
-        size = _deviation(upper, left, linear.count, n)
+        size = _deviation(upper, left, linear.count, n) + FLOOR * plant.scale
         moved = float(np.max(np.abs(change[:n]) / size))
-        noise_level = SCATTER * basis.shape[1] * float(left @ left) / linear.count
+        # without a reference a root is a minimum, and every step goes down
+        columns = 0 if basis is None else basis.shape[1]
+        noise_level = SCATTER * columns * float(left @ left) / linear.count
         allowed, share = max(merit(linear, basis), noise_level), 1.0
         for _ in range(HALVINGS):
             following = plant.with_theta(plant.theta + share * change[:n])
-            new = linear_errors(loops, following, noise)
+            new = linear_errors(loops, following, noise, fed_back=fed_back)
             if new.is_finite and merit(new, basis) <= allowed * (1 + 1e-9):
                 break
             share *= 0.5
@@ -169,7 +217,7 @@ def _descended(loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array) 
         plant, linear = following, new
         if moved <= STILL:
             break
-    return _found(loops, plant, noise, linear, (steps, moved))
+    return _found(loops, plant, noise, linear, (steps, moved), fed_back)
 
 
 def _deviation(upper: Array, left: Array, count: int, n: int) -> Array:
@@ -179,16 +227,21 @@ def _deviation(upper: Array, left: Array, count: int, n: int) -> Array:
 
 
 def _found(
-    loops: Sequence[Loop], plant: Plant, noise: Array, linear: Linear, walked: tuple[int, float]
+    loops: Sequence[Loop],
+    plant: Plant,
+    noise: Array,
+    linear: Linear,
+    walked: tuple[int, float],
+    fed_back: bool,
 ) -> Found:
     change, left, upper = linear.step()
     n = plant.theta.size
     freedom = max(linear.count - upper.shape[1] - noise.size, 1)
     variance = float(left @ left) / freedom
     inverse = np.linalg.pinv(upper)
-    columns = upper[:, :n] / np.linalg.norm(upper[:, :n], axis=0)
+    columns = upper[:, :n] / (np.linalg.norm(upper[:, :n], axis=0) + 1e-300)
     rest = np.split(change[n:], len(loops))
-    plain = linear_errors(loops, plant, np.zeros(0))
+    plain = linear_errors(loops, plant, np.zeros(0), fed_back=fed_back)
     whole = plain.errors - plain.rest @ change[n:]
     errors = np.split(whole, np.cumsum([loop.record.n_samples for loop in loops])[:-1])
     seen = [np.isfinite(loop.record.y[:, 0]) for loop in loops]
@@ -199,7 +252,7 @@ def _found(
         tuple(np.where(s, e, np.nan) for s, e in zip(seen, errors, strict=True)),
         noise,
         variance,
-        Predictor(plant, step, slowest(loops)).amplification,
+        Predictor(plant, step, slowest(loops), fed_back).amplification,
         tuple(rest),
         freedom,
         float(np.linalg.cond(columns)),

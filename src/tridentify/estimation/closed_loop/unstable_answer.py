@@ -12,6 +12,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import Nuisance
 from tridentify.estimation.answer.trace import Status, Trace
+from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.closed_loop.driven import Driven, beside_noise, driven
 from tridentify.estimation.closed_loop.linear_errors import slowest
@@ -23,6 +24,9 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
+AS_LIKELY = 10.0
+"""Rise of ``-2 log L`` by which the output's own errors may be worse than the mirrored ones: they
+are all-pass of each other, and differ at the ends of the record alone."""
 MORE_ROUNDS = 4
 """Fits of the driven input beside the noise that the model leaves: more than of a stable plant, as
 the input is more noise than response."""
@@ -62,7 +66,59 @@ def unstable_estimate(
         best = root(loops, [best.plant], choose, say)
     if best is None or not best.still or not best.plant.poles.real.max() > -edge:
         return None
-    return estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
+    found = estimate_of(asked, loops, best, (f"controller taken as {IN_WORDS[kind]}",))
+    return replace(found, route="reference")
+
+
+def without_controller(
+    asked: Request, coloured: bool, say: Callable[[str], None]
+) -> tuple[Sequence[Loop], Found] | None:
+    """Where Step 4 ends for a plant with a pole to the right of zero and no controller.
+
+    The mirrored predictor is well-behaved wherever it begins. At its end the errors of the output
+    themselves are minimised, as the record of an unstable plant is short, and the mirrored ones
+    have forgotten what its last samples say.
+
+    Parameters
+    ----------
+    asked : Request
+    coloured : bool
+        Whether the noise may have a model.
+    say : callable
+        Is told what is going on.
+
+    Returns
+    -------
+    tuple of the records and what was found, or None
+        None where this route does not apply, or leads to no pole there.
+    """
+    orders = orders_of(asked.records, asked.structure)
+    if orders is None:
+        return None
+    say("a plant that is not stable")
+    loops = open_loops(asked.records)
+    best = root(loops, starting_plants(loops, *orders), None, say)
+    if best is None or not _unstable(best):
+        return None
+    choose = autoregressive if coloured else None
+    if asked.route == "open-loop":
+        direct = root(loops, [best.plant], choose, say, fed_back=False)
+        if direct is not None and _unstable(direct) and direct.deviance < best.deviance + AS_LIKELY:
+            return loops, direct
+    again = None if choose is None else root(loops, [best.plant], choose, say)
+    return loops, again if again is not None and _unstable(again) else best
+
+
+def _unstable(found: Found) -> bool:
+    return found.still and bool(found.plant.poles.real.max() > 0.0)
+
+
+def open_loops(records: Sequence[Record]) -> list[Loop]:
+    """Records without a controller, as the predictor sees them."""
+    return [
+        Loop(AsRecorded(one), "sampled" if one.behaviour == "zoh" else "continuous")
+        for one in records
+    ]
 
 
 def orders_of(
@@ -121,9 +177,9 @@ def estimate_of(
     fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2) / np.nansum(y**2)))
     rates = ", ".join(f"{pole.real:.4g}" for pole in plant.poles if pole.real > -slowest(loops))
     told = (
-        f"reference route by the mirrored predictor: {found.steps} steps",
-        f"the plant is not stable: a pole with real part {rates} rad/s; fit and noise are those of "
-        "the predictor's errors",
+        f"by the mirrored predictor: {found.steps} steps",
+        f"not stable, or nearly so: a pole with real part {rates} rad/s",
+        "fit and noise are those of the predictor's errors",
         *words,
     )
     count = float(sum(np.isfinite(one).sum() for one in found.errors))
@@ -152,7 +208,7 @@ def estimate_of(
         noise_model=(found.noise,) if found.noise.size else (),
     )
     taken = LoopTaken(loops[0].sampling, mirrored=True)
-    return replace(assemble(asked, solved), route="reference", loop=taken)
+    return replace(assemble(asked, solved), loop=taken)
 
 
 def recorded_base(loop: Loop) -> float:

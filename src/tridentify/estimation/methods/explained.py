@@ -27,10 +27,12 @@ def explained_records(estimate: Estimate, records: Sequence[Record]) -> list[Rec
         The records themselves where the route is another one; None where there is no such pair, as
         for a plant that is not stable, or a record without a reference.
     """
+    taken = estimate.loop or LoopTaken("sampled")
+    if taken.mirrored:
+        return None
     if estimate.route != "reference":
         return list(records)
-    taken = estimate.loop or LoopTaken("sampled")
-    if taken.mirrored or any(record.reference is None for record in records):
+    if any(record.reference is None for record in records):
         return None
     return [without_rest(_loop(taken, estimate, one), estimate.model) for one in records]
 

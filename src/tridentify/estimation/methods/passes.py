@@ -22,6 +22,9 @@ MOST_PASSES = 40
 """Passes; nearly all loops need four to ten."""
 STILL = 1e-3
 """Standard errors that the coefficients move by in the last pass."""
+FLOOR = 1e-7
+"""Share of a coefficient below which its standard error does not count: without noise there is
+none, and what lies between the samples is known with fewer digits."""
 MEMORY = 4
 """Passes that the extrapolation uses: as many as coefficients of a second-order model."""
 
@@ -75,7 +78,7 @@ def root(
         at = _model_like(estimate, given[-1])
         estimate = near(at).estimate([without_rest(one, at) for one in loops], structure)
         images.append(estimate.theta)
-        scale = np.maximum(estimate.std, 1e-12 * np.abs(estimate.theta) + 1e-300)
+        scale = np.maximum(estimate.std, FLOOR * np.abs(estimate.theta) + 1e-300)
         moved = float(np.max(np.abs(images[-1] - given[-1]) / scale))
         if moved <= STILL:
             break

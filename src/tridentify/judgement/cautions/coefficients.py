@@ -19,6 +19,9 @@ of a time constant a step reaches 28 % of its end."""
 TURNS = 1.6
 """Angle of a mode between two samples [rad], four samples a period, from which it is suspicious."""
 
+UNSURE = 2.0
+"""Standard errors that a pole is from zero where its sign is not known."""
+
 TOGETHER = 0.9
 """Correlation of two errors above which the coefficients cannot be told apart."""
 
@@ -32,7 +35,20 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
     records : sequence of Record
         Those that were identified.
     """
-    found = [*_no_response(estimate, records), *_constant_input(estimate, records)]
+    return [
+        *_no_response(estimate, records),
+        *_constant_input(estimate, records),
+        *_vague(estimate),
+        *_other_delays(estimate),
+        *_outside(estimate, records),
+        *_at_bounds(estimate),
+        *_not_stable(estimate),
+    ]
+
+
+def _vague(estimate: Estimate) -> list[Finding]:
+    """Coefficients whose standard error is above half of their value."""
+    found = []
     wide = unsure(estimate)
     vague = [name for name in wide if not name.startswith("delay")]
     late = [name for name in wide if name.startswith("delay")]
@@ -57,7 +73,12 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
         )
     if not np.isnan(estimate.std).all():
         found += _unsure_delays(estimate, late, vague)
-    found += [
+    return found
+
+
+def _other_delays(estimate: Estimate) -> list[Finding]:
+    """Delays that explain the record as well, as the search told them."""
+    found = [
         Finding(
             "not-determined",
             "warning",
@@ -78,29 +99,34 @@ def coefficient_findings(estimate: Estimate, records: Sequence[Record]) -> list[
         for told in estimate.trace.decisions
         if told.startswith(REPEATED_INPUT)
     ]
-    found += _outside(estimate, records)
-    found += _at_bounds(estimate)
+    return found
+
+
+def _not_stable(estimate: Estimate) -> list[Finding]:
+    """A pole at zero or to the right of it, where it is not given."""
     parameters = estimate.parameters.values()
     integrates = any(p.name.startswith("a0") and not (p.value or p.std) for p in parameters)
-    if not (estimate.model.is_stable or integrates) and estimate.route == "reference":
-        found.append(
-            Finding(
-                "unstable",
-                "note",
-                "The plant is not stable: the loop is, and its reference shows the pole.",
-                "",
-            )
+    if estimate.model.is_stable or integrates:
+        return []
+    shown = estimate.loop is not None and estimate.loop.mirrored
+    if estimate.route != "reference" and not shown:
+        said = "The model is not stable."
+        return [
+            Finding("unstable", "warning", said, "Check whether the system is, or use fewer poles.")
+        ]
+    rows = estimate.derived_rows()
+    poles = [(value, std) for name, value, std, _ in rows if name.startswith("real pole")]
+    value, std = max(poles, default=(np.inf, 0.0))
+    if abs(value) < UNSURE * std:
+        said = (
+            f"The plant is not stable, or integrates: its pole of {value:.2g} +/- {std:.2g} rad/s "
+            "cannot be told from one at zero."
         )
-    elif not (estimate.model.is_stable or integrates):
-        found.append(
-            Finding(
-                "unstable",
-                "warning",
-                "The model is not stable.",
-                "Check whether the system is, or use fewer poles.",
-            )
-        )
-    return found
+        return [Finding("unstable", "note", said, "Fix it there if the plant integrates.")]
+    said = "The plant is not stable: the loop is, and its reference shows the pole."
+    if estimate.route != "reference":
+        said = "The plant is not stable: its response grows in the record."
+    return [Finding("unstable", "note", said, "")]
 
 
 def _unsure_delays(estimate: Estimate, late: Sequence[str], vague: Sequence[str]) -> list[Finding]:

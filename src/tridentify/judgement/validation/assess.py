@@ -197,8 +197,8 @@ def _explained(estimate: Estimate, records: Sequence[Record]) -> Sequence[Record
     found = explained_records(estimate, records)
     if found is None:
         raise UnsupportedError(
-            "found an estimate by the reference route of a plant that is not stable, or a record "
-            "without a reference; expected a stable model and the reference; compare the "
+            "found an estimate of a plant that is not stable, or one by the reference route and a "
+            "record without a reference; expected a stable model and the reference; compare the "
             "coefficients of two records in place of it"
         )
     return found

@@ -218,8 +218,8 @@ def check_outliers(outliers: Array, n_experiments: int, n_outputs: int, n_sample
         )
 
 
-def check_route(route: object, known: Collection[str], *, looped: bool) -> None:
-    """Refuse a way to an estimate that there is not, or a loop that has no part in it.
+def check_route(route: object, known: Collection[str]) -> None:
+    """Refuse a way to an estimate that there is not.
 
     Raises
     ------
@@ -227,11 +227,6 @@ def check_route(route: object, known: Collection[str], *, looped: bool) -> None:
     """
     if not isinstance(route, str) or route not in known:
         raise DataError(f"found route={shown(route)}; expected one of {', '.join(known)}")
-    if looped and route != "reference":
-        raise DataError(
-            f"found a loop with route={shown(route)}; expected it with route='reference' alone; "
-            "leave it out"
-        )
 
 
 def check_sampling(

@@ -1,0 +1,93 @@
+"""A plant that is not stable, in open loop: where the best stable model gives itself away.
+
+The search keeps to stable models. Of a plant with a pole to the right of zero, and a record short
+enough for its response to stay within bounds, the best of them ends at the limit of stability, with
+a mode slower than the record, or nowhere. Then the model without that limit is tried
+(`closed_loop.unstable`), and taken where the record clearly speaks for it: by its likelihood, by a
+pole to the right of zero by several standard errors, and by a response that grew in the record.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import Status
+from tridentify.estimation.closed_loop.unstable_answer import estimate_of, without_controller
+from tridentify.estimation.methods.base import Progress
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.information import aicc_price
+from tridentify.record.record import Record
+
+SLOW = 2.0
+"""Decay of a mode within the record from below which it is suspicious: an unstable one is best
+replaced by one that hardly decays."""
+CLEARLY = 10.0
+"""Fall of ``-2 log L`` that speaks for a model without the limit: by chance it falls by 4."""
+SURELY = 3.0
+"""Standard errors that its pole lies to the right of zero."""
+GROWTH = 0.7
+"""Rate of the pole times length of the record, from which a response doubles within it."""
+
+
+def unless_unstable(found: Estimate, asked: Request, coloured: bool, say: Progress) -> Estimate:
+    """The estimate, or that of a plant which is not stable where the record clearly shows one.
+
+    Parameters
+    ----------
+    found : Estimate
+        Of the search among stable models.
+    asked : Request
+    coloured : bool
+        Whether the noise may have a model.
+    say : callable
+        Is told what is going on.
+    """
+    if not _suspicious(found, asked.records):
+        return found
+    reached = without_controller(asked, coloured, say)
+    if reached is None:
+        return found
+    loops, best = reached
+    rate = float(best.plant.poles.real.max())
+    error = _error_of_rate(np.append(1.0, best.plant.a), best.cov)
+    longest = max(record.duration for record in asked.records)
+    gain = _deviance(found, asked.records) - best.deviance
+    if gain < CLEARLY or rate < SURELY * error or rate * longest < GROWTH:
+        return found
+    told = f"-2 log L is lower by {gain:.1f} than of the best stable model"
+    return replace(estimate_of(asked, loops, best, (told,)), route=found.route)
+
+
+def _suspicious(found: Estimate, records: Sequence[Record]) -> bool:
+    """Whether a stable model looks like the best stand-in for one that is not."""
+    longest = max(record.duration for record in records)
+    slowest = float(np.min(np.abs(found.model.poles.real)))
+    return found.status is not Status.CONVERGED or slowest * longest < SLOW
+
+
+def _error_of_rate(den: Array, cov: Array) -> float:
+    """Standard error of the real part of the rightmost pole."""
+    n = den.size - 1
+    poles = np.roots(den)
+    pole = poles[int(np.argmax(poles.real))]
+    derivative = np.polyval(np.polyder(den), pole)
+    slopes = (-(pole ** np.arange(n - 1.0, -1.0, -1.0)) / derivative).real
+    return float(np.sqrt(max(slopes @ cov[:n, :n] @ slopes, 0.0)))
+
+
+def _deviance(found: Estimate, records: Sequence[Record]) -> float:
+    """Minus two log likelihood of the residuals, with AICc's price of the noise model."""
+    left = [found.residual(record, experiment=e)[:, 0] for e, record in enumerate(records)]
+    noise = found.noise_model[0]
+    if noise.size:
+        left = [whiten(one, noise)[0] for one in left]
+    every = np.concatenate(left)
+    every = every[np.isfinite(every)]
+    least = float(np.log(np.mean(every**2)))
+    return every.size * least + aicc_price(noise.size + 1.0, float(every.size))

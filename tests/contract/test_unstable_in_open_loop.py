@@ -1,0 +1,106 @@
+"""Plants that are not stable, without a controller, in records that are short enough for it."""
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+from scipy.signal import tf2ss
+
+from tridentify import Estimate, Record, Structure, ThreeModel, identify, validate
+from tridentify.errors import UnsupportedError
+
+CASES = {
+    "one pole": ([1.0, -1.0], 3.0),
+    "pendulum": ([1.0, 0.5, -1.5], 4.0),
+    "growing oscillation": ([1.0, -0.6, 4.0], 6.0),
+}
+
+
+def released(den, duration, seed=1, noise=0.05, start=0.0, dt=0.02):
+    """``2 / den`` driven by held steps, simulated state by state."""
+    rng = np.random.default_rng(seed)
+    n = round(duration / dt)
+    u = np.repeat(rng.choice([-1.0, 1.0], n // 10), 10)
+    a, b, c, _ = tf2ss([2.0], den)
+    m = len(a)
+    whole = expm(np.block([[a, b], [np.zeros((1, m + 1))]]) * dt)
+    x, y = np.zeros(m), []
+    x[-1] = start
+    for push in u:
+        y.append(float(c[0] @ x))
+        x = whole[:m, :m] @ x + whole[:m, m] * push
+    y = np.array(y)
+    return Record(u, y + noise * y.std() * rng.standard_normal(u.size), dt=dt)
+
+
+@pytest.mark.parametrize("key", list(CASES))
+@pytest.mark.parametrize("start", [0.0, 0.5])
+def test_the_pole_is_found_and_said(key, start):
+    den, duration = CASES[key]
+    estimate = identify(released(den, duration, start=start), Structure(len(den) - 1, 0))
+    truth = np.array([*den[1:], 2.0])
+    assert estimate.status.ok
+    assert estimate.route == "open-loop"
+    assert np.all(np.abs(estimate.theta - truth) < 4.0 * estimate.std)
+    assert estimate.model.poles.real.max() == pytest.approx(np.roots(den).real.max(), rel=0.1)
+    told = {finding.code: finding for finding in estimate.findings}
+    assert "grows in the record" in told["unstable"].message
+    assert told["unstable"].severity == "note"
+    assert estimate.fit[0] == pytest.approx(95.0, abs=1.5)
+
+
+@pytest.mark.unjudged
+@pytest.mark.parametrize("key", list(CASES))
+def test_without_noise_the_truth_is_found(key):
+    den, duration = CASES[key]
+    estimate = identify(released(den, duration, noise=0.0), Structure(len(den) - 1, 0))
+    assert np.allclose(estimate.theta, [*den[1:], 2.0], rtol=1e-6)
+
+
+@pytest.mark.unjudged
+def test_several_experiments_of_one_plant():
+    den, duration = CASES["pendulum"]
+    records = [released(den, duration, seed=seed) for seed in (1, 2, 3)]
+    alone, together = (identify(one, Structure(2, 0)) for one in (records[0], records))
+    assert np.all(together.std < alone.std)
+    assert np.all(np.abs(together.theta - [0.5, -1.5, 2.0]) < 4.0 * together.std)
+
+
+@pytest.mark.unjudged
+def test_what_it_was_is_kept_in_the_file(tmp_path):
+    estimate = identify(released(*CASES["one pole"]), Structure(1, 0))
+    again = Estimate.load(estimate.save(tmp_path / "model.json"))
+    assert again.loop.mirrored
+    assert again.loop.sampling == estimate.loop.sampling
+    assert again.theta.tolist() == estimate.theta.tolist()
+    with pytest.raises(UnsupportedError, match="not stable"):
+        validate(again, released(*CASES["one pole"]))
+
+
+@pytest.mark.unjudged
+@pytest.mark.parametrize("seed", range(4))
+def test_a_slow_stable_plant_in_drifting_noise_stays_stable(seed):
+    """An unstable mode with a free start could take up a drift: the record must ask for it."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice([-1.0, 1.0], 20), 10)
+    states = np.zeros(u.size)
+    for k in range(1, u.size):
+        states[k] = np.exp(-0.005) * states[k - 1] + 0.05 * u[k - 1]
+    y = states + 0.02 * np.cumsum(rng.standard_normal(u.size))
+    assert identify(Record(u, y, dt=0.05), Structure(1, 0)).model.is_stable
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("key", list(CASES))
+def test_intervals_hold_the_truth(key):
+    """On 200 draws: 95 % within three standard deviations of that count, and no bias."""
+    den, duration = CASES[key]
+    truth, method = np.array([*den[1:], 2.0]), ThreeModel(noise="white")
+    errors = []
+    for seed in range(200):
+        record = released(den, duration, seed=seed, noise=0.02)
+        found = method.estimate([record], Structure(len(den) - 1, 0))
+        errors.append((found.theta - truth) / found.std)
+    errors = np.array(errors)
+    held = np.mean(np.abs(errors) < 1.96, axis=0)
+    assert np.all(np.abs(held - 0.95) < 3.0 * np.sqrt(0.95 * 0.05 / 200))
+    assert np.all(np.abs(errors.mean(axis=0)) < 3.5 / np.sqrt(200))
