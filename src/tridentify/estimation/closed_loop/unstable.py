@@ -17,7 +17,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import fftconvolve
 
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.linear_errors import (
@@ -175,9 +174,11 @@ def _in_coloured_noise(loops: Sequence[Loop], found: Found, noise: Array) -> Fou
     middle, at = np.zeros_like(r), 0
     for one in found.errors:
         lags = autocovariance(noise, one.size - 1)
-        both = np.concatenate([lags[:0:-1], lags])
         part = q[at : at + one.size]
-        middle += part.T @ fftconvolve(part, both[:, None], axes=0)[one.size - 1 :][: one.size]
+        # a Toeplitz matrix is the corner of a circulant one, which Fourier's transform multiplies
+        circle = np.fft.rfft(np.concatenate([lags, [0.0], lags[:0:-1]]))
+        whole = np.fft.irfft(circle[:, None] * np.fft.rfft(part, 2 * one.size, axis=0), axis=0)
+        middle += part.T @ whole[: one.size]
         at += one.size
     back = np.linalg.pinv(r)
     return replace(found, cov=variance * back @ middle @ back.T)

@@ -17,7 +17,11 @@ import numpy as np
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Status
-from tridentify.estimation.closed_loop.unstable_answer import estimate_of, without_controller
+from tridentify.estimation.closed_loop.unstable_answer import (
+    estimate_of,
+    orders_of,
+    without_controller,
+)
 from tridentify.estimation.methods.base import Progress
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
@@ -48,7 +52,7 @@ def unless_unstable(found: Estimate, asked: Request, coloured: bool, say: Progre
     say : callable
         Is told what is going on.
     """
-    if not _suspicious(found, asked.records):
+    if orders_of(asked.records, asked.structure) is None or not _suspicious(found, asked.records):
         return found
     reached = without_controller(asked, coloured, say)
     if reached is None:
@@ -67,7 +71,7 @@ def unless_unstable(found: Estimate, asked: Request, coloured: bool, say: Progre
 def _suspicious(found: Estimate, records: Sequence[Record]) -> bool:
     """Whether a stable model looks like the best stand-in for one that is not."""
     longest = max(record.duration for record in records)
-    slowest = float(np.min(np.abs(found.model.poles.real)))
+    slowest = float(np.min(np.abs(np.roots(found.model.den[0][0]).real)))
     return found.status is not Status.CONVERGED or slowest * longest < SLOW
 
 
