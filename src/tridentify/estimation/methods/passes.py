@@ -58,6 +58,7 @@ def root(
     first: Estimate,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
+    most: int = MOST_PASSES,
 ) -> Rooted:
     """Passes of (3) until the coefficients stand still.
 
@@ -71,9 +72,11 @@ def root(
         The method of the passes, which begins at a model.
     say : callable
         Is told what is going on.
+    most : int
+        Passes.
     """
     given, images, estimate, moved = [first.theta], [], first, np.inf
-    for count in range(1, MOST_PASSES + 1):
+    for count in range(1, most + 1):
         say(f"what the reference does not drive, pass {count}")
         at = _model_like(estimate, given[-1])
         estimate = near(at).estimate([without_rest(one, at) for one in loops], structure)

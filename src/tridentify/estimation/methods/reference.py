@@ -72,6 +72,8 @@ from tridentify.transfer_function import TransferFunction
 
 WORSE = 50.0
 """Rise of ``-2 log L`` that a better known driven input may cost by chance."""
+MOST_BESIDE = 12
+"""Passes of such a fit: it begins near its end, and runs about where hardly any noise is left."""
 ROUNDS = 2
 """Fits of the driven input beside the noise that the model leaves; a third changes nothing."""
 
@@ -160,7 +162,7 @@ def _white(
         parts = [beside_noise(part, left) for part, left in zip(parts, noise, strict=True)]
         beside = [Loop(part, sampling) for part in parts]
         try:
-            end = root(beside, structure, best.estimate, near, say)
+            end = root(beside, structure, best.estimate, near, say, MOST_BESIDE)
         except TridentifyError:
             break
         # where hardly any noise is left, what is follows the reference and takes its part
