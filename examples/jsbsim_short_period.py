@@ -108,9 +108,12 @@ class Trim:
 
 
 class Aircraft:
-    """A JSBSim aircraft in straight flight over the equator, heading north, surfaces detached."""
+    """A JSBSim aircraft in straight flight over the equator, heading north, surfaces detached.
 
-    def __init__(self, name: str) -> None:
+    Its empty centre of gravity may be moved aft [in].
+    """
+
+    def __init__(self, name: str, aft: float = 0.0) -> None:
         logger = jsbsim.DefaultLogger()
         logger.set_min_level(jsbsim.LogLevel.ERROR)
         jsbsim.set_logger(logger)
@@ -119,7 +122,8 @@ class Aircraft:
         with tempfile.TemporaryDirectory() as folder:
             copy = Path(folder) / name / self.source.name
             copy.parent.mkdir()
-            copy.write_text(_detach(self.source.read_text(encoding="utf-8")), encoding="utf-8")
+            text = _balance(_detach(self.source.read_text(encoding="utf-8")), aft)
+            copy.write_text(text, encoding="utf-8")
             self.engine = jsbsim.FGFDMExec(f"{root}/")
             self.engine.set_debug_level(0)
             loaded = self.engine.load_model_with_paths(
@@ -254,6 +258,17 @@ def _detach(aircraft: str) -> str:
     if count == 0:
         raise RuntimeError("found no flight control output; expected at least the elevator's")
     return detached
+
+
+def _balance(aircraft: str, aft: float) -> str:
+    """Move the empty centre of gravity aft [in]."""
+    place = r'(<location name="CG" unit="IN">\s*<x>)\s*([-+.\d]+)\s*(</x>)'
+    moved, count = re.subn(
+        place, lambda found: f"{found[1]} {float(found[2]) + aft} {found[3]}", aircraft
+    )
+    if count != 1:
+        raise RuntimeError(f"found {count} centres of gravity in inches; expected one")
+    return moved
 
 
 def elevator_input(flight: Flight, trim_elevator: float) -> tuple[Array, Array]:

@@ -83,6 +83,7 @@ WRITES = {
     "first_model.py": ["first_model.html"],
     "physical_parameters.py": [],
     "changing_plant.py": ["changing_plant.png"],
+    "jsbsim_loops.py": ["jsbsim_loops.json", "jsbsim_loops.png"],
     "jsbsim_short_period.py": ["short_period.csv", "short_period.json"],
     "result_picture.py": ["result.png"],
 }
