@@ -146,13 +146,18 @@ class Loop:
 
 
 def steps(rng: np.random.Generator, count: int, case: Case) -> Array:
-    """Up or down for a while, after a second of rest [rad]."""
+    """Doublets of random length and sign after a second of rest [rad].
+
+    What goes up comes down for as long: otherwise the aircraft gains speed and is another one.
+    """
     wanted, k = np.zeros(count), round(1.0 / INTERVAL)
     shortest, longest = (round(length / INTERVAL) for length in case.pieces)
     while k < count:
-        following = k + int(rng.integers(shortest, longest))
-        wanted[k:following] = np.radians(case.amplitude) * rng.choice([-1.0, 1.0])
-        k = following
+        length = int(rng.integers(shortest, longest))
+        sign = np.radians(case.amplitude) * rng.choice([-1.0, 1.0])
+        wanted[k : k + length] = sign
+        wanted[k + length : k + 2 * length] = -sign
+        k += 2 * length
     return wanted
 
 
