@@ -324,6 +324,24 @@ def test_three_models_stand_below_each_other():
     assert sorted(text.y for text in titles) == [text.y for text in titles]
 
 
+@pytest.mark.parametrize("order", [1, 2, 3, 4, 6])
+def test_three_models_in_closed_loop(order):
+    estimate = dataclasses.replace(made(order), route="reference")
+    svg = diagrams.draw_closed_loop(estimate)
+    assert faults(svg) == []
+    titles = [text for text in read(svg)[1] if text.text.startswith("Step ") and text.size > 14]
+    assert [text.text[:6] for text in titles] == ["Step 1", "Step 2", "Step 3"]
+    assert sorted(text.y for text in titles) == [text.y for text in titles]
+    num, den, _ = estimate.channel(0, 0)
+    for one in (num, den):
+        assert " ".join(terms(one, np.zeros(len(one)))) in words(svg)
+
+
+def test_a_closed_loop_needs_a_reference():
+    with pytest.raises(StepNotTakenError, match="expected one by the reference route"):
+        diagrams.draw_closed_loop(made(2))
+
+
 def test_flow_chart_tells_what_happened():
     estimate = made(passes=3)
     passes = list(estimate.trace.passes)

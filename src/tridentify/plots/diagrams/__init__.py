@@ -6,6 +6,7 @@ plotting library nor anything from outside. Text is as wide as its box allows, i
 
 from __future__ import annotations
 
+from tridentify.plots.diagrams.closed_loop import draw_closed_loop
 from tridentify.plots.diagrams.drawing import Diagram, write_diagram
 from tridentify.plots.diagrams.flow_chart import draw_flow_chart
 from tridentify.plots.diagrams.parallel import draw_parallel
@@ -15,6 +16,7 @@ from tridentify.plots.diagrams.three_models import draw_three_models
 
 __all__ = [
     "Diagram",
+    "draw_closed_loop",
     "draw_flow_chart",
     "draw_parallel",
     "draw_series",
