@@ -16,7 +16,7 @@ from tridentify import Record, identify
 
 pytestmark = pytest.mark.slow
 
-DRAWS = 6
+DRAWS = 8
 SCORES = 3.0
 
 
@@ -56,6 +56,12 @@ def errors(found, names):
     return tuple(np.array([[getattr(r, a) for r in row] for row in rows]) for a in ("value", "std"))
 
 
+def of_the_mean(value, truth, linear):
+    """Error of the mean over the flights in standard errors, which the flights themselves tell."""
+    spread = value.std(axis=0, ddof=1) / np.sqrt(len(value))
+    return (value.mean(axis=0) - truth) / np.hypot(spread, linear)
+
+
 @pytest.fixture(scope="module")
 def linear(flights, damped):
     """How far two poles are from the truth in still air and without sensor noise."""
@@ -73,10 +79,11 @@ def test_a_damper_in_gusts_biases_open_loop_and_not_the_reference_route(flights,
     loop, records = damped
     truth = np.array(list(loop.truth.values()))
     value, std = errors(by(flights, "reference", records), loop.truth)
-    assert np.all(np.abs(value - truth) < SCORES * np.hypot(std, linear))
-    value, std = errors(by(flights, "open loop, white noise", records), loop.truth)
-    spread = value.std(axis=0, ddof=1) / np.sqrt(DRAWS)
-    scores = (value.mean(axis=0) - truth) / np.hypot(spread, linear)
+    assert np.all(np.abs(of_the_mean(value, truth, linear)) < SCORES)
+    # gusts are slow: 12 other flights gave 1.26
+    assert np.sqrt(np.mean(((value - truth) / np.hypot(std, linear)) ** 2)) < 1.6
+    value, _ = errors(by(flights, "open loop, white noise", records), loop.truth)
+    scores = of_the_mean(value, truth, linear)
     # what the elevator does to the pitch acceleration, a tenth and more too little
     which = list(loop.truth).index("b1")
     assert truth[which] < 0.0
