@@ -102,8 +102,10 @@ def test_the_unstable_pole_is_found_by_the_reference(flights, held):
         assert "unstable" in {found.code for found in one.findings}
 
 
-def test_open_loop_takes_the_unstable_aircraft_for_a_stable_one(flights, held):
+def test_open_loop_with_white_noise_is_too_sure_of_the_unstable_pole(flights, held):
+    """It is found, but the gusts make it faster than it is, by several of its standard errors."""
     loop, records = held
-    for one in by(flights, "open loop, white noise", records[:2]):
-        assert flights.rightmost(one)[0] < 0.1 * loop.growth
-        assert "feedback" in {found.code for found in one.findings}
+    found = [flights.rightmost(one) for one in by(flights, "open loop, white noise", records)]
+    poles, errors_ = np.array(found).T
+    assert np.all(poles > 0.0)
+    assert np.mean((poles - loop.growth) / errors_) > SCORES
