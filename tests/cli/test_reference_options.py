@@ -64,6 +64,15 @@ def test_stored_models_are_looked_at_on_records_with_a_reference(
         assert "reference q_cmd [deg/s]" in " ".join(outcome.out.split())
 
 
+def test_an_input_is_a_reference_too(run, looped: Path) -> None:
+    """One column, asked for as both: read, and told as both."""
+    outcome = run("advise", looped, *ASKED, "--input", "q_cmd", "--reference", "q_cmd")
+    assert outcome.code == 0, outcome.err
+    told = " ".join(outcome.out.split())
+    assert "reference q_cmd [deg/s]" in told
+    assert "u, q_cmd" in told or "q_cmd [deg/s]" in told.partition("reference")[0]
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [

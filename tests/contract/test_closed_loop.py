@@ -219,6 +219,38 @@ def test_a_set_point_and_a_dither():
     assert both.parameters["b1"].std < alone.parameters["b1"].std
 
 
+def test_experiments_with_different_references():
+    """A set point alone in one, with a dither in the other."""
+    rng = np.random.default_rng(16)
+    n = 400
+    records = []
+    for second in (False, True):
+        r, d = switching(rng, n, 15), second * 0.8 * switching(rng, n, 4)
+        e = 0.2 * rng.standard_normal((n, 1))
+        u, y = sampled_loop([[CHANNEL]], rule(r, dither=d), e, DT)
+        drove = np.column_stack([r, d]) if second else r
+        records.append(tri.Record(u, y, dt=DT, reference=drove))
+    right(tri.identify(records, ORDERS))
+
+
+def test_an_input_that_no_controller_moves():
+    """A measured disturbance beside the controlled input: a reference by its own name."""
+    rng = np.random.default_rng(17)
+    n, pole = 600, float(np.exp(-0.1))
+    r, d = switching(rng, n, 15), switching(rng, n, 10)
+    e, x, u, y = 0.05 * rng.standard_normal(n), 0.0, np.zeros(n), np.zeros(n)
+    for k in range(n):
+        y[k] = x + e[k]
+        u[k] = 2.0 * (r[k] - y[k])
+        x = pole * x + (1.0 - pole) * (u[k] + 0.5 * d[k])
+    record = tri.Record(
+        np.column_stack([u, d]), y, dt=0.1, input_names=["u", "d"],
+        reference=np.column_stack([r, d]), reference_names=["r", "d"],
+    )  # fmt: skip
+    estimate = tri.identify(record, tri.Structure(1, 0), tri.ThreeModel(controller="sampled"))
+    right(estimate, {"a0": 1.0, "b0[y,u]": 1.0, "b0[y,d]": 0.5})
+
+
 def test_a_dither_alone_at_the_input():
     rng = np.random.default_rng(13)
     n = 800

@@ -371,3 +371,19 @@ def test_a_set_point_is_drawn_behind_the_output_it_belongs_to() -> None:
     drawn = axes[2].get_lines()[0]
     np.testing.assert_allclose(np.unique(drawn.get_ydata()), np.unique(r[:, 1]))
     assert len(plot_record(record.select(references=[]))) == 2
+
+
+def test_an_input_that_no_controller_moves_is_a_reference_by_its_own_name():
+    heat = np.sin(np.arange(len(U)))
+    record = Record(
+        np.column_stack([U, heat]), Y, dt=0.1, input_names=["u", "heat"], units={"heat": "W"},
+        reference=np.column_stack([R, heat]), reference_names=["r", "heat"],
+    )  # fmt: skip
+    assert record.reference_names == ("r", "heat")
+    assert record._units_of_a_model == {"heat": "W"}
+    assert record.select(inputs=["u"]).reference_names == ("r", "heat")
+    with pytest.raises(errors.ChannelNameError, match="'heat' more than once, as an input and as"):
+        Record(
+            np.column_stack([U, heat]), Y, dt=0.1, input_names=["u", "heat"],
+            reference=heat + 1.0, reference_names=["heat"],
+        )  # fmt: skip

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from tridentify.checks.samples import (
     Behaviour,
     Intersample,
     check_band_limited,
+    check_distinct,
     check_intersample,
     check_tall,
     looks_measured,
@@ -18,7 +20,42 @@ from tridentify.checks.samples import (
 from tridentify.errors import ChannelNameError, LengthMismatchError, OptionError, shown
 from tridentify.numerics.arrays import Array
 
-__all__ = ["reference_array", "reference_between", "settled_reference"]
+__all__ = ["check_shared", "reference_array", "reference_between", "settled_reference"]
+
+
+def check_shared(
+    inputs: tuple[Sequence[str], Array],
+    output_names: Sequence[str],
+    references: tuple[Sequence[str], Array | None],
+) -> None:
+    """Refuse references called as an output, as each other, or as an input with other samples.
+
+    Parameters
+    ----------
+    inputs, references : names and samples
+    output_names : sequence of str
+
+    Raises
+    ------
+    ChannelNameError
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> heat = np.array([[0.0], [1.0]])
+    >>> check_shared((("heat",), heat), ("y",), (("heat",), heat))
+    """
+    names, driven = references
+    check_distinct((*output_names, *names))
+    for k, name in enumerate(names):
+        if name not in inputs[0] or driven is None:
+            continue
+        if not np.array_equal(inputs[1][:, list(inputs[0]).index(name)], driven[:, k]):
+            raise ChannelNameError(
+                f"found the channel name {shown(name)} more than once, as an input and as a "
+                "reference with other samples; expected the same samples, or another name; rename "
+                "one"
+            )
 
 
 def reference_array(

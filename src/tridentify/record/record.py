@@ -23,7 +23,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tridentify.checks.rates import evaluated, filtered, interpolate, merge_rates
-from tridentify.checks.references import reference_array, reference_between, settled_reference
+from tridentify.checks.references import (
+    check_shared,
+    reference_array,
+    reference_between,
+    settled_reference,
+)
 from tridentify.checks.samples import (
     Behaviour,
     Intersample,
@@ -90,6 +95,7 @@ class Record(Pointers):
         For a record that was taken with a controller at work: what drove the loop from outside, set
         points or signals added to the controller's output, one column each. Finite. Neither noise
         nor the output may have had a part in it. Only its changes matter, not where it counts from.
+        An input that no controller moves, a known disturbance, belongs here too, by its own name.
     reference_names : sequence of str, optional
         As `input_names`; by default the labels of its columns, else ``r`` or ``r1, r2, ...``.
     reference_intersample : {"zoh", "foh", "band-limited", "auto"}, optional
@@ -199,7 +205,8 @@ class Record(Pointers):
             ]
         )
         names = (*names_in, *names_out, *names_ref)
-        check_distinct(names)
+        check_distinct((*names_in, *names_out))
+        check_shared((names_in, inputs), names_out, (names_ref, driven))
         check_inputs(inputs, names_in)
         check_outputs(outputs, names_out)
         if driven is not None:
@@ -244,7 +251,8 @@ class Record(Pointers):
     @property
     def _units_of_a_model(self) -> dict[str, str]:
         """Units without those of references, which are no channels of a model."""
-        return {k: unit for k, unit in self.units.items() if k not in self.reference_names}
+        alone = set(self.reference_names) - set(self.input_names)
+        return {k: unit for k, unit in self.units.items() if k not in alone}
 
     def _on_its_times(self, u: Array) -> Record:
         """The same record with another input, and the step that its instants have on the mean."""

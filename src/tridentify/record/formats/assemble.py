@@ -126,10 +126,10 @@ def record_from(source: OpenFile, wanted: Wanted, name: str) -> Record:
     # what drives, which is known throughout, comes first
     asked = (*wanted.inputs, *wanted.references, *wanted.outputs)
     channels = [find_channel(source, name) for name in asked]
-    names = _channel_names(channels)
-    units = {c.header: c.unit for c in known if c.unit} | _given_units(known, clock, wanted.units)
     n_inputs = len(wanted.inputs)
     n_driving = n_inputs + len(wanted.references)
+    names = _channel_names(channels, slice(n_inputs, n_driving))
+    units = {c.header: c.unit for c in known if c.unit} | _given_units(known, clock, wanted.units)
     values, times = _read(source, channels, clock, wanted, units)
     if len({id(time) for time in times}) == 1:
         t, (first, last) = times[0], sample_range(times[0], wanted.start, wanted.stop)
@@ -189,14 +189,16 @@ def find_channel(source: OpenFile, name: str) -> Channel:
     return fits[0]
 
 
-def _channel_names(channels: list[Channel]) -> tuple[str, ...]:
+def _channel_names(channels: list[Channel], references: slice) -> tuple[str, ...]:
+    """Short names where they tell the channels apart; an input may be a reference too."""
+    model = [*channels[: references.start], *channels[references.stop :]]
     for channel in channels:
-        if channels.count(channel) > 1:
+        if max(model.count(channel), channels[references.start :].count(channel)) > 1:
             raise ChannelNameError(
                 f"found the column {shown(channel.header)} asked for more than once; expected "
                 "different columns as inputs, outputs and references; drop one"
             )
-    short = [channel.name for channel in channels]
+    short = [channel.name for k, channel in enumerate(channels) if channels.index(channel) == k]
     return tuple(c.name if short.count(c.name) == 1 else c.header for c in channels)
 
 
