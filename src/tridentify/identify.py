@@ -24,7 +24,7 @@ from tridentify.judgement.choice import (
     with_behaviour,
     with_judgement,
 )
-from tridentify.judgement.direct import directly, widened
+from tridentify.judgement.direct import directly, not_stable, widened
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.select import select_structure
 from tridentify.numerics.threads import one_blas_thread
@@ -166,6 +166,7 @@ def search(
             return Searched(estimate, used, lambda: estimate)
         found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
         found = widened(directly(chosen, found, seen, wanted, progress) or found, seen)
+        found = not_stable(chosen, found, seen, wanted, progress) or found
 
     def judged() -> Estimate:
         if progress is not None:

@@ -98,7 +98,7 @@ def test_intervals_hold_the_truth(key):
     errors = []
     for seed in range(200):
         record = released(den, duration, seed=seed, noise=0.02)
-        found = method.estimate([record], Structure(len(den) - 1, 0))
+        found = identify(record, Structure(len(den) - 1, 0), method=method)
         errors.append((found.theta - truth) / found.std)
     errors = np.array(errors)
     held = np.mean(np.abs(errors) < 1.96, axis=0)

@@ -43,7 +43,7 @@ def test_a_reference_is_read_like_an_input(sample) -> None:
     with pytest.raises(errors.MissingColumnError, match="found no column 'setpoint'"):
         read_record(sample.path, **{**asked, "references": ["setpoint"]})
     with pytest.raises(errors.ChannelNameError, match="inputs, outputs and references; drop one"):
-        read_record(sample.path, **{**asked, "references": sample.asked["inputs"]})
+        read_record(sample.path, **{**asked, "references": sample.asked["outputs"]})
 
 
 def test_a_stretch_and_a_stated_step(sample) -> None:

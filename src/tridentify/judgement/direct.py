@@ -14,10 +14,12 @@ from dataclasses import replace
 import numpy as np
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Method, Progress
+from tridentify.estimation.methods.not_stable import unless_unstable
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.feedback import misses
@@ -83,6 +85,46 @@ def directly(
         return None
     told = "route direct: the input reacts to the output, and no reference says what else moved it"
     return replace(found, trace=found.trace.told(told))
+
+
+def not_stable(
+    method: Method,
+    estimate: Estimate,
+    records: Sequence[Record],
+    structure: Structure,
+    progress: Progress | None,
+) -> Estimate | None:
+    """Estimate anew without the limit of stability, where a record in open loop speaks for that.
+
+    An unstable mode in a record of some length means a controller, which a stable model shows by
+    its residual; without a reference it is told of there.
+
+    Parameters
+    ----------
+    method : Method
+        By which the records were identified.
+    estimate : Estimate
+        By any route.
+    records : sequence of Record
+        With the behaviour of their inputs settled.
+    structure : Structure
+        As asked for.
+    progress : callable, optional
+
+    Returns
+    -------
+    Estimate or None
+        None where nothing calls for it.
+    """
+    if not isinstance(method, ThreeModel) or method.loss != "squared":
+        return None
+    if estimate.route != "open-loop":
+        return None
+    asked = Request.of(records, structure, method.name)
+    found = unless_unstable(estimate, asked, method.noise != "white", progress or silently)
+    if found is estimate or any(one.code == CODE for one in looked_at(estimate, records)):
+        return None
+    return found
 
 
 def widened(estimate: Estimate, records: Sequence[Record]) -> Estimate:

@@ -43,6 +43,9 @@ are not known better, and without noise there is no error to compare with."""
 SCATTER = 4.0
 """Times its expectation that the driven part of the errors may be without telling of a wrong plant:
 a root of as many equations as unknowns does not minimise it."""
+NEAR = 5.0
+"""Standard errors from the root within which a whole step is taken, with references: what they
+explain is no measure there of coloured noise, whose slow part they explain by chance."""
 HALVINGS = 8
 """Of a step that does not lower the driven error: 1/256 of it is none."""
 MOST_NOISE_ROUNDS = 4
@@ -206,6 +209,8 @@ def _descended(
         columns = 0 if basis is None else basis.shape[1]
         noise_level = SCATTER * columns * float(left @ left) / linear.count
         allowed, share = max(merit(linear, basis), noise_level), 1.0
+        if basis is not None and moved <= NEAR:
+            allowed = np.inf
         for _ in range(HALVINGS):
             following = plant.with_theta(plant.theta + share * change[:n])
             new = linear_errors(loops, following, noise, fed_back=fed_back)

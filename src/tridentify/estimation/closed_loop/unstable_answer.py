@@ -27,6 +27,8 @@ from tridentify.transfer_function import TransferFunction
 AS_LIKELY = 10.0
 """Rise of ``-2 log L`` by which the output's own errors may be worse than the mirrored ones: they
 are all-pass of each other, and differ at the ends of the record alone."""
+ROUNDING = 1e-9
+"""Share of the output below which an error is none."""
 MORE_ROUNDS = 4
 """Fits of the driven input beside the noise that the model leaves: more than of a stable plant, as
 the input is more noise than response."""
@@ -77,7 +79,8 @@ def without_controller(
 
     The mirrored predictor is well-behaved wherever it begins. At its end the errors of the output
     themselves are minimised, as the record of an unstable plant is short, and the mirrored ones
-    have forgotten what its last samples say.
+    have forgotten what its last samples say. Where these are worse, the output did not grow as the
+    plant does: something held it.
 
     Parameters
     ----------
@@ -101,12 +104,14 @@ def without_controller(
     if best is None or not _unstable(best):
         return None
     choose = autoregressive if coloured else None
-    if asked.route == "open-loop":
-        direct = root(loops, [best.plant], choose, say, fed_back=False)
-        if direct is not None and _unstable(direct) and direct.deviance < best.deviance + AS_LIKELY:
-            return loops, direct
-    again = None if choose is None else root(loops, [best.plant], choose, say)
-    return loops, again if again is not None and _unstable(again) else best
+    direct = root(loops, [best.plant], choose, say, fed_back=False)
+    if direct is None or not _unstable(direct):
+        return None
+    rounding = ROUNDING * float(np.nanstd(np.concatenate([one.y for one in asked.records])))
+    exact = max(best.variance, direct.variance) < rounding**2
+    if direct.deviance > best.deviance + AS_LIKELY and not exact:
+        return None
+    return loops, direct
 
 
 def _unstable(found: Found) -> bool:

@@ -46,7 +46,6 @@ from tridentify.estimation.methods.controller_kind import Controller, check_cont
 from tridentify.estimation.methods.delays import over_delays
 from tridentify.estimation.methods.maximum import Reached, maximum
 from tridentify.estimation.methods.noise import with_noise_model
-from tridentify.estimation.methods.not_stable import unless_unstable
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.estimation.methods.paper import as_printed
 from tridentify.estimation.methods.reference import reference_estimate
@@ -199,8 +198,7 @@ class ThreeModel:
             refuse_posterior(self.finish)
             return within_constraints(self, asked, say, self.patience, noise)
         way = partial(over_delays, self) if structure.delay == "free" else self.maximise
-        found = estimate_from(self.weighed(way(with_all_rows, structure, say), say), asked)
-        return unless_unstable(found, asked, noise != "white", say)
+        return estimate_from(self.weighed(way(with_all_rows, structure, say), say), asked)
 
     def maximise(
         self,
