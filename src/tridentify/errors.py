@@ -311,6 +311,10 @@ class ConstantInputError(IdentifiabilityError):
     """An input never changes while the initial state is free: its effect cannot be told apart."""
 
 
+class ConstantReferenceError(IdentifiabilityError):
+    """A reference is asked for that moves in no record: nothing is driven by it."""
+
+
 class DependentInputsError(IdentifiabilityError):
     """Inputs are linear combinations of each other: their effects cannot be told apart."""
 

@@ -11,6 +11,7 @@ from tridentify.checks.samples import Behaviour
 from tridentify.errors import OptionError, SampleTypeError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import ranked
+from tridentify.estimation.closed_loop.moving import any_moves
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.estimation.methods.capability import Capability
 from tridentify.estimation.methods.closed_loop.projection import Projection
@@ -88,6 +89,13 @@ def with_behaviour(
         wanted = better
 
 
+def still_references(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
+    """That references were given which never move, and had no part in the estimate."""
+    if any(one.reference is None for one in records) or any_moves(records):
+        return ()
+    return ("the references never move: taken as none",) if estimate.route != "reference" else ()
+
+
 ANSWERED = ("feedback", "loop-not-excited")
 """What a reference answers: that there was a controller is known."""
 
@@ -124,8 +132,10 @@ def with_judgement(
     else:
         found = about_direct(judged(estimate, seen, between), estimate, records)
         if estimate.route == "reference":
-            found = tuple(one for one in found if one.code not in ANSWERED)
-    trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *told))
+            kept = estimate.findings
+            found = tuple(one for one in found if one.code not in ANSWERED or one in kept)
+    said = (*told, *still_references(estimate, records))
+    trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *said))
     return replace(estimate, findings=found, trace=trace, call=as_call(method))
 
 

@@ -57,6 +57,7 @@ from tridentify.estimation.closed_loop.known_controller import (
     known_loop,
     refuse_unknown_loop,
 )
+from tridentify.estimation.closed_loop.moving import together_findings
 from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
@@ -117,13 +118,14 @@ def reference_estimate(
     say("what the reference drives")
     kind = kind_of(controller, asked.records)
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
-    if coloured is not None or not robust:
+    apart = not together_findings(asked.records)
+    if apart and (coloured is not None or not robust):
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
         if unstable is not None:
             return unstable
     found = _white(parts, kind, asked.structure, plain, near, say)
     told = f"controller taken as {IN_WORDS[kind]}"
-    findings: tuple[Finding, ...] = ()
+    findings = together_findings(asked.records)
     if known is not None:
         found = _with_controller(*found, known, asked.structure, near, say)
         told = "controller as given"
@@ -135,7 +137,7 @@ def reference_estimate(
         else:
             seen = compared(found, other)
             found = other if seen.turned else found
-            told, findings = seen.told, seen.findings
+            told, findings = seen.told, (*findings, *seen.findings)
     loops, best = found
     if coloured is not None:
         best = _with_noise_model(loops, asked.structure, best, coloured, say)

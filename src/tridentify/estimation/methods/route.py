@@ -20,6 +20,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from tridentify.errors import OptionError, shown
+from tridentify.estimation.closed_loop.moving import any_moves, refuse_still
 from tridentify.estimation.likelihood.noise_model import NoiseChoice
 from tridentify.record.record import Record
 
@@ -60,7 +61,7 @@ def refuse_without_reference(route: Route, records: Sequence[Record]) -> None:
 
 
 def refuse_unreferenced(asked: str, records: Sequence[Record], instead: str) -> None:
-    """Refuse records without a reference.
+    """Refuse records without a reference, or with none that moves.
 
     Parameters
     ----------
@@ -73,6 +74,7 @@ def refuse_unreferenced(asked: str, records: Sequence[Record], instead: str) -> 
     Raises
     ------
     OptionError
+    ConstantReferenceError
     """
     without = [k for k, one in enumerate(records) if getattr(one, "reference", None) is None]
     if without:
@@ -81,12 +83,18 @@ def refuse_unreferenced(asked: str, records: Sequence[Record], instead: str) -> 
             "expected the signal that the controller was told to follow; write Record(u, y, "
             f"reference=...), or {instead}"
         )
+    refuse_still(asked, records, instead)
 
 
 def by_reference(route: Route, records: Sequence[Record]) -> bool:
-    """Whether the reference route is taken: as asked for, or where every record has a reference."""
+    """Whether the reference route is taken: as asked for, or where every record has a reference.
+
+    References that stand still throughout are none.
+    """
     return route == "reference" or (
-        route == "auto" and all(record.reference is not None for record in records)
+        route == "auto"
+        and all(record.reference is not None for record in records)
+        and any_moves(records)
     )
 
 

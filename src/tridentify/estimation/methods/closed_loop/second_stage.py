@@ -8,6 +8,7 @@ from dataclasses import replace
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.loop_taken import LoopTaken
+from tridentify.estimation.closed_loop.moving import together_findings
 from tridentify.estimation.likelihood.question import silently
 from tridentify.estimation.methods.base import Progress, check
 from tridentify.estimation.methods.capability import Capability
@@ -46,6 +47,8 @@ def in_two_stages(
     ------
     OptionError
         A record has no reference.
+    ConstantReferenceError
+        None of them moves.
     """
     say = progress or silently
     check(records, structure, name, can)
@@ -61,5 +64,6 @@ def in_two_stages(
         record_fingerprint=asked.fingerprint,
         route="reference",
         loop=LoopTaken("sampled"),
+        findings=(*found.findings, *together_findings(records)),
         trace=found.trace.told(told, *asked.told),
     )

@@ -135,7 +135,7 @@ class ClosedLoopRefinedInstrumentalVariable:
             If records and structure are not usable or not supported; `DataError` too if the
             controller makes no stable loop.
         IdentifiabilityError
-            If the data cannot determine the coefficients.
+            If the data cannot determine the coefficients, or no reference moves.
         """
         say = progress or silently
         check(records, structure, self.name, self.capabilities)

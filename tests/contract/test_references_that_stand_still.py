@@ -1,0 +1,88 @@
+"""References that never move, and fewer of them than inputs."""
+
+import numpy as np
+import pytest
+
+from oracles import sampled_loop
+from tridentify import Record, Structure, ThreeModel, TransferFunction, identify
+from tridentify.errors import ConstantReferenceError
+from tridentify.estimation.methods.closed_loop.projection import Projection
+from tridentify.estimation.methods.closed_loop.simulated_instruments import (
+    ClosedLoopRefinedInstrumentalVariable,
+)
+from tridentify.estimation.methods.closed_loop.two_stage import TwoStage
+
+PLANT = ([1.0, 2.0], [1.0, 1.2, 4.0])
+
+
+def held(level, n=600):
+    """A loop with a PI controller and a constant set point, in noise."""
+    rng, total = np.random.default_rng(0), [0.0]
+
+    def control(k, y):
+        total[0] += 0.1 * (level - y[0])
+        return 2.0 * (level - y[0]) + total[0]
+
+    u, y = sampled_loop([[PLANT]], control, 0.2 * rng.standard_normal((n, 1)), 0.1)
+    return Record(u, y, dt=0.1, reference=np.full(n, level))
+
+
+def test_a_set_point_that_never_moves_is_none():
+    record = held(1.0, 300)
+    found = identify(record, Structure(2, 1), throw=False)
+    without = identify(record.select(references=[]), Structure(2, 1), throw=False)
+    assert found.route == "direct"
+    assert "the references never move: taken as none" in found.trace.decisions
+    assert "loop-not-excited" in {one.code for one in found.findings}
+    np.testing.assert_array_equal(found.theta, without.theta)
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        ThreeModel(route="reference"),
+        TwoStage(),
+        Projection(),
+        ClosedLoopRefinedInstrumentalVariable(TransferFunction([2.0, 1.0], [1.0, 0.0])),
+    ],
+    ids=lambda method: method.name,
+)
+def test_it_is_refused_where_it_is_asked_for(method):
+    with pytest.raises(ConstantReferenceError, match=r"no reference that moves \(r\); expected"):
+        identify(held(0.0), Structure(2, 1), method)
+
+
+def test_one_experiment_that_moves_is_enough():
+    rng, r = np.random.default_rng(1), np.repeat([0.0, 1.0, -1.0, 1.0], 150)
+
+    def control(k, y):
+        return 2.0 * (r[k] - y[0])
+
+    u, y = sampled_loop([[PLANT]], control, 0.05 * rng.standard_normal((r.size, 1)), 0.1)
+    found = identify([Record(u, y, dt=0.1, reference=r), held(0.0)], Structure(2, 1))
+    assert found.route == "reference"
+    assert np.all(np.abs(found.theta - [1.2, 4.0, 1.0, 2.0]) < 4.0 * found.std)
+
+
+def two_loops(r1, r2, seed):
+    """A plant of two inputs, each made by a controller of its own."""
+    rng = np.random.default_rng(seed)
+
+    def control(k, y):
+        return [1.0 * (r1[k] - y[0]), 0.5 * (r2[k] - y[0])]
+
+    plant = [[([2.0], [1.0, 1.5]), ([1.0], [1.0, 1.5])]]
+    u, y = sampled_loop(plant, control, 0.05 * rng.standard_normal((r1.size, 1)), 0.1)
+    return Record(u, y, dt=0.1, reference=np.column_stack([r1, r2]))
+
+
+def test_fewer_independent_references_than_inputs_are_a_warning():
+    steps = np.repeat([0.0, 1.0, -1.0, 1.0], 100)
+    structure = Structure(1, [[0, 0]])
+    together = identify(two_loops(steps, 2.0 * steps, 0), structure, throw=False)
+    (finding,) = [one for one in together.findings if one.code == "loop-not-excited"]
+    assert finding.severity == "warning"
+    assert "driven by one independent reference" in finding.message
+    apart = identify(two_loops(steps, np.roll(steps, 37), 0), structure)
+    assert "loop-not-excited" not in {one.code for one in apart.findings}
+    assert np.all(np.abs(apart.theta - [1.5, 2.0, 1.0]) < 4.0 * apart.std)
