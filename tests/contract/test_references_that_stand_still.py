@@ -28,12 +28,17 @@ def held(level, n=600):
 
 
 def test_a_set_point_that_never_moves_is_none():
-    record = held(1.0, 300)
-    found = identify(record, Structure(2, 1), throw=False)
-    without = identify(record.select(references=[]), Structure(2, 1), throw=False)
+    record, quick = held(1.0), ThreeModel(starts=1, finish="likelihood")
+    found = identify(record, Structure(2, 1), quick)
     assert found.route == "direct"
     assert "the references never move: taken as none" in found.trace.decisions
     assert "loop-not-excited" in {one.code for one in found.findings}
+
+
+def test_a_set_point_that_never_moves_changes_no_digit():
+    record, method = held(1.0), ThreeModel(starts=1, noise="white", finish="likelihood")
+    both = [record, record.select(references=[])]
+    found, without = (method.estimate([one], Structure(2, 1)) for one in both)
     np.testing.assert_array_equal(found.theta, without.theta)
 
 
