@@ -16,7 +16,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     # report, which asks here for the version, is a room too
-    from tridentify import data, excitation, export, online, physical, plots, studies, uncertainty
+    from tridentify import (
+        data,
+        excitation,
+        export,
+        fleet,
+        online,
+        physical,
+        plots,
+        studies,
+        uncertainty,
+    )
     from tridentify.errors import (
         ConvergenceError,
         DataError,
@@ -98,6 +108,7 @@ __all__ = [
     "data",
     "excitation",
     "export",
+    "fleet",
     "frame_from_record",
     "frequency_response",
     "identify",
@@ -167,6 +178,7 @@ _ROOMS = frozenset(
         "data",
         "excitation",
         "export",
+        "fleet",
         "online",
         "physical",
         "plots",

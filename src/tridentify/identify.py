@@ -199,6 +199,17 @@ def _wanted(structure: object, poles: object, zeros: object) -> Structure | Auto
                 "neither for orders that the record chooses; write for example poles=2, zeros=1"
             )
         return Structure(poles, zeros)  # type: ignore[arg-type]
+    return checked_structure(structure)
+
+
+def checked_structure(structure: object) -> Structure | AutoStructure:
+    """What was given in place of a structure, as one.
+
+    Raises
+    ------
+    OptionError
+        It is neither a structure nor a pair of numbers.
+    """
     if structure is None:
         return AutoStructure()
     if isinstance(structure, Structure | AutoStructure):

@@ -14,16 +14,13 @@ import os
 import re
 import shutil
 import stat
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from tridentify.writing.files import PENDING, draft_ending, outdated, sync
+from tridentify.writing.lock import lock
 
 PREFIX = ".tridentify-"
-LOCK_PATIENCE = 10.0
-"""How long another run may take to put its files in their places [s]: a thousand times what it
-needs, so that one that was stopped holds up nobody for good."""
 _DRAFT = re.compile(re.escape(PREFIX) + "[a-z0-9_]{8}")
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
@@ -56,48 +53,6 @@ def clear_drafts(folder: Path) -> None:
                 with lock(draft, patience=0.0) as alone:
                     if alone:
                         shutil.rmtree(draft, ignore_errors=True)
-
-
-@contextlib.contextmanager
-def lock(folder: Path, patience: float = LOCK_PATIENCE) -> Iterator[bool]:
-    """Hold a folder for this process; the system lets go of it when the process ends.
-
-    Parameters
-    ----------
-    folder : Path
-    patience : float
-        How long to wait for another process [s].
-
-    Yields
-    ------
-    bool
-        False if another process still holds it; True also where the system has no such locks.
-    """
-    try:
-        import fcntl
-
-        number = os.open(folder, os.O_RDONLY)
-    except (ImportError, OSError):
-        yield True
-        return
-    end = time.monotonic() + patience
-    try:
-        held = False
-        while True:
-            try:
-                fcntl.flock(number, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                held = True
-                break
-            except BlockingIOError:
-                if time.monotonic() >= end:
-                    break
-                time.sleep(0.01)
-            except OSError:  # a file system without locks
-                held = True
-                break
-        yield held
-    finally:
-        os.close(number)
 
 
 # ------------------------------------------------------------------------------------------- swap

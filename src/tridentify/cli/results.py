@@ -13,6 +13,7 @@ from types import TracebackType
 from tridentify.cli import publishing
 from tridentify.errors import OutputPathError
 from tridentify.writing.files import sync
+from tridentify.writing.lock import lock
 
 
 class ResultFolder:
@@ -62,7 +63,7 @@ class ResultFolder:
                 publishing.clear_drafts(folder)
             self._draft = self._draft_beside() or publishing.make_draft(existing)
             # so that no other run takes it for one that was left behind
-            self._open.enter_context(publishing.lock(self._draft))
+            self._open.enter_context(lock(self._draft))
         except OSError as error:
             raise self._refusal(error) from error
         return self
@@ -92,7 +93,7 @@ class ResultFolder:
         try:
             for path in (*(self.draft / name for name in names), self.draft):
                 sync(path)
-            with publishing.lock(self._folder_to_lock()):
+            with lock(self._folder_to_lock()):
                 self._put_in_place(names)
             for folder in made:
                 sync(folder.parent)

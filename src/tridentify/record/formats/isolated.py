@@ -19,7 +19,7 @@ from tridentify.errors import DataWarning, TridentifyError
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import OpenFile
 
-__all__ = ["serve"]
+__all__ = ["limit_memory", "open_here", "serve", "silenced"]
 
 
 def serve() -> None:
@@ -28,19 +28,16 @@ def serve() -> None:
     Whatever a library prints goes to the null device.
     """
     requests = sys.stdin.buffer
-    answers = os.fdopen(os.dup(1), "wb")
-    null = os.open(os.devnull, os.O_RDWR)
-    for number in (1, 2):
-        os.dup2(null, number)
+    answers = silenced()
     warnings.simplefilter("ignore")
     warnings.simplefilter("always", DataWarning)
     first = json.loads(requests.readline())
-    _limit_memory(first["memory"])
+    limit_memory(first["memory"])
     # a polars panic is no Exception, and nothing may leave this process but an answer
     try:
         path = Path(os.fsdecode(first["path"].encode("latin-1")))
         with warnings.catch_warnings(record=True) as caught:
-            source = _module_file(first["module"], path)
+            source = open_here(first["module"], path)
         listing = [dataclasses.asdict(channel) for channel in source.channels]
         said = [str(item.message) for item in caught if issubclass(item.category, DataWarning)]
         _answer(answers, {"channels": listing, "said": said}, ())
@@ -50,7 +47,17 @@ def serve() -> None:
         _answer(answers, _described(error), ())
 
 
-def _module_file(module: str, path: Path) -> OpenFile:
+def silenced() -> BinaryIO:
+    """What was standard output; what libraries print goes to the null device from now on."""
+    answers = os.fdopen(os.dup(1), "wb")
+    null = os.open(os.devnull, os.O_RDWR)
+    for number in (1, 2):
+        os.dup2(null, number)
+    return answers
+
+
+def open_here(module: str, path: Path) -> OpenFile:
+    """Open a file with the reader of a module, in this process."""
     source: OpenFile = import_module(module).open_file(path)
     return source
 
@@ -78,7 +85,7 @@ def _described(error: BaseException) -> dict[str, str]:
     return {"error": kind if known else "", "message": text}
 
 
-def _limit_memory(size: int) -> None:
+def limit_memory(size: int) -> None:
     """Let the data of this process grow to so many bytes and no further."""
     with contextlib.suppress(ImportError, ValueError, OSError):
         import resource

@@ -17,6 +17,7 @@ from tridentify.record.formats.assemble import Instants, Wanted, record_from
 from tridentify.record.formats.channels import Channel, OpenFile
 from tridentify.record.formats.contents import Contents, as_file, called
 from tridentify.record.formats.csv import TextFile
+from tridentify.record.formats.isolated import open_here
 from tridentify.record.formats.isolation import IsolatedFile
 from tridentify.record.formats.requirements import require
 from tridentify.record.formats.text_table import check_readable
@@ -284,8 +285,15 @@ def list_channels(path: Contents) -> tuple[Channel, ...]:
 
 
 @contextmanager
-def opened(path: Contents) -> Iterator[OpenFile]:
+def opened(path: Contents, *, isolated: bool = True) -> Iterator[OpenFile]:
     """Open a file with the reader that its content asks for.
+
+    Parameters
+    ----------
+    path : path-like, bytes, or file open for reading
+    isolated : bool
+        Whether a binary file is decoded in a process of its own. False is for a process that may
+        itself crash, hang or grow without harm.
 
     Raises
     ------
@@ -301,6 +309,9 @@ def opened(path: Contents) -> Iterator[OpenFile]:
         if known.needs:
             require(known.needs, f"tridentify[{known.extra}]", f"a {known.name} file")
         module = f"tridentify.record.formats.{known.module}"
+        if not isolated:
+            yield open_here(module, file)
+            return
         with IsolatedFile(file, module, known.name) as source:
             yield source
 

@@ -1,0 +1,7 @@
+"""Fleets: the same question to thousands of records, a row for each of them."""
+
+from tridentify.fleet.rows import COLUMNS
+from tridentify.fleet.run import Run
+from tridentify.fleet.start import fit
+
+__all__ = ["COLUMNS", "Run", "fit"]

@@ -1,0 +1,134 @@
+"""The child side of `fleet.keeper`: do a job on one record after the other until the pipe ends.
+
+Requests are pickles, since they come from the program itself. Answers are lines of JSON: this
+process decodes files that somebody may have forged, so that nothing it says is executed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pickle
+import shutil
+import signal
+import sys
+import tempfile
+import threading
+import time
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from tridentify.errors import ConvergenceError, IdentifiabilityError, TridentifyError
+from tridentify.estimation.answer.assemble import fingerprint
+from tridentify.fleet.job import BAD_INPUT, FAULT, NO_ANSWER, OVER_MEMORY, Item, Job, Limits
+from tridentify.numerics.threads import one_blas_thread
+from tridentify.record.formats.isolated import limit_memory, silenced
+
+__all__ = ["serve"]
+
+SPARE_SECONDS = 60.0
+"""Processor time beyond four times the limit after which the system itself ends this process [s].
+The keeper ends it long before; if the keeper was killed, nobody else does."""
+
+PARENT_PATIENCE = 1.0
+"""How often this process looks whether its keeper is there [s]."""
+
+
+def serve() -> None:
+    """Answer on what was standard output; what libraries print goes to the null device."""
+    requests = sys.stdin.buffer
+    answers = silenced()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keeper decides
+    threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
+    warnings.simplefilter("ignore")
+    limits: Limits = pickle.load(requests)
+    limit_memory(limits.memory)
+    begun: bytes = b""
+    job: Job | None = None
+    with contextlib.suppress(EOFError, BrokenPipeError):
+        while True:
+            raw, items = pickle.load(requests)
+            if job is None or raw != begun:
+                job, begun = pickle.loads(raw), raw
+                job.begin()
+            _say(answers, {"ready": True})
+            with one_blas_thread():
+                _work(answers, job, items, limits)
+
+
+def _work(answers: BinaryIO, job: Job, items: Sequence[Item], limits: Limits) -> None:
+    for item in items:
+        _say(answers, {"begin": item.key})
+        _limit_processor(4.0 * limits.seconds + SPARE_SECONDS)
+        begin = time.perf_counter()
+        mark = ""
+        # a panic of a compiled reader is no Exception
+        try:
+            records = item.place.records(job.wanted)
+            mark = fingerprint(records)
+            _say(answers, {"fingerprint": mark})
+            told: dict[str, Any] = {"value": job.run(item.key, records)}
+        except BrokenPipeError:
+            raise
+        except BaseException as error:
+            told = described(error)
+            mark = mark or item.place.trace()
+        told |= {"seconds": time.perf_counter() - begin, "fingerprint": mark}
+        _sweep()
+        _say(answers, {"done": told})
+
+
+def described(error: BaseException) -> dict[str, Any]:
+    r"""Status, message and class of what was raised.
+
+    Examples
+    --------
+    >>> described(ValueError("two\nlines"))["message"]
+    'two lines'
+    """
+    status = FAULT
+    if isinstance(error, MemoryError):
+        status = OVER_MEMORY
+    elif isinstance(error, IdentifiabilityError | ConvergenceError):
+        status = NO_ANSWER
+    elif isinstance(error, TridentifyError):
+        status = BAD_INPUT
+    text = " ".join(str(error).split())
+    if status == OVER_MEMORY:
+        text = "found no more memory within the limit; expected a record that needs less; raise "
+        text += "memory_limit, name fewer channels or cut the record"
+    return {"status": status, "message": text, "exception": type(error).__name__}
+
+
+def _say(stream: BinaryIO, message: dict[str, Any]) -> None:
+    stream.write(json.dumps(message).encode() + b"\n")
+    stream.flush()
+
+
+def _limit_processor(seconds: float) -> None:
+    with contextlib.suppress(ImportError, ValueError, OSError):
+        import resource
+
+        _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+        used = resource.getrusage(resource.RUSAGE_SELF)
+        soft = int(used.ru_utime + used.ru_stime + seconds) + 1
+        resource.setrlimit(resource.RLIMIT_CPU, (soft, hard))
+
+
+def _sweep() -> None:
+    """Remove what readers left in the folder of this process."""
+    for path in Path(tempfile.gettempdir()).iterdir():
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path, ignore_errors=True)
+        else:
+            path.unlink(missing_ok=True)
+
+
+def _follow(keeper: int) -> None:
+    """End with the keeper, even if it was killed while a record goes on for ever."""
+    while os.getppid() == keeper:
+        time.sleep(PARENT_PATIENCE)
+    os.kill(os.getpid(), signal.SIGTERM)

@@ -1,0 +1,166 @@
+"""Items to workers in batches of about a second, a few in flight, and each of them accounted for.
+
+How many records are a second is measured as the batches come back. What a worker gives back is a
+few numbers; the parent holds the items of the batches in flight and nothing else. A batch that was
+lost with its worker is handed out again, in the end item by item: what is lost with every worker
+that takes it gets a row that says so.
+"""
+
+from __future__ import annotations
+
+import itertools
+import secrets
+import time
+from collections.abc import Callable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from tridentify.errors import TridentifyError
+from tridentify.fleet.engines import Engine
+from tridentify.fleet.job import Item
+
+__all__ = ["Batches", "Lost", "dispatch"]
+
+LEAST_SECONDS = 1.0
+"""What a batch takes, about: a thousand times what it costs to hand it out, and no more is lost
+with a worker [s]."""
+
+MOST_SECONDS = 10.0
+"""What a batch takes at most in a long run, so that a million records are not a million files
+[s]."""
+
+SHARE = 0.01
+"""A batch takes this share of the time that the run has taken so far, within the limits above."""
+
+FIRST = 8
+"""Records of the first batches, while nothing is measured: half a second for short records."""
+
+MOST = 5000
+"""Records of a batch, however quick they are."""
+
+IN_FLIGHT = 4
+"""Batches for each worker: one at work, and enough waiting to bridge the way to the parent."""
+
+HANDED_OUT = 3
+"""How often the same batch is given to workers that are lost with it, before it is taken apart."""
+
+
+@dataclass
+class Batches:
+    """How many records the next batch has.
+
+    Attributes
+    ----------
+    rate : float
+        Seconds a record, measured; 0 as long as nothing is.
+    """
+
+    rate: float = 0.0
+    _began: float = field(default_factory=time.monotonic)
+
+    def size(self) -> int:
+        """Records of the next batch."""
+        if not self.rate:
+            return FIRST
+        spent = time.monotonic() - self._began
+        seconds = min(max(SHARE * spent, LEAST_SECONDS), MOST_SECONDS)
+        return int(min(max(round(seconds / self.rate), 1), MOST))
+
+    def measured(self, records: int, seconds: float) -> None:
+        """Take in what a batch took; the last few batches count."""
+        if records:
+            own = max(seconds / records, 1e-6)
+            self.rate = own if not self.rate else 0.7 * self.rate + 0.3 * own
+
+
+@dataclass(frozen=True)
+class Lost:
+    """An item whose workers were lost with it, again and again."""
+
+    item: Item
+    reason: str
+
+
+@dataclass(frozen=True)
+class _Flying:
+    name: str
+    items: tuple[Item, ...]
+    handed_out: int = 1
+
+
+def dispatch(
+    items: Iterator[Item],
+    engine: Engine,
+    function: Callable[[Any], Any],
+    task: Callable[[str, tuple[Item, ...]], Any],
+    batches: Batches,
+) -> Iterator[tuple[tuple[Item, ...], Any]]:
+    """Hand out all items; the results come as they are ready.
+
+    Parameters
+    ----------
+    items : iterator of Item
+    engine : Engine
+    function : callable
+        What workers do, importable by its name.
+    task : callable
+        Makes its argument of the name of a batch and its items.
+    batches : Batches
+        Is told what the batches take by whoever takes the results.
+
+    Yields
+    ------
+    items : tuple of Item
+        Of one batch.
+    result : object
+        Of ``function``; `Lost` for an item that no worker survives.
+
+    Raises
+    ------
+    TridentifyError
+        What ``function`` raises: the disk is full, no process can be started.
+    """
+    run = secrets.token_hex(4)
+    numbers = itertools.count()
+    flying: dict[Future[Any], _Flying] = {}
+
+    def launch(batch: _Flying) -> None:
+        future = engine.executor.submit(function, task(batch.name, batch.items))
+        flying[future] = batch
+
+    try:
+        more = True
+        while more or flying:
+            while more and len(flying) < IN_FLIGHT * engine.width:
+                taken = tuple(itertools.islice(items, batches.size()))
+                more = bool(taken)
+                if taken:
+                    launch(_Flying(f"{run}-{next(numbers):07d}", taken))
+            if not flying:
+                return
+            for future in wait(flying, return_when=FIRST_COMPLETED).done:
+                batch = flying.pop(future)
+                error = future.exception()
+                if error is None:
+                    yield batch.items, future.result()
+                elif isinstance(error, TridentifyError | MemoryError) or not _lost(error):
+                    raise error
+                elif batch.handed_out < HANDED_OUT:
+                    launch(replace(batch, handed_out=batch.handed_out + 1))
+                elif len(batch.items) > 1:
+                    for k, item in enumerate(batch.items):
+                        launch(_Flying(f"{batch.name}-{k:04d}", (item,)))
+                else:
+                    yield batch.items, Lost(batch.items[0], " ".join(str(error).split()))
+    finally:
+        for future in flying:
+            future.cancel()
+
+
+def _lost(error: BaseException) -> bool:
+    """Whether a batch went down with its worker, or its result with the way back."""
+    return isinstance(error, OSError) or type(error).__name__ in (
+        *("KilledWorker", "CancelledError", "FutureCancelledError", "BrokenProcessPool"),
+        *("CommClosedError", "LostRunError", "FutureLostError"),
+    )

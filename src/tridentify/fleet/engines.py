@@ -1,0 +1,111 @@
+"""Who does the work: one worker, several of this machine, or those of a Dask scheduler.
+
+All are executors of `concurrent.futures`. A worker of this machine is a thread here with a child
+process beside it, which does what takes time; one worker is the serial engine.
+"""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any
+
+from tridentify.errors import MissingDependencyError, OptionError, TridentifyError, shown
+from tridentify.fleet.work import WORKERS
+
+__all__ = ["Engine", "engine"]
+
+CONNECT = "30s"
+"""How long a scheduler may take to answer: it and its workers may be starting at this moment."""
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Workers behind one seam.
+
+    Attributes
+    ----------
+    executor : Executor
+    width : int
+        Workers at the moment of asking.
+    """
+
+    executor: Executor
+    width: int
+
+
+@contextlib.contextmanager
+def engine(workers: Any = None) -> Iterator[Engine]:
+    """Start workers, or find them; they end with the block.
+
+    Parameters
+    ----------
+    workers : int, str or distributed.Client, optional
+        How many processes of this machine, by default one; or the address of a Dask scheduler,
+        ``"tcp://host:8786"``, or a client of one.
+
+    Raises
+    ------
+    OptionError
+        It is none of these.
+    MissingDependencyError
+        An address is given and Dask is not installed.
+    TridentifyError
+        No scheduler answers, or it has no workers.
+    """
+    if workers is None or (isinstance(workers, int) and not isinstance(workers, bool)):
+        with _of_this_machine(1 if workers is None else workers) as found:
+            yield found
+    elif isinstance(workers, str) or hasattr(workers, "get_executor"):
+        with _of_dask(workers) as found:
+            yield found
+    else:
+        raise OptionError(
+            f"found workers={shown(workers)}; expected a number of processes, or the address of a "
+            "Dask scheduler such as tcp://host:8786; correct it"
+        )
+
+
+@contextlib.contextmanager
+def _of_this_machine(count: int) -> Iterator[Engine]:
+    if count < 1:
+        raise OptionError(f"found workers={count}; expected at least 1; correct it")
+    pool = ThreadPoolExecutor(count, thread_name_prefix="tridentify-fleet")
+    try:
+        yield Engine(pool, count)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+        WORKERS.close()
+        pool.shutdown(wait=True)
+
+
+@contextlib.contextmanager
+def _of_dask(workers: Any) -> Iterator[Engine]:
+    try:
+        from distributed import Client
+    except ImportError as error:
+        raise MissingDependencyError(
+            "found no module 'distributed'; expected it for a Dask scheduler; pip install "
+            "'tridentify[fleet]', or give a number of processes of this machine"
+        ) from error
+    with contextlib.ExitStack() as stack:
+        client = workers
+        if isinstance(workers, str):
+            try:
+                client = Client(workers, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
+                stack.enter_context(client)
+            except (OSError, ValueError, TimeoutError) as error:
+                raise TridentifyError(
+                    f"found no scheduler at {shown(workers)} ({shown(str(error), 80)}); expected "
+                    "a Dask scheduler; start one (dask scheduler), or correct the address"
+                ) from error
+        width = sum(client.nthreads().values())
+        if not width:
+            raise TridentifyError(
+                f"found no worker at {shown(str(client.scheduler.address))}; expected one at "
+                "least; start some with: dask worker ADDRESS --nthreads 1"
+            )
+        # results depend on what is on the disks too: two equal calls are two calls
+        yield Engine(client.get_executor(pure=False), width)

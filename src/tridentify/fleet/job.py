@@ -1,0 +1,117 @@
+"""What is done with every record, and what comes of it: the words that all rooms of a fleet share.
+
+A `Job` runs in a process of its own, beside the worker that hands it its records (`keeper`,
+`child`): whatever a record does to it is one `Outcome`, never the end of the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from tridentify.record.formats.assemble import Wanted
+from tridentify.record.record import Record
+
+OVER_TIME = "over time"
+OVER_MEMORY = "over memory"
+CRASHED = "crashed"
+BAD_INPUT = "bad input"
+NO_ANSWER = "no answer"
+FAULT = "fault"
+FAILURES = (BAD_INPUT, NO_ANSWER, OVER_TIME, OVER_MEMORY, CRASHED, FAULT)
+"""Status of a record without an estimate: refused, not determined by its data, beyond a limit, the
+end of its process, or an exception that is none of this package."""
+
+
+class Place(Protocol):
+    """Where the records of one unit lie."""
+
+    @property
+    def label(self) -> str:
+        """The file, where there is one, for people."""
+
+    def records(self, wanted: Wanted | None) -> tuple[Record, ...]:
+        """Read them."""
+
+    def trace(self) -> str:
+        """A fingerprint of what could not be read; empty where there is none."""
+
+
+@dataclass(frozen=True)
+class Item:
+    """One unit of the fleet.
+
+    Attributes
+    ----------
+    key : str
+        Its name, unlike all others.
+    place : Place
+    attempt : int
+        How often it was tried before.
+    """
+
+    key: str
+    place: Place
+    attempt: int = 0
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What one record may take.
+
+    Attributes
+    ----------
+    seconds : float
+        From the first byte read to the answer [s].
+    memory : int
+        Of its process [bytes].
+    """
+
+    seconds: float
+    memory: int
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one item.
+
+    Attributes
+    ----------
+    item : Item
+    value : dict
+        What the job gave, as JSON can hold it; empty if it failed.
+    status, message, exception : str
+        Why it failed; empty if it did not.
+    seconds : float
+        What it took, reading included [s].
+    fingerprint : str
+        Of the records, or of the file if they could not be read.
+    """
+
+    item: Item
+    value: dict[str, Any] = field(default_factory=dict)
+    status: str = ""
+    message: str = ""
+    exception: str = ""
+    seconds: float = 0.0
+    fingerprint: str = ""
+
+    @property
+    def failed(self) -> bool:
+        """Whether there is no value."""
+        return bool(self.status)
+
+
+class Job(Protocol):
+    """What is done with the records of one unit, in a process that may crash."""
+
+    @property
+    def wanted(self) -> Wanted | None:
+        """How files and frames are read."""
+
+    def begin(self) -> None:
+        """Load and compile what is needed, before any record's time runs."""
+
+    def run(self, key: str, records: Sequence[Record]) -> dict[str, Any]:
+        """The answer, as JSON can hold it."""

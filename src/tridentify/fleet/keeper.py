@@ -1,0 +1,264 @@
+"""A worker's child process: records go in, one outcome a record comes out, whatever happens to it.
+
+The child reads and identifies. It may crash, loop for ever or ask for all memory: then it is ended
+and started anew, the record gets a row that says so, and the next one has its turn. A child that
+was ended from outside, by `kill -9` or for want of memory on the machine, says nothing of its
+record; so a record that went down with its child is tried once more before it is blamed.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import os
+import pickle
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from tridentify.errors import TridentifyError, shown
+from tridentify.fleet.job import CRASHED, OVER_TIME, Item, Job, Limits, Outcome
+from tridentify.record.formats.isolation import ENVIRONMENT
+
+__all__ = ["ONE_THREAD", "Keeper"]
+
+ONE_THREAD = dict.fromkeys(
+    (
+        "OPENBLAS_NUM_THREADS",
+        "OMP_NUM_THREADS",
+        "MKL_NUM_THREADS",
+        "BLIS_NUM_THREADS",
+        "VECLIB_MAXIMUM_THREADS",
+        "NUMEXPR_NUM_THREADS",
+        "POLARS_MAX_THREADS",
+        "NUMBA_NUM_THREADS",
+    ),
+    "1",
+)
+"""There is one worker a core; a second thread in it would only fight for another worker's core, and
+sums over several threads round differently."""
+
+BOOT = (
+    "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
+    "from tridentify.fleet.child import serve; serve()"
+)
+
+STARTING = 300.0
+"""Time that a child may take to load, and to compile what a new machine has not compiled
+yet [s]."""
+
+LOOK = 0.05
+"""How often the clock is compared with the limit [s]."""
+
+TRIES = 2
+"""How often a record's child may end before the record is blamed: once may be anybody's doing."""
+
+
+class Keeper:
+    """A child process and its clock; a context manager.
+
+    Parameters
+    ----------
+    limits : Limits
+        Of every record.
+
+    Examples
+    --------
+    >>> with Keeper(Limits(60.0, 2**31)) as keeper:
+    ...     list(keeper.outcomes(None, []))
+    []
+    """
+
+    def __init__(self, limits: Limits) -> None:
+        self.limits = limits
+        self._process: subprocess.Popen[bytes] | None = None
+        self._folder: tempfile.TemporaryDirectory[str] | None = None
+        self._deadline = math.inf
+        self._late = False
+        self._since, self._mark = 0.0, ""
+        self._closed = threading.Event()
+        self._clock = threading.Thread(target=self._watch, daemon=True)
+        self._clock.start()
+
+    def __enter__(self) -> Keeper:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def closed(self) -> bool:
+        """Whether it was ended."""
+        return self._closed.is_set()
+
+    def close(self) -> None:
+        """End the child; a thread that waits for its answer is told."""
+        self._closed.set()
+        self._end()
+
+    def outcomes(self, job: Job | None, items: Sequence[Item]) -> Iterator[Outcome]:
+        """One for each item, in their order.
+
+        Parameters
+        ----------
+        job : Job
+        items : sequence of Item
+
+        Yields
+        ------
+        Outcome
+
+        Raises
+        ------
+        TridentifyError
+            No child can be started.
+        """
+        raw = pickle.dumps(job)
+        waiting, fallen = list(items), 0
+        while waiting:
+            self._ask(raw, waiting)
+            answered = 0
+            for outcome in self._answers(waiting):
+                yield outcome
+                answered += 1
+            waiting = waiting[answered:]
+            fallen = fallen if not answered else 0
+            if not waiting:
+                return
+            # the first that waits went down with the child
+            since, mark = self._since, self._mark
+            late = self._late and time.monotonic() - since >= self.limits.seconds
+            self._end()
+            fallen += 1
+            if late or fallen >= TRIES:
+                yield self._blamed(waiting.pop(0), late, time.monotonic() - since, mark)
+                fallen = 0
+
+    def _ask(self, raw: bytes, items: Sequence[Item]) -> None:
+        fresh = self._process is None or self._process.poll() is not None
+        if fresh:
+            self._end()
+            self._start()
+        self._late, self._deadline = False, time.monotonic() + STARTING
+        try:
+            self._send((raw, list(items)))
+            ready = self._line()
+        except BrokenPipeError:
+            ready = None
+        if ready is None or "ready" not in ready:
+            code = None if self._process is None else self._process.wait()
+            late = self._late
+            self._end()
+            if self._closed.is_set():
+                raise TridentifyError("found a run that was ended; expected it to go on; resume it")
+            if not fresh:  # it was killed while it had nothing to do
+                self._ask(raw, items)
+                return
+            what = f"is not ready after {STARTING:.0f} s" if late else f"ended with code {code}"
+            raise TridentifyError(
+                f"found a worker's child process that {what} before its first record; expected "
+                "Python with this package and memory to load it; raise memory_limit, or use fewer "
+                "workers"
+            )
+
+    def _answers(self, items: Sequence[Item]) -> Iterator[Outcome]:
+        """Outcomes until all are there or the child is gone."""
+        self._since, self._mark = time.monotonic(), ""
+        for item in items:
+            self._since, self._mark = time.monotonic(), ""
+            self._deadline = self._since + self.limits.seconds
+            while True:
+                line = self._line()
+                if line is None:
+                    self._deadline = math.inf
+                    if self._closed.is_set():
+                        raise TridentifyError(
+                            "found a run that was ended; expected it to go on; resume it"
+                        )
+                    return
+                self._mark = line.get("fingerprint", self._mark)
+                if "done" in line:
+                    break
+            self._deadline = math.inf
+            yield Outcome(item, **line["done"])
+
+    def _blamed(self, item: Item, late: bool, seconds: float, mark: str) -> Outcome:
+        """The outcome of a record whose child ended."""
+        mark = mark or item.place.trace()
+        if late:
+            text = (
+                f"found no answer within {self.limits.seconds:g} s; expected one; raise the time "
+                "limit, shorten the record, or look at it on its own"
+            )
+            return Outcome(item, {}, OVER_TIME, text, "TimeoutError", seconds, mark)
+        text = (
+            f"found a process that ended {TRIES} times while it had this record; expected an "
+            "answer; a damaged file or too little memory may do this: look at the record on its own"
+        )
+        return Outcome(item, {}, CRASHED, text, "ProcessError", seconds, mark)
+
+    # ------------------------------------------------------------------------------- the process
+    def _start(self) -> None:
+        # a child that is killed cannot clear up the temporary files of its libraries
+        self._folder = tempfile.TemporaryDirectory(prefix="tridentify-", ignore_cleanup_errors=True)
+        temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), self._folder.name)
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-I", "-c", BOOT],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                env={**os.environ, **temporary, **ENVIRONMENT, **ONE_THREAD},
+            )
+        except OSError as error:
+            raise TridentifyError(
+                f"found no way to start a process ({shown(error.strerror or str(error), 80)}); "
+                "expected one beside each worker; use fewer workers"
+            ) from error
+        with contextlib.suppress(BrokenPipeError):
+            self._send([entry for entry in sys.path if isinstance(entry, str)])
+            self._send(self.limits)
+
+    def _send(self, message: object) -> None:
+        assert self._process is not None
+        assert self._process.stdin is not None
+        pickle.dump(message, self._process.stdin)
+        self._process.stdin.flush()
+
+    def _line(self) -> dict[str, Any] | None:
+        """What the child says next; None once it is gone."""
+        process = self._process
+        if process is None or process.stdout is None:
+            return None
+        try:
+            line = process.stdout.readline()
+            return json.loads(line) if line.endswith(b"\n") else None
+        except ValueError:  # closed meanwhile, or half a line
+            return None
+
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        self._deadline = math.inf
+        if process is not None:
+            process.kill()
+            process.wait()
+            for stream in (process.stdin, process.stdout):
+                if stream is not None:
+                    with contextlib.suppress(OSError, ValueError):
+                        stream.close()
+        folder, self._folder = self._folder, None
+        if folder is not None:
+            folder.cleanup()
+
+    def _watch(self) -> None:
+        while not self._closed.wait(LOOK):
+            process = self._process
+            if time.monotonic() > self._deadline and process is not None:
+                self._late = True
+                process.kill()
+                self._deadline = math.inf

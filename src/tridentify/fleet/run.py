@@ -1,0 +1,289 @@
+"""A run over a fleet: what was asked, and the rows that came of it."""
+
+from __future__ import annotations
+
+import os
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tridentify.errors import DataError, OptionError, shown
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.fleet.sources import items_of
+from tridentify.fleet.store import Store
+from tridentify.fleet.working import Question, checked_limits, telling, work_off
+from tridentify.record.record import Record
+from tridentify.writing.layout import format_table, format_value
+from tridentify.writing.views import pandas_frame
+
+__all__ = ["Run"]
+
+MOST_CAUSES = 8
+"""Kinds of failures and cautions that a summary tells one by one."""
+
+QUARTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+"""What a summary tells of the distribution of a coefficient."""
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """The rows of a fleet, in their folder.
+
+    Attributes
+    ----------
+    store : Store
+    question : Question
+    notes : tuple of str
+        On parts that were found damaged when the run was resumed.
+    """
+
+    store: Store
+    question: Question
+    notes: tuple[str, ...] = ()
+
+    @property
+    def folder(self) -> Path:
+        """Where the results are."""
+        return self.store.folder
+
+    def rows(self, columns: Sequence[str] | None = None) -> Any:
+        """Rows as they are stored, lists in place of columns for coefficients.
+
+        Parameters
+        ----------
+        columns : sequence of str, optional
+            Those of `fleet.COLUMNS` that are wanted.
+
+        Returns
+        -------
+        polars.DataFrame
+            Every key once, sorted by key; of several attempts the last.
+        """
+        return self.store.rows(columns)
+
+    def table(self) -> Any:
+        """One row a unit, a column a coefficient.
+
+        Returns
+        -------
+        pandas.DataFrame
+            Sorted by ``key``: the columns of `rows`, and in place of the lists of coefficients
+            each coefficient and its standard error, ``a0`` and ``a0_std``; with several outputs
+            ``fit`` and ``noise_variance`` are numbered. What a unit does not have is nan.
+
+        Raises
+        ------
+        MissingDependencyError
+            pandas is not installed; `rows` needs none.
+        """
+        return pandas_frame(wide(self.rows()))
+
+    def failed(self) -> Any:
+        """The rows of `table` without a usable estimate, with the reason.
+
+        Returns
+        -------
+        pandas.DataFrame
+
+        Raises
+        ------
+        MissingDependencyError
+            pandas is not installed.
+        """
+        rows = self.rows()
+        return pandas_frame(wide(rows.filter(~rows["ok"])))
+
+    def estimate(self, key: str) -> Estimate:
+        """The whole estimate of one unit, made anew from its record.
+
+        Parameters
+        ----------
+        key : str
+
+        Returns
+        -------
+        Estimate
+            Whatever its status.
+
+        Raises
+        ------
+        DataError
+            There is no such unit, or its record cannot be used.
+        IdentifiabilityError, ConvergenceError
+            As `tridentify.identify`.
+        """
+        return self.question.job.estimate(self.records(key))
+
+    def records(self, key: str) -> tuple[Record, ...]:
+        """What one unit was identified from.
+
+        Parameters
+        ----------
+        key : str
+
+        Raises
+        ------
+        DataError
+            There is no such unit, or its record cannot be read.
+        """
+        items, _ = items_of(self.question.source, self.question.key)
+        for item in items:
+            if item.key == key:
+                return item.place.records(self.question.job.wanted)
+        raise DataError(
+            f"found no unit {shown(key)} in the source; expected one of its keys; an iterable that "
+            "gives its records only once cannot be asked again"
+        )
+
+    def retry(
+        self,
+        *,
+        status: str | Sequence[str] | None = None,
+        workers: Any = None,
+        time_limit: float | None = None,
+        memory_limit: int | None = None,
+    ) -> Run:
+        """Try the units that failed once more, with other limits if that is asked for.
+
+        Parameters
+        ----------
+        status : str or sequence of str, optional
+            Only those that failed so, such as ``"over time"``.
+        workers, time_limit, memory_limit
+            As `fleet.fit`; by default as before.
+
+        Returns
+        -------
+        Run
+            The same folder; the new rows count, those before them stay in it.
+
+        Raises
+        ------
+        OptionError
+            No unit failed so, or as `fleet.fit`.
+        """
+        wanted = (status,) if isinstance(status, str) else status
+        rows = self.rows(["key", "ok", "status", "attempt"])
+        keys = {
+            key: attempt + 1
+            for key, ok, found, attempt in rows.iter_rows()
+            if not ok and (wanted is None or found in wanted)
+        }
+        if not keys:
+            known = sorted({found for _, ok, found, _ in rows.iter_rows() if not ok})
+            raise OptionError(
+                f"found no failed unit{'' if wanted is None else f' of {shown(wanted)}'}; expected "
+                f"some to try again; failed are: {', '.join(known) or 'none'}"
+            )
+        before = self.question.limits
+        limits = checked_limits(
+            before.seconds if time_limit is None else time_limit,
+            before.memory if memory_limit is None else memory_limit,
+        )
+        question = replace(
+            self.question,
+            workers=self.question.workers if workers is None else workers,
+            limits=limits,
+        )
+        with self.store.alone():
+            items, _ = items_of(question.source, question.key)
+            waiting = (replace(one, attempt=keys[one.key]) for one in items if one.key in keys)
+            work_off(waiting, question, self.store, telling(False), len(keys), 0)
+        return Run(self.store, question, self.notes)
+
+    def summary(self) -> str:
+        """Text for people: how many, what failed and why, how the coefficients are distributed."""
+        rows = self.rows()
+        good = rows.filter(rows["ok"])
+        failed = rows.height - good.height
+        lines = [f"{rows.height} records: {good.height} with an estimate, {failed} without"]
+        if rows.height:
+            seconds = rows["seconds"]
+            lines.append(
+                f"{seconds.median():.3g} s a record (median), {seconds.sum():.4g} s in all"
+            )
+        lines += _counted("without an estimate", rows.filter(~rows["ok"])["status"].to_list())
+        lines += _counted("status", good["status"].to_list())
+        lines += _counted("cautions", [code for codes in good["cautions"] for code in codes])
+        names, values = coefficients(good)
+        if names:
+            titles = ("coefficient", *(f"{100 * q:.0f} %" for q in QUARTILES), "std error")
+            errors = np.nanmedian(np.stack(good["standard_errors"].to_list()), axis=0)
+            ends = np.quantile(values, QUARTILES, axis=0).T
+            body = [
+                (name, *(format_value(v, std) for v in row.tolist()), f"{std:.2g}")
+                for name, row, std in zip(names, ends, errors.tolist(), strict=True)
+            ]
+            lines += ["", *format_table(titles, body)]
+        return "\n".join(lines)
+
+    def with_workers(self, workers: Any) -> Run:
+        """The same, for what is asked of it from now on."""
+        return replace(self, question=replace(self.question, workers=workers))
+
+    def __repr__(self) -> str:
+        rows = self.rows(["ok"])
+        good = int(rows["ok"].sum() or 0)
+        where = os.fspath(self.folder)
+        return f"Run({rows.height} records, {good} with an estimate, in {where!r})"
+
+
+def coefficients(rows: Any) -> tuple[tuple[str, ...], Any]:
+    """Names and values where all rows have the same; nothing where they do not.
+
+    Parameters
+    ----------
+    rows : polars.DataFrame
+        With an estimate.
+
+    Returns
+    -------
+    names : tuple of str
+    values : ndarray, shape (n_rows, n_names)
+    """
+    every = {tuple(names) for names in rows["names"].to_list()}
+    if len(every) != 1:
+        return (), np.zeros((rows.height, 0))
+    return every.pop(), np.stack(rows["coefficients"].to_list())
+
+
+def wide(rows: Any) -> dict[str, Any]:
+    """Columns of a table for people: one a coefficient.
+
+    Parameters
+    ----------
+    rows : polars.DataFrame
+        As stored.
+    """
+    lists = ("names", "coefficients", "standard_errors", "fit", "noise_variance", "covariance")
+    columns: dict[str, Any] = {}
+    for name in rows.columns:
+        if name not in lists:
+            columns[name] = rows[name].to_list()
+    found: dict[str, Any] = {}
+    for k, row in enumerate(rows.select(lists[:5]).iter_rows()):
+        names, values, errors, fit, noise = row
+        cells = dict(zip(names, values, strict=True))
+        cells |= {f"{n}_std": v for n, v in zip(names, errors, strict=True)}
+        for title, parts in (("fit", fit), ("noise_variance", noise)):
+            several = len(parts) > 1
+            cells |= {f"{title}_{i}" if several else title: v for i, v in enumerate(parts, 1)}
+        for name, value in cells.items():
+            if name not in found:
+                found[name] = np.full(rows.height, np.nan)
+            found[name][k] = np.nan if value is None else value
+    at = list(columns).index("seconds")
+    head = dict(list(columns.items())[:at])
+    tail = dict(list(columns.items())[at:])
+    return head | found | tail | {"covariance": rows["covariance"].to_list()}
+
+
+def _counted(title: str, found: Sequence[str]) -> list[str]:
+    counts = Counter(found).most_common()
+    told = ", ".join(f"{name} {count}" for name, count in counts[:MOST_CAUSES])
+    more = f" and {len(counts) - MOST_CAUSES} more kinds" if len(counts) > MOST_CAUSES else ""
+    return [f"{title}: {told}{more}"] if counts else []
