@@ -8,6 +8,7 @@ DEMO_ARGS ?=
 COMPILE ?= --compile
 PYTEST_ARGS ?=
 BITS_ARGS ?=
+CLUSTER_PORT ?= 8786
 
 # An environment that keeps Python from writing compiled modules would compile them for every process.
 unexport PYTHONDONTWRITEBYTECODE
@@ -26,7 +27,7 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 FUZZ_SECONDS ?= 300
-.PHONY: help demo test test-all fuzz check docs browser kernels lint format bench bits clean clean-all FORCE
+.PHONY: help demo test test-all fuzz check docs browser kernels lint format bench bits cluster clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -83,6 +84,16 @@ bench: $(INSTALLED_DEV) ## run every script of benchmarks/ (an hour and more; by
 
 bits: $(INSTALLED_DEV) ## hashes of estimates, states and files, compared with the stored ones
 	@$(PY) benchmarks/bits.py $(BITS_ARGS)
+
+# One thread a worker: each has a child process beside it, which does the work on one core.
+cluster: $(INSTALLED_DEV) ## start a Dask scheduler and two workers on this machine, until Ctrl-C
+	@echo "in another terminal: tridentify fleet ... --scheduler tcp://127.0.0.1:$(CLUSTER_PORT)"
+	@trap 'trap - INT TERM EXIT; kill 0' INT TERM EXIT; \
+	$(PY) -m distributed.cli.dask_scheduler --host 127.0.0.1 --port $(CLUSTER_PORT) --no-dashboard & \
+	for worker in 1 2; do \
+		$(PY) -m distributed.cli.dask_worker tcp://127.0.0.1:$(CLUSTER_PORT) --nthreads 1 \
+			--no-dashboard --death-timeout 60 --local-directory build/dask & \
+	done; wait
 
 clean: ## remove caches and builds
 	@rm -rf build dist .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache

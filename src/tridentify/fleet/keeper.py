@@ -82,6 +82,7 @@ class Keeper:
         self._late = False
         self._since, self._mark = 0.0, ""
         self._closed = threading.Event()
+        self._guard = threading.RLock()  # `close` comes from another thread
         self._clock = threading.Thread(target=self._watch, daemon=True)
         self._clock.start()
 
@@ -142,7 +143,6 @@ class Keeper:
     def _ask(self, raw: bytes, items: Sequence[Item]) -> None:
         fresh = self._process is None or self._process.poll() is not None
         if fresh:
-            self._end()
             self._start()
         self._late, self._deadline = False, time.monotonic() + STARTING
         try:
@@ -154,8 +154,7 @@ class Keeper:
             code = None if self._process is None else self._process.wait()
             late = self._late
             self._end()
-            if self._closed.is_set():
-                raise TridentifyError("found a run that was ended; expected it to go on; resume it")
+            self._refuse_closed()
             if not fresh:  # it was killed while it had nothing to do
                 self._ask(raw, items)
                 return
@@ -176,10 +175,7 @@ class Keeper:
                 line = self._line()
                 if line is None:
                     self._deadline = math.inf
-                    if self._closed.is_set():
-                        raise TridentifyError(
-                            "found a run that was ended; expected it to go on; resume it"
-                        )
+                    self._refuse_closed()
                     return
                 self._mark = line.get("fingerprint", self._mark)
                 if "done" in line:
@@ -203,12 +199,25 @@ class Keeper:
         return Outcome(item, {}, CRASHED, text, "ProcessError", seconds, mark)
 
     # ------------------------------------------------------------------------------- the process
+    def _refuse_closed(self) -> None:
+        if self.closed:
+            raise TridentifyError("found a run that was ended; expected it to go on; resume it")
+
     def _start(self) -> None:
+        self._end()
+        with self._guard:
+            self._refuse_closed()
+            self._process = self._started()
+        with contextlib.suppress(BrokenPipeError):
+            self._send([entry for entry in sys.path if isinstance(entry, str)])
+            self._send(self.limits)
+
+    def _started(self) -> subprocess.Popen[bytes]:
         # a child that is killed cannot clear up the temporary files of its libraries
         self._folder = tempfile.TemporaryDirectory(prefix="tridentify-", ignore_cleanup_errors=True)
         temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), self._folder.name)
         try:
-            self._process = subprocess.Popen(
+            return subprocess.Popen(
                 [sys.executable, "-I", "-c", BOOT],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
@@ -220,15 +229,16 @@ class Keeper:
                 f"found no way to start a process ({shown(error.strerror or str(error), 80)}); "
                 "expected one beside each worker; use fewer workers"
             ) from error
-        with contextlib.suppress(BrokenPipeError):
-            self._send([entry for entry in sys.path if isinstance(entry, str)])
-            self._send(self.limits)
 
     def _send(self, message: object) -> None:
-        assert self._process is not None
-        assert self._process.stdin is not None
-        pickle.dump(message, self._process.stdin)
-        self._process.stdin.flush()
+        process = self._process
+        if process is None or process.stdin is None:
+            raise BrokenPipeError
+        try:
+            pickle.dump(message, process.stdin)
+            process.stdin.flush()
+        except ValueError as error:  # closed meanwhile
+            raise BrokenPipeError from error
 
     def _line(self) -> dict[str, Any] | None:
         """What the child says next; None once it is gone."""
@@ -242,7 +252,9 @@ class Keeper:
             return None
 
     def _end(self) -> None:
-        process, self._process = self._process, None
+        with self._guard:
+            process, self._process = self._process, None
+            folder, self._folder = self._folder, None
         self._deadline = math.inf
         if process is not None:
             process.kill()
@@ -251,7 +263,6 @@ class Keeper:
                 if stream is not None:
                     with contextlib.suppress(OSError, ValueError):
                         stream.close()
-        folder, self._folder = self._folder, None
         if folder is not None:
             folder.cleanup()
 

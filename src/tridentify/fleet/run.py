@@ -175,9 +175,10 @@ class Run:
         }
         if not keys:
             known = sorted({found for _, ok, found, _ in rows.iter_rows() if not ok})
+            that = "" if wanted is None else f" that is {' or '.join(wanted)}"
             raise OptionError(
-                f"found no failed unit{'' if wanted is None else f' of {shown(wanted)}'}; expected "
-                f"some to try again; failed are: {', '.join(known) or 'none'}"
+                f"found no failed unit{that}; expected some to try again; failed are: "
+                f"{', '.join(known) or 'none'}"
             )
         before = self.question.limits
         limits = checked_limits(
