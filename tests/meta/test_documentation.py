@@ -16,7 +16,7 @@ from markdown_it import MarkdownIt
 RUN = ("{code-cell}", "{command}")
 TEXT = ("{toctree}", "{include}", "{public-names}", "{note}", "{tip}", "{warning}", "{math}")
 ROOMS = (
-    *("online", "physical", "plots", "report", "studies", "uncertainty", "errors"),
+    *("online", "physical", "plots", "report", "studies", "fleet", "uncertainty", "errors"),
     *("data", "excitation", "export"),
 )
 JUDGEMENT = (

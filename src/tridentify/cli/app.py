@@ -19,6 +19,7 @@ from tridentify.cli import (
     demo_command,
     excite_command,
     export_command,
+    fleet_command,
     identify_command,
     physical_command,
     select_command,
@@ -58,6 +59,7 @@ app.command("channels")(channels_command.channels)
 app.command("demo")(demo_command.demo)
 app.command("stream")(stream_command.stream)
 app.command("study")(study_command.study)
+app.command("fleet")(with_groups(fleet_command.fleet))
 app.command("excite")(excite_command.excite)
 app.command("export")(export_command.export)
 app.command("validate")(with_groups(validate_command.validate))

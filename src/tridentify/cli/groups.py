@@ -8,23 +8,29 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any, get_type_hints
 
 from tridentify.checks.samples import Intersample
 from tridentify.cli import options
-from tridentify.cli.ask import chosen_method, nested_delays
+from tridentify.cli.ask import (
+    chooses_orders,
+    chosen_method,
+    nested_delays,
+    nested_poles,
+    nested_zeros,
+)
 from tridentify.cli.knowledge import known_from
 from tridentify.cli.load import RecordSource, rules_from, units_from
 from tridentify.estimation.methods.base import Method
-from tridentify.structure import Structure
+from tridentify.structure import AutoStructure, Structure
 
 
 @dataclass(frozen=True)
-class Reading:
-    """How files are read into records."""
+class ReadingMany:
+    """How files are read into records, many of them alike."""
 
     time: options.Time = None
     dt: options.Step = None
@@ -32,10 +38,31 @@ class Reading:
     references: options.References = None
     reference_intersample: options.ReferenceIntersample = None
     instants: options.Instants = options.Merging.AUTO
-    missing: options.Missing = None
     units: options.Units = None
     start: options.Start = None
     stop: options.Stop = None
+
+    def options(self) -> dict[str, Any]:
+        """As `tridentify.read_record` takes them."""
+        between = self.reference_intersample
+        return {
+            "time": self.time,
+            "dt": self.dt,
+            "intersample": self.intersample.value,
+            "references": tuple(self.references or ()),
+            "reference_intersample": None if between is None else between.value,
+            "instants": self.instants.value,
+            "units": units_from(self.units or ()),
+            "start": self.start,
+            "stop": self.stop,
+        }
+
+
+@dataclass(frozen=True)
+class Reading(ReadingMany):
+    """How files are read into records, and what of them does not count."""
+
+    missing: options.Missing = None
 
     def source(
         self,
@@ -137,6 +164,33 @@ class Way:
             route=self.route.value,
             controller=self.controller.value,
         )
+
+
+def asked_structure(
+    poles: Sequence[str],
+    zeros: Sequence[str],
+    late: Late,
+    along: Along,
+    known: Known,
+    n_outputs: int,
+    n_inputs: int,
+) -> Structure | AutoStructure:
+    """The structure that options ask for; without poles one whose orders a record chooses.
+
+    Raises
+    ------
+    StructureError, OptionError
+        The options make none.
+    """
+    template = late.template(along, n_outputs, n_inputs)
+    if chooses_orders(poles, zeros, known.something):
+        return AutoStructure(template=template)
+    return replace(
+        template,
+        poles=nested_poles(poles, n_outputs, n_inputs),
+        zeros=nested_zeros(zeros, n_outputs, n_inputs),
+        **known.read(),
+    )
 
 
 def with_groups(command: Callable[..., None]) -> Callable[..., None]:

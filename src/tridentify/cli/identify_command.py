@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tridentify.cli import options, tables
-from tridentify.cli.ask import chooses_orders, nested_poles, nested_zeros
-from tridentify.cli.groups import Along, Known, Late, Reading, Way
+from tridentify.cli.groups import Along, Known, Late, Reading, Way, asked_structure
 from tridentify.cli.load import RecordSource, load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import estimate_model, load_sample_loop, show_estimate, write_results
@@ -45,18 +43,9 @@ def identify(
     Without --poles the orders are chosen. Example: tridentify identify flight.csv --input elevator
     --output q --poles 2 --zeros 1
     """
-    shape = len(outputs), len(inputs)
-    template = late.template(along, *shape)
-    structure: Structure | AutoStructure
-    if chooses_orders(poles or (), zeros or (), known.something):
-        structure = AutoStructure(template=template)
-    else:
-        structure = replace(
-            template,
-            poles=nested_poles(poles or (), *shape),
-            zeros=nested_zeros(zeros or (), *shape),
-            **known.read(),
-        )
+    structure = asked_structure(
+        poles or (), zeros or (), late, along, known, len(outputs), len(inputs)
+    )
     source = reading.source(files, inputs, outputs)
     _answer(source, structure, way.chosen(loss), out, title, as_json=as_json, verbose=verbose)
 

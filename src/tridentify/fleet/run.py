@@ -222,6 +222,23 @@ class Run:
             lines += ["", *format_table(titles, body)]
         return "\n".join(lines)
 
+    def to_dict(self) -> dict[str, Any]:
+        """Counts, and quantiles of the coefficients, ready for JSON."""
+        rows = self.rows(["key", "ok", "status", "cautions", "names", "coefficients", "place"])
+        good = rows.filter(rows["ok"])
+        names, values = coefficients(good)
+        ends = np.quantile(values, QUARTILES, axis=0).T if names else np.zeros((0, 0))
+        return {
+            "records": rows.height,
+            "estimates": good.height,
+            "failed": rows.height - good.height,
+            "status": dict(Counter(rows["status"].to_list()).most_common()),
+            "cautions": dict(Counter(c for codes in rows["cautions"] for c in codes).most_common()),
+            "quantiles": list(QUARTILES),
+            "coefficients": dict(zip(names, ends.tolist(), strict=True)),
+            "folder": os.fspath(self.folder),
+        }
+
     def with_workers(self, workers: Any) -> Run:
         """The same, for what is asked of it from now on."""
         return replace(self, question=replace(self.question, workers=workers))

@@ -1,0 +1,172 @@
+"""``tridentify fleet``: thousands of records in, a row for each of them out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from tridentify.cli import options
+from tridentify.cli.groups import Along, Known, Late, ReadingMany, Way, asked_structure
+from tridentify.cli.run import describe_files
+from tridentify.cli.terminal import Activity, plain, show, show_json
+from tridentify.errors import IdentifiabilityError, OptionError
+
+if TYPE_CHECKING:
+    from tridentify.fleet import Run
+
+work_option = partial(typer.Option, rich_help_panel="The work")
+
+Files = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="PATTERN...",
+        help="Files, one a unit: a pattern such as 'logs/**/*.parquet' in quotation marks, or "
+        "several files; with --key a Parquet file or a folder of them.",
+    ),
+]
+Inputs = Annotated[
+    list[str] | None,
+    options.record_option(
+        "--input", metavar="NAME", help="Column of an input; may be repeated. By default u."
+    ),
+]
+Outputs = Annotated[
+    list[str] | None,
+    options.record_option(
+        "--output", metavar="NAME", help="Column of an output; may be repeated. By default y."
+    ),
+]
+Key = Annotated[
+    str | None,
+    options.record_option(
+        metavar="NAME", help="Column that tells the units apart, where a file holds many of them."
+    ),
+]
+Out = Annotated[
+    Path,
+    options.result_option(
+        metavar="DIR", help="Folder of the rows; a run that was ended goes on from what is there."
+    ),
+]
+Count = Annotated[
+    int | None,
+    work_option("--workers", min=1, metavar="N", help="Processes of this machine; by default 1."),
+]
+Scheduler = Annotated[
+    str | None,
+    work_option(metavar="URL", help="A Dask scheduler, such as tcp://host:8786; its workers."),
+]
+Resume = Annotated[
+    bool,
+    work_option(
+        "--resume/--no-resume", help="Keep the rows that are there, or remove them and begin anew."
+    ),
+]
+Seconds = Annotated[
+    float,
+    work_option(min=0.01, metavar="SECONDS", help="What one record may take, reading included."),
+]
+Judge = Annotated[
+    bool,
+    work_option(
+        "--judge/--no-judge",
+        help="Look for findings (cautions), which takes about as long as the estimate.",
+    ),
+]
+
+
+def fleet(
+    files: Files,
+    inputs: Inputs = None,
+    outputs: Outputs = None,
+    *,
+    poles: options.PolesOrAuto = None,
+    zeros: options.ZerosOrAuto = None,
+    key: Key = None,
+    reading: ReadingMany,
+    late: Late,
+    along: Along,
+    way: Way,
+    known: Known,
+    workers: Count = None,
+    scheduler: Scheduler = None,
+    resume: Resume = True,
+    time_limit: Seconds = 60.0,
+    judge: Judge = True,
+    out: Out = Path("results"),
+    as_json: options.AsJson = False,
+) -> None:
+    """Identify every unit of a fleet and leave one row for each, whatever comes of it.
+
+    Example: tridentify fleet 'logs/**/*.parquet' --input u --output y --poles 2 --zeros 1
+    """
+    from tridentify.fleet import fit
+
+    if workers is not None and scheduler is not None:
+        raise OptionError(
+            "found --workers beside --scheduler; expected one of them: the scheduler knows its "
+            "workers; leave one out"
+        )
+    sources, drains = tuple(inputs or ("u",)), tuple(outputs or ("y",))
+    structure = asked_structure(
+        poles or (), zeros or (), late, along, known, len(drains), len(sources)
+    )
+    with Activity() as activity:
+        activity.stage("looking for the units")
+        run = fit(
+            _source(files, key),
+            structure,
+            way.chosen(),
+            key=key,
+            inputs=sources,
+            outputs=drains,
+            **reading.options(),
+            out=out,
+            workers=scheduler or workers,
+            resume=resume,
+            judge=judge,
+            time_limit=time_limit,
+            progress=_told(activity),
+        )
+        for note in run.notes:
+            activity.note(note)
+    _show(run, [], as_json)
+
+
+def _source(files: Sequence[str], key: str | None) -> Any:
+    if key is not None and len(files) > 1:
+        raise OptionError(
+            f"found {len(files)} files with --key; expected one Parquet file or one folder; give "
+            "the folder"
+        )
+    return files[0] if len(files) == 1 else list(files)
+
+
+def _told(activity: Activity) -> Any:
+    def tell(done: int, total: int | None) -> None:
+        if total is None:
+            activity.stage(f"{done} of ? records")
+        else:
+            activity.count(done, total)
+
+    return tell
+
+
+def _show(run: Run, written: Sequence[Path], as_json: bool) -> None:
+    """Print; a fleet without a single estimate is an error."""
+    rows = run.rows(["ok", "status"])
+    if as_json:
+        show_json(plain(run.to_dict()) | {"files": [str(path) for path in written]})
+    else:
+        where = f"rows: {run.store.parts} (Parquet)"
+        show(run.summary(), where, *describe_files(written))
+    if rows.height and not rows["ok"].any():
+        kinds = ", ".join(sorted(set(rows["status"])))
+        raise IdentifiabilityError(
+            f"found no usable estimate among {rows.height} records ({kinds}); expected some; look "
+            "at the messages in the rows"
+        )
