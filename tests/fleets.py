@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -137,3 +138,16 @@ def children(pid: int) -> list[int]:
         ["ps", "-o", "pid=,args=", "--ppid", str(pid)], capture_output=True, text=True, check=False
     )
     return [int(line.split()[0]) for line in found.stdout.splitlines() if "fleet.child" in line]
+
+
+@dataclass(frozen=True)
+class Sleepy:
+    """A method that takes a minute over anything."""
+
+    name: str = "sleepy"
+
+    def estimate(
+        self, records: Sequence[Record], structure: Structure, progress: Any = None
+    ) -> Estimate:
+        time.sleep(60.0)
+        return ThreeModel().estimate(records, structure, progress)

@@ -21,9 +21,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from tridentify.errors import ConvergenceError, IdentifiabilityError, TridentifyError
-from tridentify.estimation.answer.assemble import fingerprint
-from tridentify.fleet.job import BAD_INPUT, FAULT, NO_ANSWER, OVER_MEMORY, Item, Job, Limits
+from tridentify.fleet.attempt import attempted
+from tridentify.fleet.job import Item, Job, Limits
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.formats.isolated import limit_memory, silenced
 
@@ -60,47 +59,14 @@ def serve() -> None:
 
 
 def _work(answers: BinaryIO, job: Job, items: Sequence[Item], limits: Limits) -> None:
+    def read(mark: str) -> None:
+        _say(answers, {"fingerprint": mark})
+
     for item in items:
-        _say(answers, {"begin": item.key})
         _limit_processor(4.0 * limits.seconds + SPARE_SECONDS)
-        begin = time.perf_counter()
-        mark = ""
-        # a panic of a compiled reader is no Exception
-        try:
-            records = item.place.records(job.wanted)
-            mark = fingerprint(records)
-            _say(answers, {"fingerprint": mark})
-            told: dict[str, Any] = {"value": job.run(item.key, records)}
-        except BrokenPipeError:
-            raise
-        except BaseException as error:
-            told = described(error)
-            mark = mark or item.place.trace()
-        told |= {"seconds": time.perf_counter() - begin, "fingerprint": mark}
+        done = attempted(job, item, read)
         _sweep()
-        _say(answers, {"done": told})
-
-
-def described(error: BaseException) -> dict[str, Any]:
-    r"""Status, message and class of what was raised.
-
-    Examples
-    --------
-    >>> described(ValueError("two\nlines"))["message"]
-    'two lines'
-    """
-    status = FAULT
-    if isinstance(error, MemoryError):
-        status = OVER_MEMORY
-    elif isinstance(error, IdentifiabilityError | ConvergenceError):
-        status = NO_ANSWER
-    elif isinstance(error, TridentifyError):
-        status = BAD_INPUT
-    text = " ".join(str(error).split())
-    if status == OVER_MEMORY:
-        text = "found no more memory within the limit; expected a record that needs less; raise "
-        text += "memory_limit, name fewer channels or cut the record"
-    return {"status": status, "message": text, "exception": type(error).__name__}
+        _say(answers, {"done": done})
 
 
 def _say(stream: BinaryIO, message: dict[str, Any]) -> None:

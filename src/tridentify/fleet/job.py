@@ -31,7 +31,7 @@ class Place(Protocol):
     def label(self) -> str:
         """The file, where there is one, for people."""
 
-    def records(self, wanted: Wanted | None) -> tuple[Record, ...]:
+    def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """Read them."""
 
     def trace(self) -> str:
@@ -107,7 +107,7 @@ class Job(Protocol):
     """What is done with the records of one unit, in a process that may crash."""
 
     @property
-    def wanted(self) -> Wanted | None:
+    def wanted(self) -> Wanted:
         """How files and frames are read."""
 
     def begin(self) -> None:

@@ -14,7 +14,6 @@ import numpy as np
 
 from tridentify import errors
 from tridentify.errors import (
-    ChannelNameError,
     SampleTypeError,
     TridentifyError,
     UnreadableFileError,
@@ -53,7 +52,7 @@ class File:
         """The file."""
         return self.path
 
-    def records(self, wanted: Wanted | None) -> tuple[Record, ...]:
+    def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """Read it in this process, which may crash.
 
         Raises
@@ -64,7 +63,7 @@ class File:
         path = Path(self.path)
         try:
             with opened(path, isolated=False) as source:
-                return (record_from(source, stated(wanted), printable(path.stem)),)
+                return (record_from(source, wanted, printable(path.stem)),)
         except (TridentifyError, MemoryError):
             raise
         except Exception as error:  # what a decoder says of a damaged file
@@ -94,7 +93,7 @@ class Rows:
         """The first of the files."""
         return self.spans[0][0]
 
-    def records(self, wanted: Wanted | None) -> tuple[Record, ...]:
+    def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """Read them.
 
         Raises
@@ -104,7 +103,7 @@ class Rows:
         """
         import polars as pl
 
-        asked = stated(wanted)
+        asked = wanted
         columns = columns_of(asked)
         try:
             parts = [rows_of(path, columns, *span) for path, *span in self.spans]
@@ -138,7 +137,7 @@ class FrameRows:
         """Nothing: it is no file."""
         return ""
 
-    def records(self, wanted: Wanted | None) -> tuple[Record, ...]:
+    def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """The rows as a record.
 
         Raises
@@ -148,7 +147,7 @@ class FrameRows:
         """
         import polars as pl
 
-        return (record_of_frame(pl.read_ipc(io.BytesIO(self.content)), stated(wanted)),)
+        return (record_of_frame(pl.read_ipc(io.BytesIO(self.content)), wanted),)
 
     def trace(self) -> str:
         """SHA-256 of the bytes."""
@@ -171,7 +170,7 @@ class Given:
         """Nothing: it is no file."""
         return ""
 
-    def records(self, wanted: Wanted | None) -> tuple[Record, ...]:
+    def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """They."""
         return self.given
 
@@ -194,7 +193,7 @@ class Unusable:
     exception: str = "SampleTypeError"
     label: str = ""
 
-    def records(self, wanted: Wanted | None) -> tuple[Record, ...]:
+    def records(self, wanted: Wanted) -> tuple[Record, ...]:
         """Say why there is none.
 
         Raises
@@ -226,21 +225,6 @@ def place_of(thing: object) -> File | Given | Unusable:
         f"found {type(thing).__name__} in place of a record; expected a Record, a list of them, or "
         "a file; write Record(u, y, dt=...)"
     )
-
-
-def stated(wanted: Wanted | None) -> Wanted:
-    """How to read, which has to be known.
-
-    Raises
-    ------
-    ChannelNameError
-    """
-    if wanted is None:
-        raise ChannelNameError(
-            "found a file or a frame, and no channels asked for; expected to know what is input "
-            "and what output; give inputs=[...] and outputs=[...]"
-        )
-    return wanted
 
 
 def columns_of(wanted: Wanted) -> tuple[str, ...] | None:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.methods.base import Method
 from tridentify.fleet.job import Outcome
 from tridentify.identify import search
 from tridentify.numerics.arrays import Array
@@ -60,14 +61,14 @@ class Fit:
     method : Method, optional
     judge : bool
         Whether findings are looked for; without, a row has no cautions.
-    wanted : Wanted, optional
+    wanted : Wanted
         How files and frames are read.
     """
 
     structure: Structure | AutoStructure
-    method: Any = None
-    judge: bool = True
-    wanted: Wanted | None = None
+    method: Method | None
+    judge: bool
+    wanted: Wanted
 
     def begin(self) -> None:
         """Load the sample loop; the first time on a machine it is compiled."""
@@ -87,7 +88,7 @@ class Fit:
     def in_words(self) -> dict[str, Any]:
         """What decides about the numbers, for the manifest."""
         method = "ThreeModel()" if self.method is None else as_call(self.method)
-        reading = None if self.wanted is None else plain(dataclasses.asdict(self.wanted))
+        reading = plain(dataclasses.asdict(self.wanted))
         structure = as_call(self.structure)
         return {"structure": structure, "method": method, "judge": self.judge, "reading": reading}
 

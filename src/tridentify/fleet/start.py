@@ -36,8 +36,8 @@ def fit(
     method: Method | None = None,
     *,
     key: str | None = None,
-    inputs: Sequence[str] = (),
-    outputs: Sequence[str] = (),
+    inputs: Sequence[str] = ("u",),
+    outputs: Sequence[str] = ("y",),
     time: str | None = None,
     dt: float | None = None,
     references: Sequence[str] = (),
@@ -71,7 +71,8 @@ def fit(
     key : str, optional
         Column that tells the units of a data set or frame apart; the rows of one stand together.
     inputs, outputs, time, dt, references, intersample, reference_intersample, units, start, stop
-        How files and frames are read, as `tridentify.read_record` takes it.
+        How files and frames are read, as `tridentify.read_record` takes it; by default the
+        columns ``u`` and ``y``.
     instants : {"auto", "outputs", "all"}
         Likewise.
     out : path-like
@@ -134,12 +135,10 @@ def fit(
     [4.0, nan, 5.0]
     """
     limits = checked_limits(time_limit, memory_limit)
-    wanted = None
-    if inputs or outputs:
-        wanted = Wanted(
-            inputs, outputs, time, dt, intersample, units, start, stop, instants, references,
-            reference_intersample,
-        )  # fmt: skip
+    wanted = Wanted(
+        inputs, outputs, time, dt, intersample, units, start, stop, instants, references,
+        reference_intersample,
+    )  # fmt: skip
     job = Fit(checked_structure(structure), checked_method(method), judge, wanted)
     question = Question(source, key, job, workers, limits)
     store = Store(Path(out))

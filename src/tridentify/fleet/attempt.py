@@ -1,0 +1,66 @@
+"""One unit read and worked on in this process, and what is to be said if that fails."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+from tridentify.errors import ConvergenceError, IdentifiabilityError, TridentifyError
+from tridentify.estimation.answer.assemble import fingerprint
+from tridentify.fleet.job import BAD_INPUT, FAULT, NO_ANSWER, OVER_MEMORY, Item, Job
+
+__all__ = ["attempted", "described"]
+
+
+def attempted(job: Job, item: Item, read: Callable[[str], None] | None = None) -> dict[str, Any]:
+    """What came of an item, as the fields of `Outcome` beside it.
+
+    Parameters
+    ----------
+    job : Job
+    item : Item
+    read : callable, optional
+        Told the fingerprint of the records once they are read.
+
+    Returns
+    -------
+    dict
+        As JSON can hold it.
+    """
+    begin = time.perf_counter()
+    mark, told = "", {}
+    try:
+        records = item.place.records(job.wanted)
+        mark = fingerprint(records)
+        if read is not None:
+            read(mark)
+        told = {"value": job.run(item.key, records)}
+    except (BrokenPipeError, KeyboardInterrupt):
+        raise
+    except BaseException as error:  # a panic of a compiled reader is no Exception
+        told = described(error)
+        mark = mark or item.place.trace()
+    return told | {"seconds": time.perf_counter() - begin, "fingerprint": mark}
+
+
+def described(error: BaseException) -> dict[str, Any]:
+    r"""Status, message and class of what was raised.
+
+    Examples
+    --------
+    >>> described(ValueError("two\nlines"))["message"]
+    'two lines'
+    """
+    status = FAULT
+    if isinstance(error, MemoryError):
+        status = OVER_MEMORY
+    elif isinstance(error, IdentifiabilityError | ConvergenceError):
+        status = NO_ANSWER
+    elif isinstance(error, TridentifyError):
+        status = BAD_INPUT
+    text = " ".join(str(error).split())
+    if status == OVER_MEMORY:
+        text = "found no more memory within the limit; expected a record that needs less; raise "
+        text += "memory_limit, name fewer channels or cut the record"
+    return {"status": status, "message": text, "exception": type(error).__name__}
