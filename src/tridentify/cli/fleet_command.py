@@ -77,6 +77,17 @@ Judge = Annotated[
         help="Look for findings (cautions), which takes about as long as the estimate.",
     ),
 ]
+Together = Annotated[
+    bool, options.result_option("--together", help="Also one model for all records at once.")
+]
+Pool = Annotated[
+    bool,
+    options.result_option(
+        "--pool",
+        help="Also the population that the units come from, every unit in its light, and the "
+        "units that deviate.",
+    ),
+]
 
 
 def fleet(
@@ -97,6 +108,8 @@ def fleet(
     resume: Resume = True,
     time_limit: Seconds = 60.0,
     judge: Judge = True,
+    together: Together = False,
+    pool: Pool = False,
     out: Out = Path("results"),
     as_json: options.AsJson = False,
 ) -> None:
@@ -129,6 +142,8 @@ def fleet(
             workers=scheduler or workers,
             resume=resume,
             judge=judge,
+            together=together,
+            pool=pool,
             time_limit=time_limit,
             progress=_told(activity),
         )

@@ -35,7 +35,7 @@ def attempted(job: Job, item: Item, read: Callable[[str], None] | None = None) -
         mark = fingerprint(records)
         if read is not None:
             read(mark)
-        told = {"value": job.run(item.key, records)}
+        told = {"value": job.run(item, records)}
     except (BrokenPipeError, KeyboardInterrupt):
         raise
     except BaseException as error:  # a panic of a compiled reader is no Exception

@@ -49,11 +49,14 @@ class Item:
     place : Place
     attempt : int
         How often it was tried before.
+    about : tuple of float
+        Coefficients that are its own, for a job that looks near them.
     """
 
     key: str
     place: Place
     attempt: int = 0
+    about: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -113,5 +116,5 @@ class Job(Protocol):
     def begin(self) -> None:
         """Load and compile what is needed, before any record's time runs."""
 
-    def run(self, key: str, records: Sequence[Record]) -> dict[str, Any]:
+    def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
         """The answer, as JSON can hold it."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method
-from tridentify.fleet.job import Outcome
+from tridentify.fleet.job import Item, Outcome
 from tridentify.identify import search
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import Wanted
@@ -76,7 +76,7 @@ class Fit:
 
         warm_up()
 
-    def run(self, key: str, records: Sequence[Record]) -> dict[str, Any]:
+    def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
         """The columns that an estimate fills."""
         return row_of(self.estimate(records))
 

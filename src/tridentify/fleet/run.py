@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tridentify.errors import DataError, OptionError, shown
+from tridentify.errors import DataError, IdentifiabilityError, OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.fleet.engines import Engine, engine
+from tridentify.fleet.job import FAILURES, NO_ANSWER, Item
+from tridentify.fleet.local import Local, Piece, summable
+from tridentify.fleet.passes import Sums, pieces_of, summed
+from tridentify.fleet.pool import Pool, pooled
 from tridentify.fleet.sources import items_of
 from tridentify.fleet.store import Store
+from tridentify.fleet.together import Together, chosen_nuisance, joint
 from tridentify.fleet.working import Question, checked_limits, telling, work_off
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.assemble import Wanted
 from tridentify.record.record import Record
+from tridentify.structure import Structure
+from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_table, format_value
 from tridentify.writing.views import pandas_frame
 
@@ -24,6 +38,12 @@ __all__ = ["Run"]
 
 MOST_CAUSES = 8
 """Kinds of failures and cautions that a summary tells one by one."""
+
+MOST_ASKED = 200
+"""Units that decide which nuisance terms all have, where a fleet is pooled: more say the same."""
+
+UNREAD = tuple(status for status in FAILURES if status != NO_ANSWER)
+"""Failures of units that have no part in what a fleet says together."""
 
 QUARTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 """What a summary tells of the distribution of a coefficient."""
@@ -39,11 +59,17 @@ class Run:
     question : Question
     notes : tuple of str
         On parts that were found damaged when the run was resumed.
+    common : Together, optional
+        One model for all units, where it was asked for.
+    population : Pool, optional
+        The population of the units, where it was asked for.
     """
 
     store: Store
     question: Question
     notes: tuple[str, ...] = ()
+    common: Together | None = None
+    population: Pool | None = None
 
     @property
     def folder(self) -> Path:
@@ -130,8 +156,7 @@ class Run:
         DataError
             There is no such unit, or its record cannot be read.
         """
-        items, _ = items_of(self.question.source, self.question.key)
-        for item in items:
+        for item in self._items():
             if item.key == key:
                 return item.place.records(self.question.job.wanted)
         raise DataError(
@@ -196,6 +221,114 @@ class Run:
             work_off(waiting, question, self.store, telling(False), len(keys), 0)
         return Run(self.store, question, self.notes)
 
+    def together(self) -> Together:
+        """One model for all units, as if one machine identified all records at once.
+
+        Returns
+        -------
+        Together
+            Also written as ``together.json``.
+
+        Raises
+        ------
+        UnsupportedError
+            Orders are left open, delays are estimated, or something is known of coefficients.
+        IdentifiabilityError
+            No unit has an estimate to begin from, or all of them do not tell the coefficients.
+        ConvergenceError
+            No maximum was reached.
+
+        Notes
+        -----
+        The joint estimate of maximum likelihood with white noise, ``identify(records, structure,
+        ThreeModel(noise="white", finish="likelihood"))``; records of which it is not stated what
+        the input does between samples are taken each for what it looks like.
+        """
+        structure = summable(self.question.job.structure)
+        names, values = coefficients(self._good())
+        if not names:
+            raise IdentifiabilityError(
+                "found no unit with an estimate; expected some to begin from; look at the messages "
+                "of run.failed()"
+            )
+        skipped = self._unread()
+        with engine(self.question.workers) as workers:
+
+            def look(theta: Array, choices: tuple[Nuisances, ...]) -> Sums:
+                job = Local(structure, tuple(theta.tolist()), choices, self.question.job.wanted)
+                items = (one for one in self._items() if one.key not in skipped)
+                return summed(workers, items, job, self.question.limits)
+
+            found = joint(look, np.median(values, axis=0))
+        found = replace(found, left_out={**skipped, **found.left_out})
+        write_atomically(self.folder / "together.json", json.dumps(found.to_dict(), indent=1))
+        return found
+
+    def pool(self) -> Pool:
+        """The population that the units come from, and every unit in its light.
+
+        Returns
+        -------
+        Pool
+            Also written as ``pool.json`` and, a row a unit, ``pool.parquet``.
+
+        Raises
+        ------
+        UnsupportedError
+            As `together`.
+        TooFewSamplesError
+            There are fewer than ten units for each coefficient.
+        """
+        import polars as pl
+
+        structure = summable(self.question.job.structure)
+        good = self._good()
+        names, values = coefficients(good)
+        skipped = self._unread()
+        own = {key: () for key in self.rows(["key"])["key"] if key not in skipped}
+        own |= dict(zip(good["key"], values.tolist(), strict=True))
+        with engine(self.question.workers) as workers:
+            choice = self._usual_nuisance(structure, workers, skipped, values)
+
+            def look(at: Mapping[str, Sequence[float]]) -> Mapping[str, Piece]:
+                job = Local(structure, (), (choice,), self.question.job.wanted)
+                items = (
+                    replace(one, about=tuple(at[one.key])) for one in self._items() if one.key in at
+                )
+                return pieces_of(workers, items, job, self.question.limits)
+
+            found = pooled(look, names, own)
+        write_atomically(self.folder / "pool.json", json.dumps(found.to_dict(), indent=1))
+        content = io.BytesIO()
+        pl.DataFrame(found.columns()).write_parquet(content)
+        write_atomically(self.folder / "pool.parquet", content.getvalue())
+        return found
+
+    def _usual_nuisance(
+        self, structure: Structure, workers: Engine, skipped: Mapping[str, str], values: Array
+    ) -> Nuisances:
+        """Nuisance terms for all units alike: what AICc says of the first of them together."""
+        some = (one for one in self._items() if one.key not in skipped)
+        job = Local(structure, tuple(np.median(values, axis=0).tolist()), (), self._wanted)
+        sums = summed(workers, islice(some, MOST_ASKED), job, self.question.limits)
+        return chosen_nuisance(sums)
+
+    @property
+    def _wanted(self) -> Wanted:
+        return self.question.job.wanted
+
+    def _items(self) -> Iterator[Item]:
+        return items_of(self.question.source, self.question.key)[0]
+
+    def _good(self) -> Any:
+        rows = self.rows(["key", "ok", "names", "coefficients", "standard_errors"])
+        return rows.filter(rows["ok"])
+
+    def _unread(self) -> dict[str, str]:
+        """Key -> reason of units whose records cannot be used at all."""
+        rows = self.rows(["key", "status", "message"])
+        return {key: f"{s}: {m}" for key, s, m in rows.iter_rows() if s in UNREAD}
+
     def summary(self) -> str:
         """Text for people: how many, what failed and why, how the coefficients are distributed."""
         rows = self.rows()
@@ -220,6 +353,8 @@ class Run:
                 for name, row, std in zip(names, ends, errors.tolist(), strict=True)
             ]
             lines += ["", *format_table(titles, body)]
+        for found in (self.common, self.population):
+            lines += [] if found is None else ["", found.summary()]
         return "\n".join(lines)
 
     def to_dict(self) -> dict[str, Any]:
@@ -228,6 +363,7 @@ class Run:
         good = rows.filter(rows["ok"])
         names, values = coefficients(good)
         ends = np.quantile(values, QUARTILES, axis=0).T if names else np.zeros((0, 0))
+        more = {"together": self.common, "population": self.population}
         return {
             "records": rows.height,
             "estimates": good.height,
@@ -237,11 +373,8 @@ class Run:
             "quantiles": list(QUARTILES),
             "coefficients": dict(zip(names, ends.tolist(), strict=True)),
             "folder": os.fspath(self.folder),
+            **{name: one.to_dict() for name, one in more.items() if one is not None},
         }
-
-    def with_workers(self, workers: Any) -> Run:
-        """The same, for what is asked of it from now on."""
-        return replace(self, question=replace(self.question, workers=workers))
 
     def __repr__(self) -> str:
         rows = self.rows(["ok"])

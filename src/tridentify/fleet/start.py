@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from tridentify.checks.samples import Intersample
 from tridentify.estimation.methods.base import Method
+from tridentify.fleet.local import summable
 from tridentify.fleet.rows import Fit
 from tridentify.fleet.run import Run
 from tridentify.fleet.sources import items_of
@@ -51,6 +53,8 @@ def fit(
     workers: Any = None,
     resume: bool = True,
     judge: bool = True,
+    together: bool = False,
+    pool: bool = False,
     time_limit: float = 60.0,
     memory_limit: int = MEMORY,
     progress: bool | Progress = True,
@@ -86,6 +90,10 @@ def fit(
     judge : bool
         Whether findings are looked for. They take as long as the estimate, and without them a row
         has no cautions.
+    together : bool
+        Whether one model is fitted to all records as well (`Run.together`), ``run.common``.
+    pool : bool
+        Whether the units are taken as members of a population (`Run.pool`), ``run.population``.
     time_limit : float
         Of one record, reading included [s].
     memory_limit : int
@@ -142,6 +150,8 @@ def fit(
     job = Fit(checked_structure(structure), checked_method(method), judge, wanted)
     question = Question(source, key, job, workers, limits)
     store = Store(Path(out))
+    if together or pool:
+        summable(job.structure)
     say = telling(progress)
     with store.alone():
         notes = store.begin(job.in_words(), resume=resume)
@@ -151,4 +161,7 @@ def fit(
         done = store.keys()
         waiting = (item for item in items if item.key not in done)
         work_off(waiting, question, store, say, total, len(done))
-    return Run(store, question, notes)
+    run = Run(store, question, notes)
+    if together:
+        run = replace(run, common=run.together())
+    return replace(run, population=run.pool()) if pool else run
