@@ -27,12 +27,17 @@ QUESTION = ("--poles", 2, "--zeros", 0, "--intersample", "zoh", "--no-judge")
 
 
 def test_a_fleet_prints_its_summary_and_leaves_rows(run, logs, tmp_path):
-    outcome = run("fleet", logs / "**" / "*.parquet", *QUESTION, "--out", tmp_path / "results")
+    outcome = run(
+        "fleet", logs / "**" / "*.parquet", *QUESTION, "--out", tmp_path / "results", "--reports", 0
+    )
     assert outcome.code == 0, outcome.err
     assert "7 records: 6 with an estimate, 1 without" in outcome.out
     assert "bad input 1" in outcome.out
     assert "7 of 7 done" in outcome.err
     assert "7 of 7" not in outcome.out
+    page = (tmp_path / "results" / "report.html").read_text(encoding="utf-8")
+    assert "6 of 7 units have an estimate" in page
+    assert "report.html" in outcome.out
     rows = pl.concat(pl.read_parquet(p) for p in (tmp_path / "results/parts").glob("*.parquet"))
     assert sorted(rows["key"])[:2] == ["left/u0000.parquet", "left/u0001.parquet"]
 
@@ -57,6 +62,31 @@ def test_units_of_one_file_by_a_column_on_two_processes(run, tmp_path):
         "--workers", 2, "--time", "t", "--out", tmp_path / "out", "--json",
     )  # fmt: skip
     assert json.loads(outcome.out)["status"] == {"converged": 3}
+
+
+def test_together_and_pool_are_told_and_a_unit_apart_gets_its_report(run, tmp_path):
+    rng = np.random.default_rng(2)
+    truth = fleets.TRUTH * np.exp(0.05 * rng.standard_normal((32, 3)))
+    truth[3, 1] *= 1.6
+    records = {f"u{k:02d}": fleets.unit(rng, t, n=80, noise=0.2) for k, t in enumerate(truth)}
+    fleets.frame_of(records).write_parquet(tmp_path / "all.parquet")
+    outcome = run(
+        "fleet", tmp_path / "all.parquet", "--key", "unit", *QUESTION, "--together", "--pool",
+        "--reports", 1, "--workers", 2, "--out", tmp_path / "out", "--json",
+    )  # fmt: skip
+    assert outcome.code == 0, outcome.err
+    document = json.loads(outcome.out)
+    assert document["together"]["units"] == 32
+    assert document["population"]["deviating"][0] == "u03"
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert '<a href="units/u03.html">u03</a>' in page
+    assert "u03" in (tmp_path / "out" / "units" / "u03.html").read_text(encoding="utf-8")
+    for heading in ("One model for all", "Population", "Distribution of the coefficients"):
+        assert heading in page
+    delayed = run("fleet", tmp_path / "all.parquet", "--key", "unit", *QUESTION, "--pool",
+                  "--delay", "free", "--out", tmp_path / "other")  # fmt: skip
+    assert delayed.code == 2
+    assert "found delays that are to be estimated" in delayed.error_lines[0]
 
 
 def test_a_fleet_without_an_estimate_is_no_answer(run, tmp_path):

@@ -88,6 +88,14 @@ Pool = Annotated[
         "units that deviate.",
     ),
 ]
+Reports = Annotated[
+    int,
+    options.result_option(
+        min=0,
+        metavar="N",
+        help="Units unlike the others that get a report of their own, linked from report.html.",
+    ),
+]
 
 
 def fleet(
@@ -111,6 +119,7 @@ def fleet(
     together: Together = False,
     pool: Pool = False,
     out: Out = Path("results"),
+    reports: Reports = 3,
     as_json: options.AsJson = False,
 ) -> None:
     """Identify every unit of a fleet and leave one row for each, whatever comes of it.
@@ -118,6 +127,7 @@ def fleet(
     Example: tridentify fleet 'logs/**/*.parquet' --input u --output y --poles 2 --zeros 1
     """
     from tridentify.fleet import fit
+    from tridentify.report import write_fleet_report
 
     if workers is not None and scheduler is not None:
         raise OptionError(
@@ -149,7 +159,9 @@ def fleet(
         )
         for note in run.notes:
             activity.note(note)
-    _show(run, [], as_json)
+        activity.stage("writing the report")
+        written = write_fleet_report(run, out / "report.html", reports=reports)
+    _show(run, [written], as_json)
 
 
 def _source(files: Sequence[str], key: str | None) -> Any:

@@ -32,7 +32,7 @@ from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_table, format_value
-from tridentify.writing.views import pandas_frame
+from tridentify.writing.views import FleetViews, pandas_frame
 
 __all__ = ["Run"]
 
@@ -50,7 +50,7 @@ QUARTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(FleetViews):
     """The rows of a fleet, in their folder.
 
     Attributes

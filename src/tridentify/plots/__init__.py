@@ -14,6 +14,7 @@ from tridentify.plots.comparison import plot_comparison
 from tridentify.plots.convergence import plot_convergence
 from tridentify.plots.cost_surface import plot_cost_surface
 from tridentify.plots.fit import plot_fit
+from tridentify.plots.fleet import plot_fleet
 from tridentify.plots.hankel import plot_hankel
 from tridentify.plots.impulse import plot_impulse
 from tridentify.plots.measured import plot_frequency_response
@@ -37,6 +38,7 @@ __all__ = [
     "plot_excitation",
     "plot_cost_surface",
     "plot_fit",
+    "plot_fleet",
     "plot_impulse",
     "plot_nyquist",
     "plot_pole_zero",

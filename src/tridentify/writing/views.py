@@ -65,6 +65,32 @@ def are_unseen() -> bool:
     return _UNSEEN.get()
 
 
+class FleetViews:
+    """What a run over a fleet shows of itself."""
+
+    def plot(self, **options: Any) -> Any:
+        """Draw how the coefficients are distributed: `tridentify.plots.plot_fleet`."""
+        return room("plots").plot_fleet(self, **options)
+
+    def report(self, path: str | os.PathLike[str], **options: Any) -> Path:
+        """Write the page: `tridentify.report.write_fleet_report`.
+
+        Parameters
+        ----------
+        path : path-like
+            The HTML file.
+        **options
+            ``title``, ``reports`` (units unlike the others that get a report of their own),
+            ``figures``.
+
+        Returns
+        -------
+        Path
+        """
+        written: Path = room("report").write_fleet_report(self, path, **options)
+        return written
+
+
 def pandas_frame(columns: Mapping[str, Sequence[Any] | Array], index: Sequence[str] = ()) -> Any:
     """A table as a pandas data frame; by default its rows are numbered.
 

@@ -1,0 +1,129 @@
+"""Picture of a fleet: how its coefficients are distributed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tridentify.errors import IdentifiabilityError
+from tridentify.fleet.run import Run, coefficients
+from tridentify.numerics.arrays import Array
+from tridentify.plots.style import (
+    BLUE,
+    GREEN,
+    ORANGE,
+    Panels,
+    checked,
+    dress,
+    legend,
+    literal,
+    make_axes,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+HEIGHT = 1.5
+"""Of the axes of one coefficient [inch]."""
+
+MOST_BINS = 60
+
+TAIL = 0.005
+"""Share of the units at either end that may lie beyond the scale: they are counted in the last bar,
+so that one absurd estimate does not press all others into one."""
+
+
+def plot_fleet(run: Run, *, axes: Sequence[Axes] | None = None) -> Panels:
+    """Draw how the coefficients of a fleet are distributed.
+
+    Parameters
+    ----------
+    run : Run
+        All its units with the same coefficients.
+    axes : sequence of matplotlib Axes, optional
+        One a coefficient. A figure is made when left out.
+
+    Returns
+    -------
+    Panels
+        The axes.
+
+    Raises
+    ------
+    IdentifiabilityError
+        No unit has an estimate, or they have different coefficients.
+
+    Notes
+    -----
+    Bars count the units' own estimates; where the fleet was pooled, a line shows the population
+    that they come from, and ticks at the foot mark the units that deviate.
+    """
+    checked(run, Run, "plot_fleet(fleet.fit(...))")
+    rows = run.rows(["key", "ok", "names", "coefficients"])
+    good = rows.filter(rows["ok"])
+    names, values = coefficients(good)
+    if not names:
+        raise IdentifiabilityError(
+            f"found {rows.height} units without estimates of the same coefficients; expected some "
+            "to draw; look at run.failed()"
+        )
+    drawn = make_axes(axes, [HEIGHT] * len(names))
+    keys = good["key"].to_list()
+    for k, (ax, name) in enumerate(zip(drawn, names, strict=True)):
+        _draw(ax, name, values[:, k], keys, run, k)
+    return drawn
+
+
+def _draw(ax: Axes, name: str, values: Array, keys: Sequence[str], run: Run, number: int) -> None:
+    low, high = np.quantile(values, [TAIL, 1.0 - TAIL])
+    margin = 0.05 * (high - low) or 0.05 * abs(low) or 1.0
+    edges = np.linspace(low - margin, high + margin, _bins(values.size) + 1)
+    inside = np.clip(values, edges[0], edges[-1])
+    counts, _ = np.histogram(inside, edges)
+    ax.stairs(counts, edges, fill=True, color=BLUE, alpha=0.55, label="own estimates")
+    ax.axvline(float(np.median(values)), color=BLUE, linewidth=1.2, label="median")
+    pool = run.population
+    if pool is not None:
+        at = np.linspace(edges[0], edges[-1], 300)
+        ax.plot(
+            at,
+            _density(at, pool.mean[number], pool.spread[number], bool(pool.logarithmic[number]))
+            * values.size
+            * (edges[1] - edges[0]),
+            color=GREEN,
+            linewidth=1.4,
+            label="population",
+        )
+        apart = set(pool.outliers)
+        where = [x for key, x in zip(keys, inside, strict=True) if key in apart]
+        if where:
+            ax.plot(
+                where,
+                np.full(len(where), 0.03),
+                "|",
+                color=ORANGE,
+                markersize=9,
+                markeredgewidth=1.6,
+                transform=ax.get_xaxis_transform(),
+                label="deviates",
+            )
+    ax.set_xlim(edges[0], edges[-1])
+    dress(ax, title=literal(name), ylabel="units")
+    if number == 0:
+        legend(ax, columns=4)
+
+
+def _bins(count: int) -> int:
+    return int(min(max(np.sqrt(count), 8), MOST_BINS))
+
+
+def _density(at: Array, centre: float, spread: float, logarithmic: bool) -> Array:
+    """Of a Gaussian, or of one of the logarithm."""
+    if not logarithmic:
+        return np.asarray(np.exp(-0.5 * ((at - centre) / spread) ** 2) / (spread * 2.5066282746))
+    ratio = at / centre
+    safe = np.where(ratio > 0.0, ratio, 1.0)
+    bell = np.exp(-0.5 * (np.log(safe) / spread) ** 2) / (np.abs(at) * spread * 2.5066282746)
+    return np.where(ratio > 0.0, bell, 0.0)
