@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import fleets
@@ -50,6 +51,11 @@ def test_rows_are_those_of_a_serial_run(cluster: Any, tmp_path: Path) -> None:
     ]
     assert runs[0].rows().height == 21
     assert fleets.same(runs[0].rows(), runs[1].rows())
+    here, there = (run.together() for run in runs)
+    np.testing.assert_allclose(there.theta, here.theta, rtol=1e-10)
+    np.testing.assert_allclose(there.cov, here.cov, rtol=1e-8)
+    assert there.n_units == 20
+    assert list(there.left_out) == ["bad.parquet"]
 
 
 @pytest.mark.slow
