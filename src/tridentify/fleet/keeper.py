@@ -23,23 +23,12 @@ from typing import Any
 
 from tridentify.errors import TridentifyError, shown
 from tridentify.fleet.job import CRASHED, OVER_TIME, Item, Job, Limits, Outcome
+from tridentify.numerics.threads import THREADS
 from tridentify.record.formats.isolation import ENVIRONMENT
 
 __all__ = ["ONE_THREAD", "Keeper"]
 
-ONE_THREAD = dict.fromkeys(
-    (
-        "OPENBLAS_NUM_THREADS",
-        "OMP_NUM_THREADS",
-        "MKL_NUM_THREADS",
-        "BLIS_NUM_THREADS",
-        "VECLIB_MAXIMUM_THREADS",
-        "NUMEXPR_NUM_THREADS",
-        "POLARS_MAX_THREADS",
-        "NUMBA_NUM_THREADS",
-    ),
-    "1",
-)
+ONE_THREAD = dict.fromkeys((*THREADS, "NUMBA_NUM_THREADS", "POLARS_MAX_THREADS"), "1")
 """There is one worker a core; a second thread in it would only fight for another worker's core, and
 sums over several threads round differently."""
 

@@ -10,6 +10,16 @@ from contextlib import AbstractContextManager
 from functools import cache
 from typing import Any
 
+THREADS = (
+    "OPENBLAS_NUM_THREADS",
+    "OMP_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+"""Variables that linear algebra reads once, when it is loaded: they must stand before a process
+starts."""
+
 
 @cache
 def _controller() -> Any:

@@ -22,17 +22,10 @@ from contextlib import contextmanager
 from typing import TypeVar
 
 from tridentify.errors import TridentifyError
+from tridentify.numerics.threads import THREADS
 
 Batch = TypeVar("Batch")
 Result = TypeVar("Result")
-
-THREADS = (
-    "OPENBLAS_NUM_THREADS",
-    "OMP_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "BLIS_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
-)
 
 
 def run_batches(
