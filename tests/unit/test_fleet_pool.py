@@ -85,7 +85,7 @@ def test_a_population_that_is_known_exactly() -> None:
 
 
 def test_units_that_deviate_are_found_and_left_alone() -> None:
-    _, said = gaussian(np.random.default_rng(1), 300, np.diag([0.01, 0.01]))
+    _, said = gaussian(np.random.default_rng(1), 150, np.diag([0.01, 0.01]))
     for k in range(6):
         design, y = said[str(k)]
         said[str(k)] = design, y + design @ np.array([1.5, -1.0])
@@ -100,7 +100,7 @@ def test_units_that_deviate_are_found_and_left_alone() -> None:
         at = pool.keys.index(str(k))
         np.testing.assert_allclose(pool.shrunk[at], own[str(k)])
     np.testing.assert_allclose(pool.spread, 0.1, rtol=0.25)
-    assert "6 of 300 units deviate" in pool.summary() or len(pool.outliers) > 6
+    assert "6 of 150 units deviate" in pool.summary() or len(pool.outliers) > 6
 
 
 def test_too_few_units_are_refused() -> None:

@@ -20,12 +20,14 @@ from tridentify.fleet.store import Store
 
 pytestmark = pytest.mark.unjudged
 
+COUNT = 28
+
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Files of forty units."""
+    """Files of some units."""
     made = tmp_path_factory.mktemp("fleet") / "logs"
-    fleets.write_files(made, fleets.units(40, n=60))
+    fleets.write_files(made, fleets.units(COUNT, n=60))
     (made / "u0007.parquet").write_bytes(b"PAR1 and no more")
     return made
 
@@ -44,9 +46,9 @@ def killed_after(folder: Path, out: Path, workers: object, records: int) -> None
     for line in process.stdout:
         if int(line) >= records:
             break
+    process.send_signal(signal.SIGSTOP)  # so that it does not end meanwhile
     for child in fleets.children(process.pid)[:1]:
         os.kill(child, signal.SIGKILL)
-    time.sleep(0.05)
     process.send_signal(signal.SIGKILL)
     process.communicate()
 
@@ -55,12 +57,12 @@ def test_a_killed_run_goes_on_where_it_was(
     folder: Path, undisturbed: pl.DataFrame, tmp_path: Path
 ) -> None:
     out = tmp_path / "out"
-    killed_after(folder, out, 2, 12)
+    killed_after(folder, out, 2, 8)
     before = Store(out).keys()
-    assert 12 <= len(before) < 40
+    assert 8 <= len(before) < COUNT
     run = fleets.fit_files(str(folder), str(out), "2", progress=False)
     stored = pl.concat(pl.read_parquet(path) for path in run.store.files())
-    assert stored.height == 40
+    assert stored.height == COUNT
     assert fleets.same(run.rows(), undisturbed)
 
 
@@ -99,7 +101,7 @@ def test_a_worker_killed_meanwhile_costs_nothing(
                 os.kill(child, signal.SIGKILL)
 
     run = fleets.fit_files(str(folder), str(tmp_path / "out"), "2", progress=kill)
-    assert told[-1] == (40, 40)
+    assert told[-1] == (COUNT, COUNT)
     assert fleets.same(run.rows(), undisturbed)
 
 
@@ -114,8 +116,8 @@ def stored(undisturbed: pl.DataFrame, folder: Path, tmp_path: Path) -> Path:
             {}, (2, 0), out=tmp_path / "other", judge=False, progress=False, **fleets.READING
         )
         store.begin(fleets_run.question.job.in_words(), resume=True)
-    undisturbed[:25].write_parquet(store.parts / "part-a.parquet")
-    undisturbed[25:].write_parquet(store.parts / "part-b.parquet")
+    undisturbed[:15].write_parquet(store.parts / "part-a.parquet")
+    undisturbed[15:].write_parquet(store.parts / "part-b.parquet")
     return out
 
 
@@ -128,8 +130,8 @@ def test_a_truncated_part_is_set_aside_and_its_records_done_again(
     run = fleets.fit_files(
         str(folder), str(stored), "1", progress=lambda done, total: told.append(done)
     )
-    assert told[0] > 25
-    assert told[-1] == 40
+    assert told[0] > 15
+    assert told[-1] == COUNT
     assert len(run.notes) == 1
     assert "part-b.parquet damaged" in run.notes[0]
     assert (stored / "parts" / "part-b.parquet.damaged").exists()

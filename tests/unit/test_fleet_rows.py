@@ -38,7 +38,7 @@ def moody(tmp_path_factory: pytest.TempPathFactory) -> fleet.Run:
         Structure(2, 0, initial_state="free"),
         fleets.Moody(),
         out=tmp_path_factory.mktemp("moody") / "out",
-        time_limit=2.0,
+        time_limit=1.5,
         memory_limit=2 << 30,
         progress=False,
         inputs=["u"],
@@ -70,8 +70,8 @@ def test_every_unit_has_one_row_with_its_reason(moody: fleet.Run) -> None:
 def test_a_row_says_what_was_found_and_which_exception(moody: fleet.Run) -> None:
     rows = {row["key"]: row for row in moody.rows().to_dicts()}
     assert rows["hang"]["exception"] == "TimeoutError"
-    assert "within 2 s" in rows["hang"]["message"]
-    assert 2.0 <= rows["hang"]["seconds"] < 4.0
+    assert "within 1.5 s" in rows["hang"]["message"]
+    assert 1.5 <= rows["hang"]["seconds"] < 3.5
     assert rows["raise"]["exception"] == "ZeroDivisionError"
     assert rows["raise"]["message"] == "of the method's own making"
     assert rows["flat"]["exception"] == "ZeroOutputError"

@@ -43,14 +43,14 @@ def serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keeper decides
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
     warnings.simplefilter("ignore")
-    limits: Limits = pickle.load(requests)
-    limit_memory(limits.memory)
+    limit_memory(pickle.load(requests))
     begun: bytes = b""
     job: Job | None = None
     with contextlib.suppress(EOFError, BrokenPipeError):
         while True:
-            raw, items = pickle.load(requests)
+            paths, limits, raw, items = pickle.load(requests)
             if job is None or raw != begun:
+                sys.path[:] = paths
                 job, begun = pickle.loads(raw), raw
                 job.begin()
             _say(answers, {"ready": True})

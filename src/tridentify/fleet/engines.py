@@ -75,9 +75,11 @@ def _of_this_machine(count: int) -> Iterator[Engine]:
     pool = ThreadPoolExecutor(count, thread_name_prefix="tridentify-fleet")
     try:
         yield Engine(pool, count)
-    finally:
+    except BaseException:
         pool.shutdown(wait=False, cancel_futures=True)
-        WORKERS.close()
+        WORKERS.interrupt()
+        raise
+    finally:
         pool.shutdown(wait=True)
 
 

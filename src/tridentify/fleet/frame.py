@@ -110,7 +110,8 @@ def fit_frame(
         outcomes = [_here(job, item) for item in items]
     else:
         limits = checked_limits(time_limit, memory_limit)
-        outcomes = list(WORKERS.keeper(limits).outcomes(job, items))
+        with WORKERS.keeper(limits) as keeper:
+            outcomes = list(keeper.outcomes(job, items))
     return _like(frame, [fit_row(one) for one in outcomes])
 
 

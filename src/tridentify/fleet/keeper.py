@@ -44,6 +44,12 @@ yet [s]."""
 LOOK = 0.05
 """How often the clock is compared with the limit [s]."""
 
+STARTS = 3
+"""How often a child is started for the same batch, if something ends it before its first record."""
+
+PATIENCE = 30.0
+"""How long a child that has nothing to do is kept [s]: to start another one takes a second."""
+
 TRIES = 2
 """How often a record's child may end before the record is blamed: once may be anybody's doing."""
 
@@ -54,7 +60,7 @@ class Keeper:
     Parameters
     ----------
     limits : Limits
-        Of every record.
+        Of every record. The seconds may be changed between two batches.
 
     Examples
     --------
@@ -67,7 +73,7 @@ class Keeper:
         self.limits = limits
         self._process: subprocess.Popen[bytes] | None = None
         self._folder: tempfile.TemporaryDirectory[str] | None = None
-        self._deadline = math.inf
+        self._deadline = self._resting = math.inf
         self._late = False
         self._since, self._mark = 0.0, ""
         self._closed = threading.Event()
@@ -110,49 +116,58 @@ class Keeper:
         """
         raw = pickle.dumps(job)
         waiting, fallen = list(items), 0
-        while waiting:
-            self._ask(raw, waiting)
-            answered = 0
-            for outcome in self._answers(waiting):
-                yield outcome
-                answered += 1
-            waiting = waiting[answered:]
-            fallen = fallen if not answered else 0
-            if not waiting:
-                return
-            # the first that waits went down with the child
-            since, mark = self._since, self._mark
-            late = self._late and time.monotonic() - since >= self.limits.seconds
-            self._end()
-            fallen += 1
-            if late or fallen >= TRIES:
-                yield self._blamed(waiting.pop(0), late, time.monotonic() - since, mark)
-                fallen = 0
+        try:
+            while waiting:
+                self._ask(raw, waiting)
+                answered = 0
+                for outcome in self._answers(waiting):
+                    yield outcome
+                    answered += 1
+                waiting = waiting[answered:]
+                fallen = fallen if not answered else 0
+                if not waiting:
+                    return
+                # the first that waits went down with the child
+                since, mark = self._since, self._mark
+                late = self._late and time.monotonic() - since >= self.limits.seconds
+                self._end()
+                fallen += 1
+                if late or fallen >= TRIES:
+                    yield self._blamed(waiting.pop(0), late, time.monotonic() - since, mark)
+                    fallen = 0
+        finally:
+            if waiting:  # nobody listens any more to what it still has to say
+                self._end()
+
+    def rest(self) -> None:
+        """Keep the child for a while: whoever asks next need not wait for another one."""
+        self._resting = time.monotonic() + PATIENCE
 
     def _ask(self, raw: bytes, items: Sequence[Item]) -> None:
-        fresh = self._process is None or self._process.poll() is not None
-        if fresh:
-            self._start()
-        self._late, self._deadline = False, time.monotonic() + STARTING
-        try:
-            self._send((raw, list(items)))
-            ready = self._line()
-        except BrokenPipeError:
-            ready = None
-        if ready is None or "ready" not in ready:
-            code = None if self._process is None else self._process.wait()
-            late = self._late
+        """Hand over a batch; a child that somebody ended meanwhile is started anew."""
+        paths = [entry for entry in sys.path if isinstance(entry, str)]
+        for _ in range(STARTS):
+            with self._guard:
+                self._resting = math.inf
+                if self._process is None or self._process.poll() is not None:
+                    self._start()
+            self._late, self._deadline = False, time.monotonic() + STARTING
+            with contextlib.suppress(BrokenPipeError):
+                self._send((paths, self.limits, raw, list(items)))
+                if "ready" in (self._line() or {}):
+                    return
+            process, late = self._process, self._late
+            code = None if process is None else process.wait()
             self._end()
             self._refuse_closed()
-            if not fresh:  # it was killed while it had nothing to do
-                self._ask(raw, items)
-                return
-            what = f"is not ready after {STARTING:.0f} s" if late else f"ended with code {code}"
-            raise TridentifyError(
-                f"found a worker's child process that {what} before its first record; expected "
-                "Python with this package and memory to load it; raise memory_limit, or use fewer "
-                "workers"
-            )
+            if late:
+                break
+        what = f"is not ready after {STARTING:.0f} s" if late else f"ended with code {code}"
+        raise TridentifyError(
+            f"found a worker's child process that {what} before its first record; expected "
+            "Python with this package and memory to load it; raise memory_limit, or use fewer "
+            "workers"
+        )
 
     def _answers(self, items: Sequence[Item]) -> Iterator[Outcome]:
         """Outcomes until all are there or the child is gone."""
@@ -199,7 +214,7 @@ class Keeper:
             self._process = self._started()
         with contextlib.suppress(BrokenPipeError):
             self._send([entry for entry in sys.path if isinstance(entry, str)])
-            self._send(self.limits)
+            self._send(self.limits.memory)
 
     def _started(self) -> subprocess.Popen[bytes]:
         # a child that is killed cannot clear up the temporary files of its libraries
@@ -262,3 +277,7 @@ class Keeper:
                 self._late = True
                 process.kill()
                 self._deadline = math.inf
+            with self._guard:
+                if time.monotonic() > self._resting:
+                    self._resting = math.inf
+                    self._end()

@@ -61,23 +61,25 @@ NOTHING = Sums((), {}, {}, {})
 def add_batch(task: Task) -> tuple[Sums, float]:
     """The sums of a batch, and what one of its units took [s]."""
     total, seconds = NOTHING, []
-    for one in WORKERS.keeper(task.limits).outcomes(task.job, task.items):
-        seconds.append(one.seconds)
-        if one.failed:
-            total += Sums((), {}, {}, {one.item.key: f"{one.status}: {one.message}"})
-            continue
-        pieces = _pieces(one.value)
-        units = dict.fromkeys(pieces, 1)
-        total += Sums(tuple(one.value["names"]), pieces, units, {})
+    with WORKERS.keeper(task.limits) as keeper:
+        for one in keeper.outcomes(task.job, task.items):
+            seconds.append(one.seconds)
+            if one.failed:
+                total += Sums((), {}, {}, {one.item.key: f"{one.status}: {one.message}"})
+                continue
+            pieces = _pieces(one.value)
+            units = dict.fromkeys(pieces, 1)
+            total += Sums(tuple(one.value["names"]), pieces, units, {})
     return total, median(seconds)
 
 
 def piece_batch(task: Task) -> tuple[list[tuple[str, Any]], float]:
     """Key and pieces of each unit of a batch, None of one that failed; and what one took [s]."""
     found, seconds = [], []
-    for one in WORKERS.keeper(task.limits).outcomes(task.job, task.items):
-        seconds.append(one.seconds)
-        found.append((one.item.key, None if one.failed else _pieces(one.value)))
+    with WORKERS.keeper(task.limits) as keeper:
+        for one in keeper.outcomes(task.job, task.items):
+            seconds.append(one.seconds)
+            found.append((one.item.key, None if one.failed else _pieces(one.value)))
     return found, median(seconds)
 
 

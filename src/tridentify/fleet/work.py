@@ -7,7 +7,10 @@ batch can be added up, it gives back their sum.
 
 from __future__ import annotations
 
+import atexit
+import contextlib
 import threading
+from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import median
 
@@ -58,34 +61,49 @@ class Counts:
 
 
 class Workers:
-    """The children of this process, one for each thread that asks."""
+    """The children of this process: one for each thread that has work, others at rest."""
 
     def __init__(self) -> None:
-        self._own = threading.local()
-        self._all: list[Keeper] = []
         self._guard = threading.Lock()
+        self._busy: list[Keeper] = []
+        self._resting: list[Keeper] = []
 
-    def keeper(self, limits: Limits) -> Keeper:
-        """The child of the calling thread."""
-        found: Keeper | None = getattr(self._own, "keeper", None)
-        if found is None or found.limits != limits or found.closed:
-            if found is not None:
-                found.close()
-            found = self._own.keeper = Keeper(limits)
+    @contextlib.contextmanager
+    def keeper(self, limits: Limits) -> Iterator[Keeper]:
+        """A child for the calling thread; one that rests, if it has the same memory."""
+        with self._guard:
+            fits = [one for one in self._resting if one.limits.memory == limits.memory]
+            found = fits[0] if fits else Keeper(limits)
+            self._resting = [one for one in self._resting if one is not found]
+            self._busy.append(found)
+        found.limits = limits
+        try:
+            yield found
+        finally:
             with self._guard:
-                self._all = [one for one in self._all if not one.closed] + [found]
-        return found
+                self._busy.remove(found)
+                if not found.closed:
+                    found.rest()
+                    self._resting.append(found)
+
+    def interrupt(self) -> None:
+        """End the children at work; the threads that wait for them are told."""
+        with self._guard:
+            for keeper in self._busy:
+                keeper.close()
 
     def close(self) -> None:
-        """End all of them."""
+        """End all children."""
+        self.interrupt()
         with self._guard:
-            for keeper in self._all:
+            for keeper in self._resting:
                 keeper.close()
-            self._all = []
+            self._resting = []
 
 
 WORKERS = Workers()
 """Of this process; a Dask worker has no other place to keep them between two tasks."""
+atexit.register(WORKERS.close)
 
 
 def fit_batch(task: Task) -> Counts:
@@ -98,7 +116,8 @@ def fit_batch(task: Task) -> Counts:
     TridentifyError
         No child process can be started.
     """
-    rows = [fit_row(one) for one in WORKERS.keeper(task.limits).outcomes(task.job, task.items)]
+    with WORKERS.keeper(task.limits) as keeper:
+        rows = [fit_row(one) for one in keeper.outcomes(task.job, task.items)]
     write_part(task.target, rows)
     failed = sum(not row["ok"] for row in rows)
     return Counts(len(rows), failed, median(row["seconds"] for row in rows))
