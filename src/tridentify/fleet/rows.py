@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -27,26 +28,28 @@ from tridentify.writing.layout import as_call
 
 __all__ = ["COLUMNS", "Fit", "fit_row", "packed", "row_of", "to_frame", "unpacked"]
 
-COLUMNS: Mapping[str, str] = {
-    "key": "text",
-    "status": "text",
-    "ok": "flag",
-    "message": "text",
-    "exception": "text",
-    "cautions": "texts",
-    "seconds": "number",
-    "names": "texts",
-    "coefficients": "numbers",
-    "standard_errors": "numbers",
-    "covariance": "numbers",
-    "fit": "numbers",
-    "noise_variance": "numbers",
-    "n_samples": "count",
-    "fingerprint": "text",
-    "version": "text",
-    "place": "text",
-    "attempt": "count",
-}
+COLUMNS: Mapping[str, str] = MappingProxyType(
+    {
+        "key": "text",
+        "status": "text",
+        "ok": "flag",
+        "message": "text",
+        "exception": "text",
+        "cautions": "texts",
+        "seconds": "number",
+        "names": "texts",
+        "coefficients": "numbers",
+        "standard_errors": "numbers",
+        "covariance": "numbers",
+        "fit": "numbers",
+        "noise_variance": "numbers",
+        "n_samples": "count",
+        "fingerprint": "text",
+        "version": "text",
+        "place": "text",
+        "attempt": "count",
+    }
+)
 """Column -> kind. ``covariance`` is the lower triangle, row by row; ``cautions`` are codes of the
 findings that matter, ``place`` the file, ``attempt`` how often it was tried before."""
 
