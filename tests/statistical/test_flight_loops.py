@@ -102,10 +102,10 @@ def test_the_unstable_pole_is_found_by_the_reference(flights, held):
         assert "unstable" in {found.code for found in one.findings}
 
 
-def test_open_loop_with_white_noise_is_too_sure_of_the_unstable_pole(flights, held):
-    """It is found, but the gusts make it faster than it is, by several of its standard errors."""
+def test_open_loop_with_white_noise_is_sure_of_a_stable_aircraft(flights, held):
+    """Its controller keeps it in bounds, and a pole at zero by several of its standard errors."""
     loop, records = held
     found = [flights.rightmost(one) for one in by(flights, "open loop, white noise", records)]
     poles, errors_ = np.array(found).T
-    assert np.all(poles > 0.0)
-    assert np.mean((poles - loop.growth) / errors_) > SCORES
+    assert np.all(poles < 0.1 * loop.growth)
+    assert np.mean((loop.growth - poles) / errors_) > SCORES

@@ -121,7 +121,9 @@ def not_stable(
     if estimate.route != "open-loop":
         return None
     asked = Request.of(records, structure, method.name)
-    found = unless_unstable(estimate, asked, method.noise != "white", progress or silently)
+    found = unless_unstable(
+        estimate, asked, method.estimate, method.noise != "white", progress or silently
+    )
     if found is estimate or any(one.code == CODE for one in looked_at(estimate, records)):
         return None
     return found

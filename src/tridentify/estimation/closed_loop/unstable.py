@@ -136,7 +136,7 @@ def root(
     begun = [(one, linear_errors(loops, one, noise, fed_back=fed_back)) for one in plants]
     sound = [(merit(linear, basis), k) for k, (_, linear) in enumerate(begun) if linear.is_finite]
     found = None
-    lowest = np.inf
+    lowest = (True, np.inf)
     for _, k in sorted(sound):
         try:
             ended = _descended(loops, plants[k], noise, basis, fed_back)
@@ -146,8 +146,8 @@ def root(
             found = ended
             if ended.still:
                 break
-        elif ended.still and ended.deviance < lowest:
-            found, lowest = ended, ended.deviance
+        elif (not ended.still, ended.deviance) < lowest:
+            found, lowest = ended, (not ended.still, ended.deviance)
     for _ in range(MOST_NOISE_ROUNDS if found is not None and found.still else 0):
         if choose_noise is None or found is None:
             break
@@ -199,6 +199,7 @@ def _descended(
     loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array | None, fed_back: bool
 ) -> Found:
     moved = np.inf
+    before, last = np.zeros(plant.theta.size), 1.0
     linear = linear_errors(loops, plant, noise, fed_back=fed_back)
     for steps in range(1, MOST_STEPS + 1):  # noqa: B007 - counts after the loop
         change, left, upper = linear.step()
@@ -209,6 +210,8 @@ def _descended(
         columns = 0 if basis is None else basis.shape[1]
         noise_level = SCATTER * columns * float(left @ left) / linear.count
         allowed, share = max(merit(linear, basis), noise_level), 1.0
+        if basis is None:
+            share = _turning(change[:n] / size, before, last)
         if basis is not None and moved <= NEAR:
             allowed = np.inf
         for _ in range(HALVINGS):
@@ -220,10 +223,22 @@ def _descended(
         else:
             moved = np.inf
             break
-        plant, linear = following, new
+        plant, linear, before, last = following, new, change[:n] / size, share
         if moved <= STILL:
             break
     return _found(loops, plant, noise, linear, (steps, moved), fed_back)
+
+
+def _turning(change: Array, before: Array, share: float) -> float:
+    """Share of a step that goes against the one before: where a line between the two is zero.
+
+    Gauss-Newton steps in a curved valley go to and fro: with ``d_k = (1 - s (1 + c)) d_{k-1}``
+    after a share ``s`` of the step before, the share that ends it is ``1 / (1 + c)`` (Aitken).
+    """
+    along = float(change @ before)
+    if along >= 0.0:
+        return 1.0
+    return share / (1.0 - along / float(before @ before))
 
 
 def _deviation(upper: Array, left: Array, count: int, n: int) -> Array:

@@ -101,21 +101,17 @@ def without_controller(
     say("a plant that is not stable")
     loops = open_loops(asked.records)
     best = root(loops, starting_plants(loops, *orders), None, say)
-    if best is None or not _unstable(best):
+    if best is None or not best.plant.poles.real.max() > 0.0:
         return None
     choose = autoregressive if coloured else None
     direct = root(loops, [best.plant], choose, say, fed_back=False)
-    if direct is None or not _unstable(direct):
+    if direct is None or not (direct.still and direct.plant.poles.real.max() > 0.0):
         return None
     rounding = ROUNDING * float(np.nanstd(np.concatenate([one.y for one in asked.records])))
     exact = max(best.variance, direct.variance) < rounding**2
     if direct.deviance > best.deviance + AS_LIKELY and not exact:
         return None
     return loops, direct
-
-
-def _unstable(found: Found) -> bool:
-    return found.still and bool(found.plant.poles.real.max() > 0.0)
 
 
 def open_loops(records: Sequence[Record]) -> list[Loop]:

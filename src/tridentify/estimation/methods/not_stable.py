@@ -5,15 +5,21 @@ enough for its response to stay within bounds, the best of them ends at the limi
 a mode slower than the record, or nowhere. Then the model without that limit is tried
 (`closed_loop.unstable`), and taken where the record clearly speaks for it: by its likelihood, by a
 pole to the right of zero by several standard errors, and by a response that grew in the record.
+
+Something else may have grown there: a drift, which is as good as the free response of such a pole.
+So, where it grew no more than a drift may, a stable plant beside a disturbance that grows at the
+same rate, as another input, must explain the record clearly worse: what grows is then the response
+to the input.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Status
@@ -27,6 +33,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.information import aicc_price
 from tridentify.record.record import Record
+from tridentify.structure import Structure
 
 SLOW = 2.0
 """Decay of a mode within the record from below which it is suspicious: an unstable one is best
@@ -37,9 +44,20 @@ SURELY = 3.0
 """Standard errors that its pole lies to the right of zero."""
 GROWTH = 0.7
 """Rate of the pole times length of the record, from which a response doubles within it."""
+BEYOND_DOUBT = 100.0
+"""Fall of ``-2 log L`` from which no standard errors are asked for: two poles that are hardly told
+apart are known together far better than each."""
+EXPLOSION = 3.0
+"""Rate of the pole times length of the record, from which no drift grows like that: twentyfold."""
 
 
-def unless_unstable(found: Estimate, asked: Request, coloured: bool, say: Progress) -> Estimate:
+def unless_unstable(
+    found: Estimate,
+    asked: Request,
+    again: Callable[[Sequence[Record], Structure], Estimate],
+    coloured: bool,
+    say: Progress,
+) -> Estimate:
     """The estimate, or that of a plant which is not stable where the record clearly shows one.
 
     Parameters
@@ -47,6 +65,8 @@ def unless_unstable(found: Estimate, asked: Request, coloured: bool, say: Progre
     found : Estimate
         Of the search among stable models.
     asked : Request
+    again : callable
+        The search among stable models.
     coloured : bool
         Whether the noise may have a model.
     say : callable
@@ -62,7 +82,11 @@ def unless_unstable(found: Estimate, asked: Request, coloured: bool, say: Progre
     error = _error_of_rate(np.append(1.0, best.plant.a), best.cov)
     longest = max(record.duration for record in asked.records)
     gain = _deviance(found, asked.records) - best.deviance
-    if gain < CLEARLY or rate < SURELY * error or rate * longest < GROWTH:
+    sure = rate > SURELY * error or gain > BEYOND_DOUBT
+    if gain < CLEARLY or not sure or rate * longest < GROWTH:
+        return found
+    like_a_drift = rate * longest < EXPLOSION
+    if like_a_drift and _beside_a_drift(asked, again, rate) - best.deviance < CLEARLY:
         return found
     told = f"-2 log L is lower by {gain:.1f} than of the best stable model"
     return replace(estimate_of(asked, loops, best, (told,)), route=found.route)
@@ -73,6 +97,30 @@ def _suspicious(found: Estimate, records: Sequence[Record]) -> bool:
     longest = max(record.duration for record in records)
     slowest = float(np.min(np.abs(np.roots(found.model.den[0][0]).real)))
     return found.status is not Status.CONVERGED or slowest * longest < SLOW
+
+
+def _beside_a_drift(
+    asked: Request, again: Callable[[Sequence[Record], Structure], Estimate], rate: float
+) -> float:
+    """Minus two log likelihood of a stable plant beside a disturbance that grows."""
+    orders = orders_of(asked.records, asked.structure)
+    n, zeros = orders or (0, ())
+    with_drift = [_with_drift(one, rate) for one in asked.records]
+    structure = Structure(n, [[*zeros, 0]], offset=True, initial_state="free")
+    try:
+        return _deviance(again(with_drift, structure), with_drift)
+    except TridentifyError:  # not even so is there a stable plant
+        return np.inf
+
+
+def _with_drift(record: Record, rate: float) -> Record:
+    """A record with an exponential for another input."""
+    return Record(
+        np.column_stack([record.u, np.expm1(rate * (record.t - record.t[0]))]),
+        record.y,
+        t=record.t,
+        intersample=record.behaviour,
+    )
 
 
 def _error_of_rate(den: Array, cov: Array) -> float:
