@@ -136,11 +136,29 @@ def test_without_a_reference_the_route_is_not_reference():
 
 
 def test_a_right_estimate_warns_of_nothing():
-    estimate = tri.identify(record_of(3), ORDERS)
+    estimate = tri.identify(record_of(3), ORDERS, tri.ThreeModel(controller="sampled"))
     right(estimate)
     loud = [f.code for f in estimate.findings if f.severity in ("error", "warning")]
     assert loud == []
     assert "feedback" not in [f.code for f in estimate.findings]
+
+
+def test_a_kind_of_controller_that_was_only_assumed_is_warned_of_where_it_matters():
+    record = record_of(3)
+    open_ = tri.identify(record, ORDERS)
+    [found] = [f for f in open_.findings if f.code == "intersample"]
+    assert found.severity == "warning"
+    assert "standard errors" in found.message
+    other = tri.identify(record, ORDERS, tri.ThreeModel(controller="continuous"))
+    size = np.maximum(open_.std, other.std)
+    assert np.max(np.abs(other.theta - open_.theta) / size) > 3.0
+
+
+def test_the_input_as_reference_leaves_no_kind_of_controller_to_ask_for():
+    record = record_of(3)
+    same = tri.Record(record.u, record.y, dt=DT, reference=record.u)
+    estimate = tri.identify(same, ORDERS)
+    assert "intersample" not in [f.code for f in estimate.findings]
 
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh", "band-limited"])

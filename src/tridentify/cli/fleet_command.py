@@ -185,7 +185,7 @@ def _told(activity: Activity) -> Any:
 
 def _show(run: Run, written: Sequence[Path], as_json: bool) -> None:
     """Print; a fleet without a single estimate is an error."""
-    rows = run.rows(["ok", "status"])
+    rows = run.rows(["ok", "status", "message"])
     if as_json:
         show_json(plain(run.to_dict()) | {"files": [str(path) for path in written]})
     else:
@@ -194,6 +194,6 @@ def _show(run: Run, written: Sequence[Path], as_json: bool) -> None:
     if rows.height and not rows["ok"].any():
         kinds = ", ".join(sorted(set(rows["status"])))
         raise IdentifiabilityError(
-            f"found no usable estimate among {rows.height} records ({kinds}); expected some; look "
-            "at the messages in the rows"
+            f"found no usable estimate among {rows.height} records ({kinds}; first: "
+            f"{rows['message'][0]}); expected some; look at the messages in the rows"
         )

@@ -7,6 +7,7 @@ process beside it, which does what takes time; one worker is the serial engine.
 from __future__ import annotations
 
 import contextlib
+import re
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
@@ -83,6 +84,20 @@ def _of_this_machine(count: int) -> Iterator[Engine]:
         pool.shutdown(wait=True)
 
 
+def _check_address(address: str) -> None:
+    """Refuse what can be no address: the library would try it for a minute and fail aloud.
+
+    Raises
+    ------
+    OptionError
+    """
+    if not re.fullmatch(r"\w+://\S+|[^\s:/]+:\d+", address):
+        raise OptionError(
+            f"found {shown(address)} for a Dask scheduler; expected an address such as "
+            "'tcp://host:8786'; correct it, or give a number of processes of this machine"
+        )
+
+
 @contextlib.contextmanager
 def _of_dask(workers: Any) -> Iterator[Engine]:
     try:
@@ -95,6 +110,7 @@ def _of_dask(workers: Any) -> Iterator[Engine]:
     with contextlib.ExitStack() as stack:
         client = workers
         if isinstance(workers, str):
+            _check_address(workers)
             try:
                 client = Client(workers, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
                 stack.enter_context(client)

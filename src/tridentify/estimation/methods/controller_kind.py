@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from tridentify.errors import OptionError, shown
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
 from tridentify.estimation.methods.passes import Rooted, deviance
@@ -26,6 +27,12 @@ PLAINLY = 0.3
 """Difference of ``-2 log L`` a sample from which the record speaks for one kind of controller:
 noise of the driven input between the samples, or its colour, may make a tenth by itself, a wrong
 kind makes 4."""
+ASIDE = 0.2
+"""Difference of the coefficients under either kind [standard errors] up to which the kind does not
+matter: it adds 2 % to the error."""
+APART = 3.0
+"""Difference of the coefficients under either kind [standard errors] from which one of the two is
+wrong beyond its interval, so that a kind which was only assumed is to be warned of."""
 COARSE = 0.3
 """Rate of the loop times sampling interval from which what a continuous controller does between the
 samples counts: standard errors are then a fifth too small and more."""
@@ -104,20 +111,38 @@ def compared(mine: tuple[Sequence[Loop], Rooted], other: tuple[Sequence[Loop], R
     taken = f"controller taken as {words}"
     if not end.still or gain < -plainly:
         return Compared(False, f"{taken}; the record speaks against a {others[0].sampling} one")
-    size = np.maximum(best.estimate.std, 1e-12 * np.abs(best.estimate.theta) + 1e-300)
-    moved = np.abs(end.estimate.theta - best.estimate.theta) / size
+    told, finding = _left_open(best.estimate, end.estimate, rival)
+    return Compared(False, f"{taken}; {told}", finding)
+
+
+def _left_open(
+    mine: Estimate, other: Estimate, rival: str
+) -> tuple[str, tuple[Finding, ...]]:
+    """What is said where the record does not tell the kind: the more, the more hangs on it.
+
+    Parameters
+    ----------
+    mine, other : Estimate
+        With the kind that was taken, and with the other.
+    rival : str
+        The other kind, in words.
+    """
+    size = np.maximum(mine.std, other.std) + 1e-12 * np.abs(mine.theta) + 1e-300
+    moved = np.abs(other.theta - mine.theta) / size
     k = int(np.argmax(moved))
-    open_ = (
-        f"the record does not tell; as {rival}, {best.estimate.names[k]} would be "
-        f"{end.estimate.theta[k]:.4g} in place of {best.estimate.theta[k]:.4g}"
+    if moved[k] < ASIDE:
+        return "the record does not tell, and the coefficients are the same either way", ()
+    told = (
+        f"the record does not tell; as {rival}, {mine.names[k]} would be "
+        f"{other.theta[k]:.4g} in place of {mine.theta[k]:.4g}"
     )
     finding = Finding(
         "intersample",
-        "note",
-        f"Controller: {open_}.",
+        "warning" if moved[k] > APART else "note",
+        f"Controller: {told} ({moved[k]:.2g} standard errors).",
         "State how the controller works: controller='sampled' or 'continuous' (--controller).",
     )
-    return Compared(False, f"{taken}; {open_}", (finding,))
+    return told, (finding,)
 
 
 def coarse_findings(loops: Sequence[Loop]) -> tuple[Finding, ...]:
