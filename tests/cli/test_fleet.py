@@ -113,3 +113,12 @@ def test_bad_usage_is_one_line(run, logs, tmp_path):
     assert "found --workers beside --scheduler" in both.error_lines[0]
     several = run("fleet", "a", "b", *QUESTION, *out, "--key", "unit")
     assert "found 2 files with --key" in several.error_lines[0]
+
+
+def test_a_fleet_without_an_estimate_says_why_in_its_line(run, logs, tmp_path):
+    files = logs / "left" / "*.parquet"
+    outcome = run(
+        "fleet", files, *QUESTION, "--input", "nix", "--out", tmp_path / "r", "--reports", 0
+    )
+    assert outcome.code == 1
+    assert "found no column 'nix'" in outcome.error_lines[-1]

@@ -13,7 +13,7 @@ import pytest
 
 import fleets
 from tridentify import fleet
-from tridentify.errors import TridentifyError
+from tridentify.errors import OptionError, TridentifyError
 
 distributed = pytest.importorskip("distributed", reason="needs tridentify[fleet]")
 
@@ -95,3 +95,9 @@ def test_no_scheduler_is_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
         fleet.fit(
             fleets.units(1), (2, 0), out=tmp_path, workers="tcp://127.0.0.1:9", progress=False
         )
+
+
+@pytest.mark.parametrize("address", ["x", "host", "tcp://", "a b:1"])
+def test_what_is_no_address_is_refused_before_it_is_tried(address: str, tmp_path: Path) -> None:
+    with pytest.raises(OptionError, match="expected an address such as 'tcp://host:8786'"):
+        fleet.fit(fleets.units(1), (2, 0), out=tmp_path, workers=address, progress=False)

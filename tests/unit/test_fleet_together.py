@@ -149,3 +149,17 @@ def test_what_cannot_be_added_up_is_refused(tmp_path: Path) -> None:
     none = fleet.fit({"absent": "no/such.csv"}, (2, 0), out=tmp_path / "c", **quiet)
     with pytest.raises(IdentifiabilityError, match="found no unit with an estimate"):
         none.together()
+
+
+def test_records_of_a_loop_are_not_added_up_as_if_it_were_open(tmp_path: Path) -> None:
+    plain = fleets.units(2, n=80)
+    loops = {
+        key: Record(one.u, one.y, dt=0.1, intersample="zoh", reference=one.u)
+        for key, one in plain.items()
+    }
+    quiet = {"judge": False, "progress": False}
+    run = fleet.fit(loops, (2, 0), out=tmp_path / "a", **quiet)
+    with pytest.raises(IdentifiabilityError, match=r"found references \(r\)"):
+        run.together()
+    with pytest.raises(UnsupportedError, match=r"found references \(set\)"):
+        fleet.fit(plain, (2, 0), out=tmp_path / "b", references=["set"], pool=True, **quiet)

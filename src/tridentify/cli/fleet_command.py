@@ -194,6 +194,6 @@ def _show(run: Run, written: Sequence[Path], as_json: bool) -> None:
     if rows.height and not rows["ok"].any():
         kinds = ", ".join(sorted(set(rows["status"])))
         raise IdentifiabilityError(
-            f"found no usable estimate among {rows.height} records ({kinds}; first: "
-            f"{rows['message'][0]}); expected some; look at the messages in the rows"
+            f"found no usable estimate among {rows.height} records ({kinds}); expected some; look "
+            f"at the messages in the rows, of which the first is: {rows['message'][0]}"
         )

@@ -13,7 +13,7 @@ that is given and not fitted.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -121,6 +121,7 @@ class Local:
 
     def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
         """The pieces by the label of their choice."""
+        refuse_references(name for one in records for name in one.reference_names)
         theta = np.array(item.about or self.theta)
         found = local_pieces(records, self.structure, theta, self.choices)
         return {
@@ -151,6 +152,26 @@ def summable(structure: Structure | AutoStructure) -> Structure:
             "where a fleet is added up; state them, or leave --together and --pool out"
         )
     return structure
+
+
+def refuse_references(names: Iterable[str]) -> None:
+    """Refuse to add up records of a loop: what is added up is the open-loop likelihood.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The references.
+
+    Raises
+    ------
+    UnsupportedError
+    """
+    found = sorted(set(names))
+    if found:
+        raise UnsupportedError(
+            f"found references ({', '.join(found)}); expected none where a fleet is added up, as "
+            "that is done in open loop; leave --together and --pool out, or the references"
+        )
 
 
 def local_pieces(

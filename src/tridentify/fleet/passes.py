@@ -104,8 +104,8 @@ def summed(engine: Engine, items: Iterable[Item], job: Local, limits: Limits) ->
             total += result
     if not total.pieces:
         raise IdentifiabilityError(
-            f"found no usable record among {len(total.left_out)}; expected some to add up; look at "
-            "the messages in the rows"
+            f"found no usable record among {len(total.left_out)}; expected some to add up; "
+            f"first of them: {next(iter(total.left_out.values()), 'none')}"
         )
     return total
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from tridentify.checks.samples import Intersample
 from tridentify.estimation.methods.base import Method
-from tridentify.fleet.local import summable
+from tridentify.fleet.local import refuse_references, summable
 from tridentify.fleet.rows import Fit
 from tridentify.fleet.run import Run
 from tridentify.fleet.sources import items_of
@@ -152,6 +152,7 @@ def fit(
     store = Store(Path(out))
     if together or pool:
         summable(job.structure)
+        refuse_references(references)
     say = telling(progress)
     with store.alone():
         notes = store.begin(job.in_words(), resume=resume)

@@ -115,9 +115,7 @@ def compared(mine: tuple[Sequence[Loop], Rooted], other: tuple[Sequence[Loop], R
     return Compared(False, f"{taken}; {told}", finding)
 
 
-def _left_open(
-    mine: Estimate, other: Estimate, rival: str
-) -> tuple[str, tuple[Finding, ...]]:
+def _left_open(mine: Estimate, other: Estimate, rival: str) -> tuple[str, tuple[Finding, ...]]:
     """What is said where the record does not tell the kind: the more, the more hangs on it.
 
     Parameters
