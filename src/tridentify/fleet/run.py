@@ -234,7 +234,8 @@ class Run(FleetViews):
         UnsupportedError
             Orders are left open, delays are estimated, or something is known of coefficients.
         IdentifiabilityError
-            All units have references (it is done in open loop). No unit has an estimate to begin from, or all of them do not tell the coefficients.
+            All units have references (it is done in open loop). No unit has an estimate to begin
+            from, or all of them do not tell the coefficients.
         ConvergenceError
             No maximum was reached.
 
