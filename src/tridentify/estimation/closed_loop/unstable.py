@@ -37,6 +37,9 @@ MOST_STEPS = 60
 """Of Step 4; five to ten are usual."""
 STILL = 1e-4
 """Standard errors that the coefficients move by in the last step."""
+NEARLY = 0.03
+"""The same after all steps: near two poles at zero, whose mirrored ones have no derivative, steps
+do not get shorter than that."""
 FLOOR = 1e-8
 """Of the coefficients' natural sizes, added to their standard errors: the derivatives by difference
 are not known better, and without noise there is no error to compare with."""
@@ -95,7 +98,7 @@ class Found:
     @property
     def still(self) -> bool:
         """Whether it is a root."""
-        return self.moved <= STILL
+        return self.moved <= NEARLY
 
     @property
     def deviance(self) -> float:
