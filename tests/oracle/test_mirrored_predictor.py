@@ -7,9 +7,11 @@ from scipy.signal import tf2ss
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate, validate
 from tridentify.errors import UnsupportedError
+from tridentify.estimation.closed_loop import linear_errors as linear
+from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.driven import driven
-from tridentify.estimation.closed_loop.predictor import Plant, Predictor, recorded
+from tridentify.estimation.closed_loop.predictor import Plant, Predictor, recorded, slopes
 
 
 def sampled_loop(num, den, gains, r, noise, dt):
@@ -59,6 +61,30 @@ def test_mirrored_errors_are_white_and_as_large_as_the_poles_make_them():
     errors -= rest @ np.linalg.lstsq(rest, errors, rcond=None)[0]
     assert errors.std() / 0.004 == pytest.approx(predictor.amplification, rel=0.05)
     assert abs(errors[1:] @ errors[:-1]) / (errors @ errors) < 0.06
+
+
+@pytest.mark.parametrize(("driven_by", "times"), [(AsRecorded, 1), (driven, 2)])
+def test_derivatives_are_made_when_asked_for_and_once_where_the_input_drives(
+    monkeypatch, driven_by, times
+):
+    record = flown(1, [1.0, 0.5, -1.5])
+    plant = Plant(np.array([0.5, -1.5]), (np.array([2.0]),))
+    made = []
+
+    def counted(predictor, signals, start):
+        made.append(signals)
+        return slopes(predictor, signals, start)
+
+    monkeypatch.setattr(linear, "slopes", counted)
+    found = linear.linear_errors([Loop(driven_by(record), "sampled")], plant, np.zeros(0))
+    assert np.isfinite(linear.merit(found, None))
+    assert not made
+    assert found.is_finite
+    assert len(made) == times
+    start = np.linalg.lstsq(found.rest, found.errors, rcond=None)[0]
+    predictor = Predictor(plant, record.dt, 1.0 / record.duration)
+    np.testing.assert_array_equal(found.full, slopes(predictor, made[0], start))
+    assert np.array_equal(found.slopes, found.full) == (times == 1)
 
 
 @pytest.mark.parametrize(

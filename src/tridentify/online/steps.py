@@ -122,7 +122,7 @@ def solving(
         variant = _variant(nuisances, constants)
         point = evaluate_variant(base, variant, best.point.poles)
         # as off-line: what a step cannot promise is not followed (`likelihood.choose_nuisance`)
-        fall = min(point.step(0.0).decrease, TRUSTED * float(point.counts.sum()))
+        fall = min(point.decrease(), TRUSTED * float(point.counts.sum()))
         promised.append((criterion(point, fall), nuisances, constants))
     for least, nuisances, constants in sorted(promised, key=lambda one: one[0]):
         if least >= best.criterion + EQUAL:

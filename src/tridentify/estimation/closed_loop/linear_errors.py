@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,20 +31,75 @@ AS_WELL = 1e4
 """Condition of the derivatives as the instruments see them, over that of the driven ones."""
 
 
+class _Seen(NamedTuple):
+    """One record's predictor, what drives it, and what is there of its output."""
+
+    loop: Loop
+    predictor: Predictor
+    signals: Signals
+    rest: Array
+    errors: Array
+    seen: Array
+
+    def derivatives(self) -> tuple[Array, Array]:
+        """Minus those of the driven part of the errors, and of all of it."""
+        every = self._slopes(self.signals, self.errors)
+        driven = driven_signals(self.loop)
+        if driven.is_same(self.signals):
+            return every, every
+        return self._slopes(driven, self.predictor.errors(driven)), every
+
+    def _slopes(self, signals: Signals, errors: Array) -> Array:
+        """At the start and offset that suit the signals best."""
+        if not (np.isfinite(errors).all() and np.isfinite(self.rest).all()):
+            return np.full((len(errors), self.predictor.plant.theta.size), np.nan)
+        start = np.linalg.lstsq(self.rest[self.seen], errors[self.seen], rcond=None)[0]
+        return slopes(self.predictor, signals, start)
+
+
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Errors and columns at a plant, whitened; rows of missing samples are zero."""
+    """Errors and columns at a plant, whitened; rows of missing samples are zero.
+
+    The derivatives by the coefficients are most of the work, and are not made before they are
+    asked for: a step that does not lower the errors needs none.
+    """
 
     errors: Array
-    slopes: Array
-    full: Array
     rest: Array
     count: int
+    records: tuple[_Seen, ...]
+    noise: Array
+
+    @cached_property
+    def _derivatives(self) -> tuple[Array, Array]:
+        shared, full = [], []
+        with np.errstate(all="ignore"):
+            for one in self.records:
+                z, every = one.derivatives()
+                shared.append(_white(z, one.seen, self.noise))
+                full.append(shared[-1] if every is z else _white(every, one.seen, self.noise))
+        return np.vstack(shared), np.vstack(full)
+
+    @property
+    def slopes(self) -> Array:
+        """(n_samples, n_coefficients) minus the derivatives of the driven part of the errors."""
+        return self._derivatives[0]
+
+    @property
+    def full(self) -> Array:
+        """The same of all of the errors."""
+        return self._derivatives[1]
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether the errors did not run away."""
+        return bool(np.isfinite(self.errors).all() and np.isfinite(self.rest).all())
 
     @property
     def is_finite(self) -> bool:
         """Whether nothing ran away."""
-        return bool(np.isfinite(self.errors).all() and np.isfinite(self.slopes).all())
+        return self.is_bounded and bool(np.isfinite(self.slopes).all())
 
     def step(self) -> tuple[Array, Array, Array]:
         """Change of all unknowns, the residual beside start and offset, and ``R`` of the columns.
@@ -79,35 +136,20 @@ def linear_errors(
         As of the `Predictor`.
     """
     edge = slowest(loops)
-    errors, shared, own, count = [], [], [], 0
+    records, errors, own = [], [], []
     with np.errstate(all="ignore"):
         for loop in loops:
             signals = recorded(loop)
             predictor = Predictor(plant, signals.dt, edge, fed_back)
-            rest = predictor.starts(len(signals.y))
+            rest, e = predictor.starts(len(signals.y)), predictor.errors(signals)
             seen = np.isfinite(loop.record.y[:, 0])
-            e, every = _with_start(predictor, signals, rest, seen)
-            _, z = _with_start(predictor, driven_signals(loop), rest, seen)
-            count += int(seen.sum())
-            table = _white(np.column_stack([e, z, every, rest]), seen, noise)
+            records.append(_Seen(loop, predictor, signals, rest, e, seen))
+            table = _white(np.column_stack([e, rest]), seen, noise)
             errors.append(table[:, 0])
-            shared.append(table[:, 1 : 1 + 2 * z.shape[1]])
-            own.append(table[:, 1 + 2 * z.shape[1] :])
-    blocks = stacked(shared, own)
-    n = plant.theta.size
-    both = (blocks[:, :n], blocks[:, n : 2 * n])
-    return Linear(np.concatenate(errors), *both, blocks[:, 2 * n :], count)
-
-
-def _with_start(
-    predictor: Predictor, signals: Signals, rest: Array, seen: Array
-) -> tuple[Array, Array]:
-    """Errors from rest, and slopes at the start and offset that suit the signals best."""
-    e = predictor.errors(signals)
-    if not (np.isfinite(e).all() and np.isfinite(rest).all()):
-        return e, np.full((len(e), predictor.plant.theta.size), np.nan)
-    start = np.linalg.lstsq(rest[seen], e[seen], rcond=None)[0]
-    return e, slopes(predictor, signals, start)
+            own.append(table[:, 1:])
+    count = sum(int(one.seen.sum()) for one in records)
+    rest = stacked([one[:, :0] for one in own], own)
+    return Linear(np.concatenate(errors), rest, count, tuple(records), noise)
 
 
 def _white(table: Array, seen: Array, noise: Array) -> Array:

@@ -142,7 +142,7 @@ def root(
     lowest = (True, np.inf)
     for _, k in sorted(sound):
         try:
-            ended = _descended(loops, plants[k], noise, basis, fed_back)
+            ended = _descended(loops, plants[k], begun[k][1], basis, fed_back)
         except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
             continue
         if basis is not None:
@@ -159,7 +159,8 @@ def root(
             break
         say("coloured noise")
         noise = following
-        whitened = _descended(loops, found.plant, noise, driven_basis(loops, noise), fed_back)
+        start = linear_errors(loops, found.plant, noise, fed_back=fed_back)
+        whitened = _descended(loops, found.plant, start, driven_basis(loops, noise), fed_back)
         if not whitened.still:
             return found if found.noise.size else _in_coloured_noise(loops, found, noise)
         found = whitened
@@ -199,11 +200,11 @@ def autoregressive(errors: Sequence[Array]) -> Array:
 
 
 def _descended(
-    loops: Sequence[Loop], plant: Plant, noise: Array, basis: Array | None, fed_back: bool
+    loops: Sequence[Loop], plant: Plant, linear: Linear, basis: Array | None, fed_back: bool
 ) -> Found:
-    moved = np.inf
+    """Where the steps from a plant end, given its errors whitened by the model of the noise."""
+    moved, noise = np.inf, linear.noise
     before, last = np.zeros(plant.theta.size), 1.0
-    linear = linear_errors(loops, plant, noise, fed_back=fed_back)
     for steps in range(1, MOST_STEPS + 1):  # noqa: B007 - counts after the loop
         change, left, upper = linear.step()
         n = plant.theta.size
@@ -220,7 +221,8 @@ def _descended(
         for _ in range(HALVINGS):
             following = plant.with_theta(plant.theta + share * change[:n])
             new = linear_errors(loops, following, noise, fed_back=fed_back)
-            if new.is_finite and merit(new, basis) <= allowed * (1 + 1e-9):
+            lower = new.is_bounded and merit(new, basis) <= allowed * (1 + 1e-9)
+            if lower and new.is_finite:
                 break
             share *= 0.5
         else:

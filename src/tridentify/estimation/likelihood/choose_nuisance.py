@@ -163,7 +163,7 @@ def _predict(
     promised = []
     for point in points:
         yield
-        promised.append(Predicted(point, criterion(point, min(point.step(0.0)[1], trusted))))
+        promised.append(Predicted(point, criterion(point, min(point.decrease(), trusted))))
     return promised, seed
 
 

@@ -268,23 +268,23 @@ class Point:
         -------
         Proposal
         """
-        found = self._decomposition
-        s, projection, total = found.s, found.projection, found.total
-        gain = found.gain(damping)
-        change = found.step(damping)
+        change = self._decomposition.step(damping)
         alpha = change[: self.problem.n_poles]
-        shrink = s * gain
-        share = float(np.sum(projection**2 * shrink * (2.0 - shrink)))
-        n = float(self.counts.sum())
-        fraction = min(share / total**2, 1.0) if total else 0.0
-        decrease = -n * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
         roots = [roots_of(one.inner, alpha[one.poles]) for one in self.branches]
         delays = None
         if self.problem.limits is not None:
             moved = self.problem.delays + change[self.problem.n_poles :]
             floors = 0.0 if self.problem.floors is None else self.problem.floors
             delays = np.clip(moved, floors, self.problem.limits)
-        return Proposal(np.concatenate(roots), decrease, delays)
+        return Proposal(np.concatenate(roots), self.decrease(damping), delays)
+
+    def decrease(self, damping: float = 0.0) -> float:
+        """The fall of `objective` that a step promises, for less than the step itself costs."""
+        found = self._decomposition
+        shrink = found.s * found.gain(damping)
+        share = float(np.sum(found.projection**2 * shrink * (2.0 - shrink)))
+        fraction = min(share / found.total**2, 1.0) if found.total else 0.0
+        return -float(self.counts.sum()) * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
 
     @property
     def looseness(self) -> float:

@@ -193,7 +193,7 @@ def finishing(
         settled = Patience().settled(point.counts.sum())
     damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
     for _ in range(most):
-        left = point.step(0.0).decrease
+        left = point.decrease()
         if left < settled:
             why = f"the next step would lower -2 log L by {left:.0e}, less than {settled:.0e}"
             return point, _settled(held), why
@@ -225,7 +225,7 @@ def finishing(
     open_ = point.problem.pinned is None and point.problem.floors is None
     if point.problem.n_delays and open_ and point.problem.kinks().any():
         return _on_a_kink(at, point, recorder, most)
-    left = point.step(0.0).decrease
+    left = point.decrease()
     if held and held != REFLECTED:
         return point, _settled(held), held
     if left < NEARLY_SETTLED:

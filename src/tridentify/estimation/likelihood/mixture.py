@@ -302,7 +302,7 @@ def mixture(best: Point, others: Sequence[tuple[Array, Complex]]) -> Mixture | N
         end = cell.end(problem, delays, poles)
         if end.objective > best.objective + NEAR:
             continue
-        if cell.key not in seen and end.step(0.0).decrease > UNFINISHED:
+        if cell.key not in seen and end.decrease() > UNFINISHED:
             continue
         if _known(end, cell, ends, std):
             continue

@@ -311,7 +311,7 @@ class _PaperRun:
         if np.all(own / point.counts < EXACT * self.problem.size):
             return True
         above = float(point.counts @ np.log((own + 1e-300) / (point.rss + 1e-300)))
-        return above + point.step(0.0)[1] < SAME_END
+        return above + point.decrease() < SAME_END
 
     def _first(self) -> tuple[_PaperModel, tuple[Step, ...], str]:
         poles = np.concatenate([self.operators.poles, self.filter_bank.poles])

@@ -154,7 +154,7 @@ def promise(present: Present, poles: Complex) -> float:
     try:
         problem = present.problem()
         point = evaluate(problem, problem.admissible(poles)[0])
-        return (point.objective - point.step(0.0).decrease) / float(point.counts.sum())
+        return (point.objective - point.decrease()) / float(point.counts.sum())
     except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
         return float("inf")
 
@@ -192,7 +192,7 @@ def attempt(
         return None
     try:
         points = [evaluate(problem, problem.admissible(one)[0]) for one in starts]
-        start = min(points, key=lambda one: one.objective - one.step(0.0).decrease)
+        start = min(points, key=lambda one: one.objective - one.decrease())
         point = finish(partial(evaluate, problem), start, None, steps)[0]
         noise = point.problem.noise
         for _ in range(rounds if any(orders) else 0):

@@ -174,7 +174,7 @@ def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | No
 def _promise(problem: Problem, poles: Complex) -> float:
     """``-2 log L`` that a Gauss-Newton step leads to expect, the noise model held."""
     point = evaluate(problem, poles)
-    return point.objective - point.step(0.0).decrease
+    return point.objective - point.decrease()
 
 
 def better_behaviour(found: Behaviours, suggested: Behaviour) -> Behaviour:

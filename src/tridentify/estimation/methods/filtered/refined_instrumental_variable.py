@@ -347,7 +347,7 @@ def _instrumental_step(
 def _promise(problem: Problem, poles: Complex) -> float:
     """AICc at given poles, one Gauss-Newton step ahead."""
     point = evaluate(problem, poles)
-    return criterion(point, min(point.step(0.0)[1], TRUSTED * float(point.counts.sum())))
+    return criterion(point, min(point.decrease(), TRUSTED * float(point.counts.sum())))
 
 
 def _decisions(
