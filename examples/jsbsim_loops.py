@@ -11,7 +11,7 @@ output error, which takes the noise for white, and in open loop with a noise mod
 the engine's own, its accelerations linearised at trim.
 
     pip install "tridentify[jsbsim]" matplotlib
-    python examples/jsbsim_loops.py [--draws N] [--out DIRECTORY]
+    python examples/jsbsim_loops.py [--draws N] [--seconds T] [--out DIRECTORY]
 
 writes ``jsbsim_loops.json`` and ``jsbsim_loops.png``.
 """
@@ -21,7 +21,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -278,8 +278,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--out", type=Path, default=Path("build/examples"))
     parser.add_argument("--draws", type=int, default=1)
+    parser.add_argument("--seconds", type=float, default=Case.duration, help="of every flight")
     given = parser.parse_args()
-    studies = {name: study(case, given.draws) for name, case in CASES.items()}
+    cases = {name: replace(case, duration=given.seconds) for name, case in CASES.items()}
+    studies = {name: study(case, given.draws) for name, case in cases.items()}
     for found in studies.values():
         print("\n".join(table(found)), flush=True)
     given.out.mkdir(parents=True, exist_ok=True)

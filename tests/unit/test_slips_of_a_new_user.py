@@ -262,6 +262,7 @@ def test_a_time_constant_of_a_pole_that_may_be_zero_is_not_determined(estimate):
 
 @pytest.mark.parametrize("structure", [None, (1, 0)])
 def test_the_behaviour_that_was_taken_is_among_the_notes(record, structure):
-    found = identify(record.between("auto"), structure)
+    # too few samples for more than two poles: fewer candidates where no structure is given
+    found = identify(record.slice(0.0, 34 * record.dt).between("auto"), structure)
     (note,) = [note for note in found.notes() if note.startswith("input taken as")]
     assert note == "input taken as held between its samples (zoh)"

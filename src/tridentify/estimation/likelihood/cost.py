@@ -226,6 +226,8 @@ class Point:
         kept = np.arange(scores.shape[1])
         while True:
             found = _decomposed(scores, residual, kept)
+            if self.problem.limits is None:
+                return found
             outward = self._outward(found.step(0.0)[self.problem.n_poles :])
             if not np.isin(self.problem.n_poles + outward, kept).any():
                 return found
@@ -233,8 +235,7 @@ class Point:
 
     def _outward(self, change: Array) -> NDArray[np.intp]:
         """Delays that are pinned, or that a change would take beyond an end of their range."""
-        if self.problem.limits is None:
-            return np.zeros(0, dtype=np.intp)
+        assert self.problem.limits is not None
         if self.problem.pinned is not None:
             change = np.where(self.problem.pinned, np.inf, change)
         delays = self.problem.delays
@@ -469,6 +470,7 @@ def evaluate(
     regressions: tuple[Regression, ...] | None = None,
     delays: Array | None = None,
     pinned: NDArray[np.bool_] | None = None,
+    banks: tuple[Cascade, tuple[Branch, ...]] | None = None,
 ) -> Point:
     """Filter the records on the poles (repeated) and fit all that is linear.
 
@@ -485,6 +487,8 @@ def evaluate(
         Of the inputs [s], in place of the problem's.
     pinned : (n_inputs,) bool array, optional
         Delays that are to stay there.
+    banks : tuple, optional
+        As of `bank_of`, where they are known already.
 
     Returns
     -------
@@ -492,7 +496,7 @@ def evaluate(
     """
     if delays is not None:
         problem = replace(problem.delayed(delays), pinned=pinned)
-    bank, branches = bank_of(problem, poles, repeats)
+    bank, branches = bank_of(problem, poles, repeats) if banks is None else banks
     if regressions is None:
         regressions = tuple(regress(e, bank) for e in problem.experiments)
     q = bank.order
@@ -532,6 +536,6 @@ def evaluate_variant(
     """As `evaluate`, for a choice of nuisance terms of a problem that has more of them."""
     if delays is not None:
         base = base.delayed(delays)
-    bank = bank_of(base, poles, repeats)[0]
-    whole = tuple(regress(e, bank) for e in base.experiments)
-    return evaluate(variant.problem(base), poles, repeats, variant.regressions(whole, bank))
+    banks = bank_of(base, poles, repeats)
+    whole = variant.regressions(tuple(regress(e, banks[0]) for e in base.experiments), banks[0])
+    return evaluate(variant.problem(base), poles, repeats, whole, banks=banks)
