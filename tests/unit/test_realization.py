@@ -171,3 +171,9 @@ def test_roots_of_a_changed_denominator(poles):
     found = roots_of(bank, row)
     assert np.poly(found).real == pytest.approx(np.poly(expected).real, rel=1e-9)
     assert np.all(np.diff(np.abs(found)) >= -1e-12)
+
+
+def test_poles_beyond_the_largest_magnitude_are_sorted():
+    huge = complex(-1e308, 1.5e308)
+    found = sort_poles(np.array([huge.conjugate(), -2.0, huge, -1.0]))
+    assert found.tolist() == [-1.0, -2.0, huge, huge.conjugate()]

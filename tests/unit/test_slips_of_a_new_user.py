@@ -16,6 +16,7 @@ import tridentify.plots
 from tridentify import (
     Record,
     Structure,
+    ThreeModel,
     TransferFunction,
     identify,
     read_record,
@@ -93,8 +94,9 @@ def test_pairs_stand_for_structures(record, pair):
 
 
 def test_pairs_are_candidates(record):
-    pairs = select_structure(record, [(1, 0), [2, 0]])
-    structures = select_structure(record, [Structure(1, 0), Structure(2, 0)])
+    quick = ThreeModel(starts=1, finish="likelihood")
+    pairs = select_structure(record, [(1, 0), [2, 0]], method=quick)
+    structures = select_structure(record, [Structure(1, 0), Structure(2, 0)], method=quick)
     assert [row.structure for row in pairs.rows] == [row.structure for row in structures.rows]
     assert len(select_structure(record, [(1, 0), Structure(1, 0)]).rows) == 1
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import loops
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from tridentify.estimation.answer.trust import unusable
 from tridentify.judgement.causes.told_apart import laws, told_apart
 
 
+@cache
 def silent(controller: str, delay: int, seed: int = 0, order: int = 2, **options: int):
     """A loop whose set point is constant, sampled with the record."""
     return loops.draw(

@@ -80,9 +80,15 @@ def sort_poles(poles: Complex) -> Complex:
     [(-1+2j), (-1-2j), (-3+0j)]
     """
     poles = np.asarray(poles, dtype=np.complex128)
-    upper = poles[poles.imag > 0]
-    real = poles[poles.imag == 0]
-    units = [(abs(z), z) for z in upper] + [(abs(z), complex(z.real)) for z in real]
+    listed = poles.tolist()
+    try:
+        sizes = [abs(z) for z in listed]
+    except OverflowError:  # beyond the largest number
+        with np.errstate(over="ignore"):
+            sizes = np.abs(poles).tolist()
+    sized = list(zip(sizes, listed, strict=True))
+    units = [(size, z) for size, z in sized if z.imag > 0]
+    units += [(size, complex(z.real)) for size, z in sized if z.imag == 0]
     units.sort(key=lambda unit: (unit[0], unit[1].imag))
     ordered: list[complex] = []
     for _, z in units:

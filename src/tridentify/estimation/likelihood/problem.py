@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -294,28 +295,24 @@ class Problem:
         note : str
             What was done; empty when nothing was.
         """
-        size = np.abs(poles)
-        size = np.where(np.isfinite(size), size, self.fastest)
-        real = np.where(np.isfinite(poles.real), poles.real, -self.fastest)
-        imag = np.where(np.isfinite(poles.imag), poles.imag, 0.0)
-        note = ""
-        if np.any(real > 0):
-            note = REFLECTED
-        real = -np.abs(real)
-        factor = self.fastest / np.maximum(size, self.fastest)
-        if np.any(factor < 1):
-            note = TOO_FAST
-        real, imag = real * factor, imag * factor
-        nyquist = BELOW_NYQUIST * np.pi / min(e.dt for e in self.experiments)
-        if np.any(np.abs(imag) > nyquist):
-            note = TOO_FAST
-            imag = np.clip(imag, -nyquist, nyquist)
-        floor = np.maximum(self.slowest, LEAST_DAMPED * np.abs(imag))
-        if np.any(-real < floor):
-            note = TOO_SLOW
-        real = -np.maximum(-real, floor)
-        kept = real + 1j * imag
-        return np.concatenate([sort_poles(own) for own in self.split(kept)]), note
+        fastest, slowest, reflected, fast, slow = self.fastest, self.slowest, False, False, False
+        nyquist = float(BELOW_NYQUIST * np.pi / min(e.dt for e in self.experiments))
+        kept = []
+        # the poles are few: numbers one by one take a fraction of the time of so small arrays
+        for z, size in zip(poles.tolist(), np.abs(poles).tolist(), strict=True):
+            real = z.real if math.isfinite(z.real) else -fastest
+            imag = z.imag if math.isfinite(z.imag) else 0.0
+            reflected |= real > 0
+            factor = fastest / max(size, fastest) if math.isfinite(size) else 1.0
+            real, imag = -abs(real) * factor, imag * factor
+            fast |= factor < 1 or abs(imag) > nyquist
+            imag = min(max(imag, -nyquist), nyquist)
+            floor = max(slowest, LEAST_DAMPED * abs(imag))
+            slow |= -real < floor
+            kept.append(complex(-max(-real, floor), imag))
+        note = TOO_SLOW if slow else TOO_FAST if fast else REFLECTED if reflected else ""
+        own = self.split(np.array(kept, dtype=np.complex128))
+        return np.concatenate([sort_poles(one) for one in own]), note
 
 
 @dataclass(frozen=True, eq=False)
