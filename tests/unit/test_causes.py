@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import loops
 import numpy as np
 import pytest
@@ -59,6 +61,7 @@ def late(seed):
     return [Record(u, response(u, plant) + noise(seed), dt=DT)]
 
 
+@cache
 def cubic(seed):
     u = held(seed)
     return [Record(u, hardening(u) + noise(seed, size=0.01), dt=DT)]
@@ -164,9 +167,14 @@ CAUSES = {
 }
 
 
+@cache
+def with_two_poles(made, seed):
+    return identify(made(seed), ASKED, throw=False)
+
+
 @pytest.mark.parametrize("code", CAUSES)
 def test_the_cause_is_named_first(code):
-    estimate = identify(CAUSES[code](3), ASKED, throw=False)
+    estimate = with_two_poles(CAUSES[code], 3)
     first = estimate.findings[0]
     assert first.code == code, [finding.text for finding in estimate.findings]
     assert first.matters
@@ -223,8 +231,7 @@ def test_a_limit_is_told_with_its_level_and_what_it_brings(made, seed):
 
 @pytest.mark.parametrize("seed", [3, *(pytest.param(k, marks=pytest.mark.slow) for k in (4, 5))])
 def test_a_hardening_spring_is_not_taken_for_coloured_noise(seed):
-    (record,) = cubic(seed)
-    estimate = identify(record, ASKED, throw=False)
+    (record,), estimate = cubic(seed), with_two_poles(cubic, seed)
     assert estimate.noise_model[0].size
     for found in (estimate.findings, validate(estimate, record).findings):
         assert next(f.code for f in found if f.matters) == "nonlinear"
