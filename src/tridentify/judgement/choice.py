@@ -36,6 +36,7 @@ from tridentify.judgement.causes.intersample import (
 from tridentify.judgement.cautions import judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.direct import about_direct
+from tridentify.judgement.validation.reacting_reference import reference_findings
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.writing.layout import as_call
@@ -134,6 +135,7 @@ def with_judgement(
         if estimate.route == "reference":
             kept = estimate.findings
             found = tuple(one for one in found if one.code not in ANSWERED or one in kept)
+            found = ranked([*found, *reference_findings(estimate, seen, records)])
     said = (*told, *still_references(estimate, records))
     trace = replace(estimate.trace, decisions=(*estimate.trace.decisions, *said))
     return replace(estimate, findings=found, trace=trace, call=as_call(method))

@@ -31,6 +31,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "intersample": "another behaviour of the input between its samples explains the record",
         "delay": "an input acts later than the model says",
         "feedback": "the input reacts to the output",
+        "reference-reacts": "a reference reacts to the output",
         "saturation": "values at a limit of the sensor, its converter or the actuator",
         "nonlinear": "the system is not linear over this range",
         "varying": "the system changes during the record",
