@@ -58,9 +58,9 @@ def reference_findings(
 
 def _driven_by(record: Record) -> Record:
     """A record with its references for inputs."""
-    return Record(
-        record.reference, record.y, dt=record.dt, intersample=record.reference_behaviour or "zoh"
-    )
+    reference = np.asarray(record.reference, dtype=np.float64)
+    between = record.reference_behaviour or "zoh"
+    return Record(reference, record.y, dt=record.dt, intersample=between)
 
 
 def _in_words(reference: str, output: str, share: float) -> Finding:
