@@ -42,6 +42,17 @@ def test_a_set_point_that_never_moves_changes_no_digit():
     np.testing.assert_array_equal(found.theta, without.theta)
 
 
+def test_experiments_without_a_reference_are_told_beside_others():
+    rng = np.random.default_rng(4)
+    u = np.repeat(rng.choice([-1.0, 1.0], 20), 10)
+    y = np.convolve(u, 0.1 * np.exp(-0.1 * np.arange(60)))[: u.size]
+    y = y + 0.01 * rng.standard_normal(u.size)
+    both = [Record(u, y, dt=0.1, reference=u), Record(u, y, dt=0.1)]
+    found = identify(both, Structure(1, 0), ThreeModel(starts=1, finish="likelihood"))
+    told = [one for one in found.trace.decisions if "1 of 2 experiments without a reference" in one]
+    assert len(told) == 1
+
+
 @pytest.mark.parametrize(
     "method",
     [

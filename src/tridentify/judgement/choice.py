@@ -91,10 +91,14 @@ def with_behaviour(
 
 
 def still_references(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
-    """That references were given which never move, and had no part in the estimate."""
-    if any(one.reference is None for one in records) or any_moves(records):
+    """That references were given which had no part in the estimate: still ones, or some only."""
+    given = [one for one in records if one.reference is not None]
+    if not given or estimate.route == "reference":
         return ()
-    return ("the references never move: taken as none",) if estimate.route != "reference" else ()
+    if len(given) < len(records):
+        lost = f"{len(records) - len(given)} of {len(records)} experiments"
+        return (f"{lost} without a reference: the others' had no part; leave those out to use it",)
+    return () if any_moves(records) else ("the references never move: taken as none",)
 
 
 ANSWERED = ("feedback", "loop-not-excited")
