@@ -63,6 +63,7 @@ if TYPE_CHECKING:
     from tridentify.judgement.validation import Validation, validate
     from tridentify.record.formats.frames import frame_from_record, record_from_frame
     from tridentify.record.formats.read import list_channels, read_record, read_records
+    from tridentify.record.long_record import LongRecord, open_record
     from tridentify.record.record import Record
     from tridentify.simulate import simulate
     from tridentify.structure import Structure
@@ -82,6 +83,7 @@ __all__ = [
     "Finding",
     "FrequencyResponse",
     "IdentifiabilityError",
+    "LongRecord",
     "MissingDependencyError",
     "OutputError",
     "OutputPathError",
@@ -114,6 +116,7 @@ __all__ = [
     "identify",
     "list_channels",
     "online",
+    "open_record",
     "physical",
     "plots",
     "read_record",
@@ -139,6 +142,7 @@ _HOME = {
     "Finding": "estimation.answer.finding",
     "FrequencyResponse": "judgement.advice",
     "IdentifiabilityError": "errors",
+    "LongRecord": "record.long_record",
     "MissingDependencyError": "errors",
     "OutputError": "estimation.methods.output_error",
     "OutputPathError": "errors",
@@ -165,6 +169,7 @@ _HOME = {
     "frequency_response": "judgement.advice",
     "identify": "identify",
     "list_channels": "record.formats.read",
+    "open_record": "record.long_record",
     "read_record": "record.formats.read",
     "read_records": "record.formats.read",
     "select_structure": "judgement.selection",

@@ -25,9 +25,11 @@ from tridentify.judgement.choice import (
     with_judgement,
 )
 from tridentify.judgement.direct import directly, not_stable, widened
+from tridentify.judgement.long_record import identified
 from tridentify.judgement.selection.orders import default_candidates
 from tridentify.judgement.selection.select import select_structure
 from tridentify.numerics.threads import one_blas_thread
+from tridentify.record.long_record import LongRecord
 from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure
 
@@ -35,7 +37,7 @@ __all__ = ["METHODS", "identify"]
 
 
 def identify(
-    records: Record | Sequence[Record],
+    records: Record | LongRecord | Sequence[Record],
     structure: Structure | AutoStructure | Sequence[int] | None = None,
     method: Method | None = None,
     *,
@@ -48,8 +50,9 @@ def identify(
 
     Parameters
     ----------
-    records : Record or sequence of Record
-        One or several experiments on the same system.
+    records : Record, LongRecord or sequence of Record
+        One or several experiments on the same system; or one that is longer than memory
+        (`open_record`).
     structure : Structure, AutoStructure or pair of int, optional
         Numbers of poles and zeros, and which nuisance terms are estimated along; ``(2, 1)`` or
         ``[2, 1]`` for ``Structure(2, 1)``. Left out, or `Structure.auto`, it is the one that
@@ -94,7 +97,11 @@ def identify(
     """
     _check_order(records, structure)
     wanted = _wanted(structure, poles, zeros)
-    estimate = search(records, wanted, method, progress).judged()
+    estimate = (
+        identify_long(records, wanted, method, progress)
+        if isinstance(records, LongRecord)
+        else search(records, wanted, method, progress).judged()
+    )
     if throw and estimate.status is Status.AT_SAMPLING_LIMIT:
         raise UnsupportedOrderError(
             f"found a pole that runs away from the record with {estimate.structure.poles} poles: "
@@ -108,6 +115,36 @@ def identify(
             f"{estimate.status.remedy} (throw=False returns the estimate all the same)"
         )
     return estimate
+
+
+def identify_long(
+    record: LongRecord,
+    wanted: Structure | AutoStructure,
+    method: Method | None = None,
+    progress: Progress | None = None,
+) -> Estimate:
+    """`identify` of a record that is read in parts; a status that is not usable does not raise.
+
+    Parameters
+    ----------
+    record : LongRecord
+    wanted : Structure or AutoStructure
+    method : Method, optional
+    progress : callable, optional
+
+    Raises
+    ------
+    UnsupportedError
+        What is asked for needs a record in memory.
+    DataError, IdentifiabilityError
+        As `identify`.
+    """
+
+    def whole(part: Record, asked: Structure | AutoStructure, by: Method) -> Estimate:
+        return search(part, asked, by, progress).judged()
+
+    with one_blas_thread():
+        return identified(record, wanted, checked_method(method), whole, progress)
 
 
 @dataclass(frozen=True, eq=False)

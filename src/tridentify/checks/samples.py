@@ -434,28 +434,35 @@ def check_distinct(names: tuple[str, ...]) -> None:
         seen.add(name)
 
 
-def check_inputs(u: Array, names: tuple[str, ...], kind: str = "input") -> None:
-    """Refuse inputs, or references, that are not finite or too large to be added."""
+def check_inputs(u: Array, names: tuple[str, ...], kind: str = "input", first: int = 0) -> None:
+    """Refuse inputs, or references, that are not finite or too large to be added.
+
+    ``first`` is the number of the first sample, for a part of a record.
+    """
     if np.isfinite(u).all():
         check_samples(f"{'an' if kind == 'input' else 'a'} {kind}", u)
         return
     row, column = (int(k) for k in np.argwhere(~np.isfinite(u))[0])
     raise NotFiniteError(
-        f"found {kind} {shown(names[column])} = {u[row, column]} at sample {row}; expected finite "
-        f"numbers, since the {kind} must be known throughout; repair it or cut the record"
+        f"found {kind} {shown(names[column])} = {u[row, column]} at sample {first + row}; "
+        f"expected finite numbers, since the {kind} must be known throughout; repair it or cut the "
+        "record"
     )
 
 
-def check_outputs(y: Array, names: tuple[str, ...]) -> None:
-    """Refuse infinite outputs, those too large to be added, and channels of nothing but nan."""
+def check_outputs(y: Array, names: tuple[str, ...], first: int = 0, *, whole: bool = True) -> None:
+    """Refuse infinite outputs, those too large to be added, and channels of nothing but nan.
+
+    ``first`` is the number of the first sample; a part that is not the whole may be of nan.
+    """
     if np.isinf(y).any():
         row, column = (int(k) for k in np.argwhere(np.isinf(y))[0])
         raise NotFiniteError(
-            f"found output {shown(names[column])} = {y[row, column]} at sample {row}; expected "
-            "finite numbers or nan for a missing sample; replace it by nan"
+            f"found output {shown(names[column])} = {y[row, column]} at sample {first + row}; "
+            "expected finite numbers or nan for a missing sample; replace it by nan"
         )
     empty = np.isnan(y).all(axis=0)
-    if empty.any():
+    if whole and empty.any():
         raise EmptyChannelError(
             f"found nothing but nan in output {shown(names[int(np.argmax(empty))])}; expected at "
             "least one sample; leave the channel out"

@@ -107,6 +107,10 @@ class Experiment:
             return self.t
         return np.asarray(np.arange(self.n_samples) * self.dt, dtype=np.float64)
 
+    def instant(self, sample: int) -> float:
+        """When one sample was taken, from zero [s]."""
+        return sample * self.dt if self.t is None else float(self.t[sample])
+
     @cached_property
     def ramp(self) -> Array:
         """(n_samples,) from 0 at the first sample to 1 at the last."""
@@ -160,7 +164,7 @@ class Experiment:
         if self.delays is None and not self.start:
             return None
         delays = 0.0 if self.delays is None else self.delays
-        begin = float(self.instants[self.start])
+        begin = self.instant(self.start)
         return np.asarray(np.broadcast_to(begin - delays, (self.y.shape[1], self.u.shape[1])))
 
 

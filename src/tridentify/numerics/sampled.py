@@ -264,6 +264,7 @@ class States:
         branches: tuple[int, int] = (0, 0),
     ) -> None:
         self._groups: list[tuple[slice, _Runner]] = []
+        self._free: _Impulse | None = None
         self._signal, self._a, self._b = signal, a, b
         self._upper, self._branches = upper, branches
         q = b.size
@@ -292,6 +293,44 @@ class States:
         for rows, runner in self._groups:
             runner.advance(start, stop, out[rows])
 
+    def go_on(self, u: Array, origin: int, before: int, count: int) -> None:
+        """Take the inputs of a part of a record that is not held as a whole.
+
+        Only on uniform time, and not for a band-limited input.
+
+        Parameters
+        ----------
+        u : (n, n_channels) array
+            From ``before`` samples before the part (zeros before the record) to one after it, or to
+            the end of the record.
+        origin : int
+            First sample of the part; the one before it was the last that was advanced over.
+        before : int
+            As many samples as the longest delay has, and one.
+        count : int
+            Samples of the part.
+
+        Examples
+        --------
+        >>> whole = Sampled(np.arange(6.0)[:, None], 0.5, "zoh", delays=(0.75,))
+        >>> two = [States(whole, -np.eye(1), np.ones(1), upper=1) for _ in range(2)]
+        >>> out, parts = np.empty((1, 6)), np.empty((1, 6))
+        >>> two[0].advance(0, 6, out)
+        >>> for k in (0, 3):
+        ...     u = np.vstack([np.zeros((2, 1)), whole.u])[k:k + 6]
+        ...     two[1].go_on(u, k, 2, 3)
+        ...     part = np.empty((1, 3))
+        ...     two[1].advance(k, k + 3, part)
+        ...     parts[:, k:k + 3] = part
+        >>> bool(np.array_equal(out, parts))
+        True
+        """
+        for (_, runner), (_, channels) in zip(self._groups, self._signal.groups, strict=True):
+            assert isinstance(runner, _Uniform)
+            runner.go_on(u[:, list(channels)], origin, before, count)
+        if self._free is not None:
+            self._free.go_on(origin, count)
+
     def impulse(self, begin: int) -> _Runner:
         """The response to an impulse at sample ``begin``: ``e^{A (t - t_begin)} B``, zero before.
 
@@ -305,10 +344,11 @@ class States:
         """
         signal = self._signal
         if signal.t is None:
-            return _Impulse(
+            self._free = _Impulse(
                 self._whole.transition, self._b, begin, signal.n_samples, self._upper,
                 self._branches,
             )  # fmt: skip
+            return self._free
         chart = signal.free_plan(begin)
         return Crossing(chart, self._a, self._b, self._b[None, :], self._upper)
 
@@ -361,7 +401,7 @@ class _Uniform:
     ) -> None:
         self._upper, self._branches = upper, branches
         self._after = np.zeros(b.size)
-        self._first = 0
+        self._first, self._origin = 0, 0
         one = b[:, None]
         if not delay:
             self._step = (whole.transition, whole.from_current[:, 0], whole.from_next[:, 0])
@@ -388,15 +428,22 @@ class _Uniform:
         out[: self.state.size, : begin - start] = 0.0
         if begin == stop:
             return
+        here, there = begin - self._origin, stop - self._origin
         propagate(
-            *self._step, self._w, self.state, out, start=begin, stop=stop, column=begin - start,
+            *self._step, self._w, self.state, out, start=here, stop=there, column=begin - start,
             upper=self._upper, branches=self._branches,
         )  # fmt: skip
         if self._first and np.any(self._after):
             for j in range(self.state.shape[0]):
                 out[j * q : (j + 1) * q, begin - start : stop - start] += np.outer(
-                    self._after, self._w[begin + 1 : stop + 1, j]
+                    self._after, self._w[here + 1 : there + 1, j]
                 )
+
+    def go_on(self, u: Array, origin: int, before: int, count: int) -> None:
+        """The inputs of the samples from ``origin`` on, as `States.go_on` is given them."""
+        first = before - self._first
+        self._w = np.ascontiguousarray(u[first : first + count + 1])
+        self._origin = origin
 
 
 def _taps(
@@ -429,6 +476,7 @@ class _Impulse:
     ) -> None:
         self._transition, self._none = transition, np.zeros(b.size)
         self._nothing = np.zeros((n_samples, 1))
+        self._origin = 0
         self.state = b[None, :].copy()
         self._begin, self._upper, self._branches = begin, upper, branches
 
@@ -438,6 +486,12 @@ class _Impulse:
         if begin < stop:
             propagate(
                 self._transition, self._none, self._none, self._nothing, self.state, out,
-                start=begin, stop=stop, column=begin - start, upper=self._upper,
-                branches=self._branches,
+                start=begin - self._origin, stop=stop - self._origin, column=begin - start,
+                upper=self._upper, branches=self._branches,
             )  # fmt: skip
+
+    def go_on(self, origin: int, count: int) -> None:
+        """Count samples from ``origin`` on, for a part of so many samples."""
+        self._origin = origin
+        if self._nothing.shape[0] < count:
+            self._nothing = np.zeros((count, 1))

@@ -51,6 +51,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "noise-size": "a residual of another size than the estimate leads to expect",
         "distribution": "a residual that is not Gaussian",
         "samples-left-out": "samples that the estimate had to leave out",
+        "judged-on-stretch": "a long record of which a stretch alone was judged",
     }
 )
 """Code -> what it means, in the order in which findings of one severity are shown."""

@@ -110,7 +110,12 @@ def estimate_from(ending: Ending, asked: Request) -> Estimate:
 
 
 def solved_at(
-    ending: Ending, records: Sequence[Record], structure: Structure, *, judged: bool = True
+    ending: Ending,
+    records: Sequence[Record],
+    structure: Structure,
+    *,
+    judged: bool = True,
+    rss: Array | None = None,
 ) -> Solved:
     """What an ending says of coefficients, noise and nuisance terms.
 
@@ -122,6 +127,8 @@ def solved_at(
     structure : Structure
     judged : bool
         Whether the scatter of the scores has a say in the covariance.
+    rss : (n_outputs,) array, optional
+        Sums of squares of the residual as it is, where they are known (`curvature.output_rss`).
 
     Raises
     ------
@@ -130,7 +137,8 @@ def solved_at(
     """
     point, curvature, own = ending.point, ending.curvature, ending.spread
     curvature.refuse_undetermined()
-    theta, freedom, rss = coefficients(point), degrees_of_freedom(point), output_rss(point)
+    theta, freedom = coefficients(point), degrees_of_freedom(point)
+    rss = output_rss(point) if rss is None else rss
     a = point.problem.denominator_places()
     weak = bool(np.any(curvature.std[a] > np.abs(theta[a])))
     converged = ending.status is Status.CONVERGED
@@ -292,4 +300,4 @@ def _free_response(point: Point, experiment: int) -> Array:
 def free_after(problem: Problem, experiment: int) -> float:
     """When the free response of an experiment begins, after its first sample [s]."""
     e = problem.experiments[experiment]
-    return float(e.instants[e.start]) if e.free else 0.0
+    return e.instant(e.start) if e.free else 0.0

@@ -136,7 +136,7 @@ def deciding(
             promised, _ = yield from _predict(base, variants, [point.poles], known)
     best = min(done.values(), key=lambda one: one.criterion)
     table = [done[k].criterion if k in done else promised[k].criterion for k in range(len(choices))]
-    return Decided(best, _decisions(choices, best, table), seed)
+    return Decided(best, decisions_in_words(choices, best, table), seed)
 
 
 def _predict(
@@ -178,9 +178,18 @@ def _same_input(problem: Problem, base: Problem, variant: Variant) -> bool:
     return True
 
 
-def _decisions(
+def decisions_in_words(
     choices: Sequence[Nuisances], best: Finished, table: Sequence[float]
 ) -> tuple[str, ...]:
+    """What was decided between choices, and by how much; empty where there was but one.
+
+    Parameters
+    ----------
+    choices : sequence of Nuisances
+    best : Finished
+    table : sequence of float
+        AICc of each choice, reached or promised.
+    """
     if len(choices) == 1:
         return ()
     others = sorted(

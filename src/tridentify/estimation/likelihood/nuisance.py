@@ -86,6 +86,34 @@ def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisanc
         If no input arrives within the record, or no output sample is left after that.
     """
     _check_delays(records, structure)
+    still = [
+        all(not np.ptp(record.u[:, j]) for record in records) for j in range(records[0].n_inputs)
+    ]
+    at_zero = all(not np.any(record.u[0]) for record in records)
+    found = open_choices(structure, records[0], still, at_zero=at_zero)
+    return _affordable(found, records, structure)
+
+
+def open_choices(
+    structure: Structure, first: Record, still: Sequence[bool], *, at_zero: bool
+) -> list[Nuisances]:
+    """The choices that a structure leaves open, whatever the number of samples.
+
+    Parameters
+    ----------
+    structure : Structure
+    first : Record
+        The first experiment, or its beginning: names and first values of the inputs.
+    still : sequence of bool
+        For each input, whether it never changes, in no experiment.
+    at_zero : bool
+        Whether all inputs begin at zero, in all experiments.
+
+    Raises
+    ------
+    ConstantInputError, OptionError
+        As `candidates`.
+    """
     offsets = (False, True) if structure.offset == "auto" else (bool(structure.offset),)
     drifts = (False, True) if structure.drift == "auto" else (bool(structure.drift),)
     if structure.initial_state == "equilibrium" and structure.offset is False:
@@ -93,20 +121,16 @@ def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisanc
             "found initial_state='equilibrium' with offset=False; expected an offset, which is the "
             "output of the equilibrium; leave offset out"
         )
-    still = [
-        all(not np.ptp(record.u[:, j]) for record in records) for j in range(records[0].n_inputs)
-    ]
     constant = all(still)
     if structure.initial_state == "equilibrium" or (
         structure.initial_state == "free" and (constant or structure.offset is True)
     ):
-        _refuse_constant(records[0], structure, still)
+        _refuse_constant(first, structure, still)
     states = (
         (("rest",) if constant else ("rest", "equilibrium", "free"))
         if structure.initial_state == "auto"
         else (structure.initial_state,)
     )
-    at_zero = all(not np.any(record.u[0]) for record in records)
     found = []
     for drift in drifts:
         for state in states:
@@ -116,7 +140,7 @@ def candidates(records: Sequence[Record], structure: Structure) -> tuple[Nuisanc
                 if any(still) and (state == "equilibrium" or (state == "free" and offset)):
                     continue
                 found.append(Nuisances(state, offset, drift))
-    return _affordable(found, records, structure)
+    return found
 
 
 def _refuse_constant(record: Record, structure: Structure, still: Sequence[bool]) -> None:

@@ -131,9 +131,21 @@ class Problem:
             spread += np.maximum(about - moved.sum(axis=0) ** 2 / y.shape[0], 0.0)
             size = np.maximum(size, squares / y.shape[0])
             count += n
+        return cls.scaled(experiments, n_poles, n_zeros, spread / count, size)
+
+    @classmethod
+    def scaled(
+        cls,
+        experiments: Sequence[Experiment],
+        n_poles: int | Sequence[Sequence[int]],
+        n_zeros: tuple[tuple[int, ...], ...],
+        power: Array,
+        size: Array,
+    ) -> Problem:
+        """A problem whose outputs' scales are known: ``power`` and ``size`` of the attributes."""
         groups = _groups(n_poles, n_zeros)
         total = sum(group.order for group in groups)
-        return cls(tuple(experiments), total, n_zeros, spread / count, size, groups)
+        return cls(tuple(experiments), total, n_zeros, power, size, groups)
 
     def over(self, experiments: Sequence[Experiment]) -> Problem:
         """The same orders and groups for other experiments."""

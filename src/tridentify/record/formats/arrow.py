@@ -8,10 +8,16 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import Channel
 from tridentify.record.formats.frames import FrameTable, frame_channel, not_numbers
+
+if TYPE_CHECKING:
+    import polars as pl
 
 __all__ = ["ArrowFile", "open_file"]
 
@@ -30,12 +36,20 @@ class ArrowFile:
         self._lazy = pl.scan_parquet(plain, glob=False) if parquet else pl.scan_ipc(plain)
         rows = int(self._lazy.select(pl.len()).collect().item())
         self._kinds = dict(nw.from_native(self._lazy).collect_schema())
+        self.n_samples = rows
         self.channels: tuple[Channel, ...] = tuple(
             frame_channel(name, kind.is_temporal(), rows) for name, kind in self._kinds.items()
         )
 
     def read(self, indices: Sequence[int]) -> list[Array]:
         """Give columns as numbers, nan where nothing stands."""
+        return self._columns(indices, self._lazy)
+
+    def part(self, indices: Sequence[int], start: int, stop: int) -> Array:
+        """(stop - start, n) samples of some columns, of which only these rows are decoded."""
+        return np.column_stack(self._columns(indices, self._lazy.slice(start, stop - start)))
+
+    def _columns(self, indices: Sequence[int], rows: pl.LazyFrame) -> list[Array]:
         import narwhals as nw
         import polars as pl
 
@@ -44,7 +58,7 @@ class ArrowFile:
             kind = self._kinds[name]
             if not (kind.is_numeric() or kind.is_temporal() or kind == nw.Boolean):
                 raise not_numbers(kind, name, self.path)
-        frame = self._lazy.select([pl.col(name) for name in dict.fromkeys(names)]).collect()
+        frame = rows.select([pl.col(name) for name in dict.fromkeys(names)]).collect()
         table = FrameTable(nw.from_native(frame, eager_only=True), self.path)
         known = [channel.header for channel in table.channels]
         return table.read([known.index(name) for name in names])

@@ -66,6 +66,7 @@ FORMATS = (
         "excel",
         (b"[Content_Types].xml", b"_rels/", b"docProps/", b"xl/", b"customXml/"),
     ),
+    Format("NPY", (".npy",), ((0, b"\x93NUMPY"),), "npy"),
     Format("NPZ", (".npz",), ((0, b"PK\x03\x04"), (0, b"PK\x05\x06")), "npz"),
     Format("MATLAB 5", (".mat",), ((0, b"MATLAB 5.0"),), "matlab"),
     Format(
@@ -115,7 +116,7 @@ def read_record(
     Parameters
     ----------
     path : path-like, bytes, or file open for reading
-        Delimited text (CSV, TSV), Excel (``.xlsx``), Parquet, Feather, NPZ, MATLAB (``.mat``,
+        Delimited text (CSV, TSV), Excel (``.xlsx``), Parquet, Feather, NPY, NPZ, MATLAB (``.mat``,
         version 5 or 7.3), ULog or MDF4, recognised by its content. Excel, MATLAB 7.3, ULog and MDF4
         need the extras ``excel``, ``matlab``, ``ulog`` and ``mdf`` of this package. A file in
         memory (``io.BytesIO``) or an upload is read from where it stands.

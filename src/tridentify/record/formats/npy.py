@@ -1,0 +1,108 @@
+"""NumPy arrays (``.npy``), without pickle, part by part: only what is asked for is ever in memory.
+
+The columns of an array of two dimensions are ``x[0]``, ``x[1]``, ...; an array of one dimension is
+``x``, and the fields of a structured one are channels by their names. A part is mapped and copied,
+and the map is dropped again: a map that stays would count as memory, page by page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import prod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tridentify.errors import ForeignObjectError, TextInColumnError, UnreadableFileError, shown
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import Channel, header_channel
+from tridentify.record.formats.isolation import check_size
+
+__all__ = ["MARK", "NpyFile", "open_file"]
+
+MARK = b"\x93NUMPY"
+"""What a file of NumPy begins with."""
+
+MOST_COLUMNS = 1000
+"""Columns of an array; more are samples lying on their side."""
+
+
+class NpyFile:
+    """A NumPy array as an `OpenFile`, and as one that is read in parts."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        with path.open("rb") as stream:
+            version = np.lib.format.read_magic(stream)
+            first = version == (1, 0)
+            header = np.lib.format.read_array_header_1_0 if first else (
+                np.lib.format.read_array_header_2_0
+            )  # fmt: skip
+            self._shape, self._fortran, self._kind = header(stream)
+            self._begin = stream.tell()
+        self._check_shape()
+        self.n_samples = int(self._shape[0])
+        names = self._kind.names or (
+            ("x",) if len(self._shape) == 1 else [f"x[{k}]" for k in range(self._shape[1])]
+        )
+        self.channels: tuple[Channel, ...] = tuple(
+            header_channel(name, self.n_samples) for name in names
+        )
+
+    def _check_shape(self) -> None:
+        """Refuse what is no table, and a file that ends before the array does."""
+        name, shape = shown(self.path.name), self._shape
+        wide = len(shape) == 2 and (shape[1] > MOST_COLUMNS or self._kind.names is not None)
+        if len(shape) not in (1, 2) or wide or min(shape) < 1:
+            raise UnreadableFileError(
+                f"found an array of shape {shape} in {name}; expected samples in rows and channels "
+                f"in at most {MOST_COLUMNS} columns; save it transposed or reshaped"
+            )
+        expected = self._begin + prod(shape) * self._kind.itemsize
+        there = self.path.stat().st_size
+        if self._kind.hasobject:
+            raise ForeignObjectError(
+                f"found Python objects in {name}; expected numbers, since objects would have to be "
+                "unpickled, which can run any program; save the array as float"
+            )
+        if there < expected:
+            raise UnreadableFileError(
+                f"found {there} bytes in {name}; expected {expected} for an array of shape "
+                f"{shape}: the file was cut off; write it anew"
+            )
+
+    def part(self, indices: Sequence[int], start: int, stop: int) -> Array:
+        """(stop - start, n) samples of some channels; positions in `channels`."""
+        columns: list[Any] = []
+        mapped = np.memmap(
+            self.path, self._kind, "r", self._begin, self._shape, "F" if self._fortran else "C"
+        )
+        for index in indices:
+            rows: Any = mapped[start:stop]
+            if self._kind.names:
+                rows = rows[self._kind.names[index]]
+            elif len(self._shape) == 2:
+                rows = rows[:, index]
+            if rows.dtype.kind not in "fiub":
+                raise TextInColumnError(
+                    f"found {rows.dtype} in {shown(self.channels[index].header)} of "
+                    f"{shown(self.path.name)}; expected real numbers; save the array as float"
+                )
+            columns.append(np.asarray(rows, dtype=np.float64))
+        return np.column_stack(columns)
+
+    def read(self, indices: Sequence[int]) -> list[Array]:
+        """Give channels as numbers."""
+        check_size(8 * len(indices) * self.n_samples, self.path)
+        return list(self.part(indices, 0, self.n_samples).T)
+
+    def instants(self, clock: str) -> Array | None:
+        """Give nothing: the time is a column."""
+
+    def place(self, row: int) -> str:
+        """Name a sample by its number, from 1."""
+        return f"sample {row + 1}"
+
+
+open_file = NpyFile
