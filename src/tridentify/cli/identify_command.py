@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager, ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from tridentify.cli import options, tables
 from tridentify.cli.groups import Along, Known, Late, Reading, Way, asked_structure
 from tridentify.cli.load import RecordSource, load
+from tridentify.cli.long_record import answer, long_record
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import estimate_model, load_sample_loop, show_estimate, write_results
 from tridentify.cli.terminal import Activity, show_json
@@ -72,17 +74,27 @@ def _answer(
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
-        records = load(source, activity)
+        long = long_record(source, structure, method, activity)
+        records = load(source, activity) if long is None else []
         artist = None if results is None else stack.enter_context(drawn_beside())
         load_sample_loop(activity)
         if isinstance(structure, AutoStructure):
             activity.stage("no --poles: the numbers of poles and zeros are chosen")
-        estimate = estimate_model(records, structure, method, activity.stage, artist)
+        found = None if long is None else answer(long, structure, method, activity)
+        if found is None:
+            estimate = estimate_model(records, structure, method, activity.stage, artist)
+        else:
+            estimate, records = found.estimate, [found.stretch]
         if results is not None:
             estimate = write_results(estimate, records, results.draft, activity, title, artist)
             written = results.publish()
     if as_json:
-        document = tables.estimate_document(estimate, records)
+        document = (
+            tables.estimate_document(estimate, records)
+            if found is None
+            else replace(found, estimate=estimate).document()
+        )
         show_json(document | {"files": [str(path) for path in written]})
     else:
-        show_estimate(estimate, records, written, verbose=verbose)
+        described = None if found is None else found.text()
+        show_estimate(estimate, records, written, verbose=verbose, described=described)

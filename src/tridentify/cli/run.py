@@ -98,10 +98,11 @@ def show_estimate(
     written: Sequence[Path],
     *,
     verbose: bool = False,
+    described: str | None = None,
 ) -> None:
-    """Print the tables."""
+    """Print the tables; ``described`` says what the records are, where they do not themselves."""
     show(
-        tables.describe_records(records),
+        described or tables.describe_records(records),
         tables.describe_status(estimate),
         estimate.model_text(),
         tables.coefficient_table(estimate),

@@ -75,7 +75,7 @@ def identified(
     DataError, IdentifiabilityError
         As `identify`.
     """
-    chosen = _supported(wanted, method)
+    chosen = supported(wanted, method)
     say = progress or (lambda _: None)
     if record.n_samples <= record.stretch:
         return whole(record.part(0, record.n_samples), wanted, chosen)
@@ -95,8 +95,19 @@ def identified(
     return _judged(found, began, record, survey, stretch, (start, readings.done), chosen)
 
 
-def _supported(wanted: Structure | AutoStructure, method: Method) -> ThreeModel:
-    """The method, where what is asked for can be had from triangles alone."""
+def supported(wanted: Structure | AutoStructure, method: Method) -> ThreeModel:
+    """The method, where what is asked for can be had from triangles alone.
+
+    Parameters
+    ----------
+    wanted : Structure or AutoStructure
+    method : Method
+
+    Raises
+    ------
+    UnsupportedError
+        It cannot.
+    """
     template = wanted.template if isinstance(wanted, AutoStructure) else wanted
     why = ""
     if not isinstance(method, ThreeModel):

@@ -72,8 +72,8 @@ class Survey:
         For each input, whether it never changes.
     missing : (n_outputs,) int array
         Missing samples of each output.
-    power : (n_outputs,) array
-        Mean squares of the outputs about their means.
+    mean, power : (n_outputs,) array
+        Means of the outputs, and their mean squares about them.
     size : (n_outputs,) array
         Mean squares of the outputs as recorded.
     liveliest : int
@@ -89,6 +89,7 @@ class Survey:
     first: Array
     still: tuple[bool, ...]
     missing: Array
+    mean: Array
     power: Array
     size: Array
     liveliest: int
@@ -210,6 +211,10 @@ class LongRecord:
         n = len(self._columns[0])
         for both in self._read((*self._columns[0], *self._columns[1]), told):
             yield np.ascontiguousarray(both[:, :n]), np.ascontiguousarray(both[:, n:])
+
+    def outputs(self, start: int, stop: int) -> Array:
+        """(stop - start, n_outputs) outputs alone of some samples."""
+        return read_part(self.source, self._columns[1], start, stop)
 
     def _read(self, columns: tuple[int, ...], told: Told | None) -> Iterator[Array]:
         for start in range(0, self.n_samples, self.chunk):
@@ -335,6 +340,12 @@ class _Movement:
         )
 
     @property
+    def mean(self) -> Array:
+        """(n_channels,) of all that is there."""
+        n = np.maximum(self.counts.sum(axis=0), 1.0)
+        return np.asarray(self.first + self.sums.sum(axis=0) / n)
+
+    @property
     def power(self) -> Array:
         """(n_channels,) mean square about the mean of all."""
         n = np.maximum(self.counts.sum(axis=0), 1.0)
@@ -374,6 +385,7 @@ def _survey(record: LongRecord, u: _Inputs, y: _Outputs, fingerprint: str) -> Su
         first=u.first,
         still=tuple((u.most == u.least).tolist()),
         missing=record.n_samples - counts.astype(np.int64),
+        mean=y.moves.mean,
         power=power,
         size=y.squares / record.n_samples,
         liveliest=best * record.stretch,

@@ -177,7 +177,8 @@ class LongQuestion:
             gappy=tuple((survey.missing > 0).tolist()),
         )
         zeros = structure.zeros_matrix(survey.power.size, survey.first.size)
-        base = Problem.scaled([experiment], structure.poles, zeros, survey.power, survey.size)
+        power = _power(record, survey, start)
+        base = Problem.scaled([experiment], structure.poles, zeros, power, survey.size)
         seen = int((record.n_samples - survey.missing).min()) - start
         unknowns = base.n_coefficients + base.n_nuisance
         if seen < unknowns + 3:
@@ -195,6 +196,17 @@ class LongQuestion:
             for choice, reference in zip(choices, references, strict=True)
         )
         return cls(head, structure, choices, base, variants)
+
+
+def _power(record: LongRecord, survey: Survey, start: int) -> Array:
+    """Mean squares of the outputs about their means, without the samples before ``start``."""
+    if not start:
+        return survey.power
+    moved = record.outputs(0, start) - survey.mean
+    seen = (record.n_samples - survey.missing).astype(np.float64)
+    left = np.maximum(seen - np.isfinite(moved).sum(axis=0), 1.0)
+    spread = seen * survey.power - np.nansum(moved**2, axis=0)
+    return np.asarray(np.maximum(spread - np.nansum(moved, axis=0) ** 2 / left, 0.0) / left)
 
 
 def _first_explained(record: LongRecord, structure: Structure, longest: float) -> int:

@@ -5,6 +5,7 @@ A column that holds no numbers is refused by its declared type, before anything 
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Sequence
 from pathlib import Path
@@ -73,9 +74,11 @@ class ArrowFile:
 
 def _plainly_named(path: Path) -> Path:
     """Give a name in UTF-8 without brackets, which polars takes for patterns, to the same file."""
+    if not re.search(r"[*?\[\]{}\udc80-\udcff]", str(path)):
+        return path
     alias = Path(tempfile.mkdtemp(), "file")
     try:
-        alias.symlink_to(path)
+        alias.symlink_to(path.absolute())
     except (OSError, NotImplementedError):
         return path
     return alias
