@@ -23,7 +23,8 @@ from tridentify.estimation.methods.long_record import (
 )
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.cautions.coefficients import coefficient_findings
-from tridentify.record.long_record import LongRecord, Survey
+from tridentify.record.long_record import LongRecord
+from tridentify.record.long_survey import Survey, survey
 from tridentify.record.record import Record
 from tridentify.structure import AutoStructure, Structure
 from tridentify.writing.layout import as_call
@@ -80,19 +81,19 @@ def identified(
     if record.n_samples <= record.stretch:
         return whole(record.part(0, record.n_samples), wanted, chosen)
     readings = Readings(record, say)
-    survey = record.survey(readings.told)
+    seen = survey(record, readings.told)
     readings.done = 2
-    start = 0 if survey.begins_lively else survey.liveliest
+    start = 0 if seen.begins_lively else seen.liveliest
     stretch = record.part(start, start + record.stretch)
     say(f"the ordinary search, on samples {start} to {start + stretch.n_samples - 1}")
     began = whole(stretch, _on_stretch(wanted, known=start == 0), chosen)
     _refuse_band_limited(began, record)
     structure = _asked(wanted, began)
-    seeds = [poles_of_seed(began), *_slow_seed(survey, structure)]
+    seeds = [poles_of_seed(began), *_slow_seed(seen, structure)]
     found = long_estimate(
-        record, survey, replace(began, structure=structure), seeds, chosen.patience, readings
+        record, seen, replace(began, structure=structure), seeds, chosen.patience, readings
     )
-    return _judged(found, began, record, survey, stretch, (start, readings.done), chosen)
+    return _judged(found, began, record, seen, stretch, (start, readings.done), chosen)
 
 
 def supported(wanted: Structure | AutoStructure, method: Method) -> ThreeModel:
@@ -156,13 +157,13 @@ def _refuse_band_limited(began: Estimate, record: LongRecord) -> None:
         )
 
 
-def _slow_seed(survey: Survey, structure: Structure) -> list[np.ndarray]:
+def _slow_seed(seen: Survey, structure: Structure) -> list[np.ndarray]:
     """Poles from the record averaged over blocks, where that has a model."""
-    if survey.coarse is None:
+    if seen.coarse is None:
         return []
     try:
         plain = ThreeModel(noise="white", finish="likelihood", route="open-loop", starts=1)
-        return [poles_of_seed(plain.estimate([survey.coarse], structure))]
+        return [poles_of_seed(plain.estimate([seen.coarse], structure))]
     except TridentifyError:  # nothing so slow is in it
         return []
 
@@ -171,15 +172,17 @@ def _judged(
     found: Estimate,
     began: Estimate,
     record: LongRecord,
-    survey: Survey,
+    seen: Survey,
     stretch: Record,
     counted: tuple[int, int],
     method: ThreeModel,
 ) -> Estimate:
     """The estimate with what is to be said of it."""
     start, readings = counted
-    seen = survey.coarse if survey.coarse is not None else stretch
-    known = [one for one in coefficient_findings(found, [seen]) if one.code != "outside-the-record"]
+    small = seen.coarse if seen.coarse is not None else stretch
+    known = [
+        one for one in coefficient_findings(found, [small]) if one.code != "outside-the-record"
+    ]
     first, last = start, start + stretch.n_samples - 1
     where = f"On samples {first} to {last}: "
     carried = [
@@ -195,7 +198,7 @@ def _judged(
         "Where that matters, validate other stretches: validate(estimate, record.part(a, b)).",
         times=(float(stretch.t[0]), float(stretch.t[-1])),
     )
-    findings = ranked([*found.findings, *known, *_missing(survey, record), *carried, said])
+    findings = ranked([*found.findings, *known, *_missing(seen, record), *carried, said])
     told = f"{readings} readings of {record.n_samples} samples; begun on samples {first} to {last}"
     trace = replace(found.trace, decisions=(told, *_order_told(began), *found.trace.decisions))
     return replace(found, findings=findings, trace=trace, call=as_call(method))
@@ -207,11 +210,11 @@ def _order_told(began: Estimate) -> tuple[str, ...]:
     return tuple(one for one in began.trace.decisions if any(word in one for word in words))
 
 
-def _missing(survey: Survey, record: LongRecord) -> Sequence[Finding]:
-    missing = int(survey.missing.sum())
+def _missing(seen: Survey, record: LongRecord) -> Sequence[Finding]:
+    missing = int(seen.missing.sum())
     if not missing:
         return []
-    which = tuple(name for name, n in zip(record.output_names, survey.missing, strict=True) if n)
+    which = tuple(name for name, n in zip(record.output_names, seen.missing, strict=True) if n)
     return [
         Finding(
             "missing-samples",

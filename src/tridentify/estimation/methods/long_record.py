@@ -45,7 +45,8 @@ from tridentify.models.chunked import ChunkedExperiment, Parts
 from tridentify.models.regression import Regression, regress
 from tridentify.models.response import ColumnBlocks
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.record.long_record import LongRecord, Survey
+from tridentify.record.long_record import LongRecord
+from tridentify.record.long_survey import Survey
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
