@@ -44,7 +44,9 @@ def reference_findings(
     """
     if any(one.dt is None for one in records):
         return ()
-    inputs = Inputs.of([_driven_by(beginning(one, LONGEST_LOOK)) for one in records])
+    most = max(records, key=lambda one: one.n_references)
+    looked = [beginning(one, LONGEST_LOOK) for one in records]
+    inputs = Inputs.of([_driven_by(one, most.n_references) for one in looked])
     view = None if inputs.commanded else own_look(estimate, explained)
     if view is None:
         return ()
@@ -52,13 +54,14 @@ def reference_findings(
         own = [np.hstack(pair) for pair in zip(one.coefficients, one.nuisance, strict=True)]
         seen = coming(one.residual, own, one.noise, inputs, AT_ONCE)
         if seen.is_clear:
-            return (_in_words(records[0].reference_names[seen.input], one.name, seen.share),)
+            return (_in_words(most.reference_names[seen.input], one.name, seen.share),)
     return ()
 
 
-def _driven_by(record: Record) -> Record:
-    """A record with its references for inputs."""
+def _driven_by(record: Record, count: int) -> Record:
+    """A record with its references for inputs, and zeros for those it lacks."""
     reference = np.asarray(record.reference, dtype=np.float64)
+    reference = np.pad(reference, ((0, 0), (0, count - record.n_references)))
     between = record.reference_behaviour or "zoh"
     return Record(reference, record.y, dt=record.dt, intersample=between)
 
