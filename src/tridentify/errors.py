@@ -188,6 +188,10 @@ class ScaleError(DataError):
 class UnreadableFileError(DataError, OSError):
     """The file is missing, a directory, not permitted, damaged, or not of a known format."""
 
+    def __new__(cls, *args: object) -> UnreadableFileError:
+        """An `OSError` from the start: what unpickles exceptions elsewhere calls this by itself."""
+        return OSError.__new__(cls, *args)
+
 
 class FileTooLargeError(DataError):
     """The samples of the file would fill the memory."""

@@ -60,6 +60,12 @@ def test_message_survives_another_process(cls: type[Exception]) -> None:
 
 
 @pytest.mark.parametrize("cls", CLASSES)
+def test_a_class_makes_its_instances_by_itself(cls: type[Exception]) -> None:
+    """As what carries tracebacks between the processes of a cluster unpickles them."""
+    assert str(cls.__new__(cls, "found x")) == "found x"
+
+
+@pytest.mark.parametrize("cls", CLASSES)
 def test_every_error_says_what_it_stands_for(cls: type[Exception]) -> None:
     assert vars(cls)["__doc__"].strip().endswith(".")
     assert cls.__name__ in errors.__all__

@@ -185,9 +185,11 @@ def driven_basis(loops: Sequence[Loop], noise: Array) -> Array | None:
 def merit(linear: Linear, basis: Array | None) -> float:
     """Sum of squares of what the references explain of the errors beside start and offset."""
     q = np.linalg.qr(linear.rest)[0]
-    left = linear.errors - q @ (q.T @ linear.errors)
-    along = left if basis is None else basis.T @ left
-    return float(along @ along) if np.isfinite(along).all() else np.inf
+    with np.errstate(over="ignore", invalid="ignore"):
+        left = linear.errors - q @ (q.T @ linear.errors)
+        along = left if basis is None else basis.T @ left
+        size = float(along @ along)
+    return size if np.isfinite(size) else np.inf
 
 
 def stacked(shared: Sequence[Array], own: Sequence[Array]) -> Array:

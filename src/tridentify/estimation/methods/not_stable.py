@@ -46,7 +46,8 @@ GROWTH = 0.7
 """Rate of the pole times length of the record, from which a response doubles within it."""
 BEYOND_DOUBT = 100.0
 """Fall of ``-2 log L`` from which no standard errors are asked for: two poles that are hardly told
-apart are known together far better than each."""
+apart are known together far better than each. In white noise alone: a
+model of the noise may fall as far by itself."""
 EXPLOSION = 3.0
 """Rate of the pole times length of the record, from which no drift grows like that: twentyfold."""
 
@@ -82,7 +83,7 @@ def unless_unstable(
     error = _error_of_rate(np.append(1.0, best.plant.a), best.cov)
     longest = max(record.duration for record in asked.records)
     gain = _deviance(found, asked.records) - best.deviance
-    sure = rate > SURELY * error or gain > BEYOND_DOUBT
+    sure = rate > SURELY * error or (gain > BEYOND_DOUBT and not best.noise.size)
     if gain < CLEARLY or not sure or rate * longest < GROWTH:
         return found
     like_a_drift = rate * longest < EXPLOSION
