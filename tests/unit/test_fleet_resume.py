@@ -121,6 +121,20 @@ def stored(undisturbed: pl.DataFrame, folder: Path, tmp_path: Path) -> Path:
     return out
 
 
+def test_rows_of_a_part_cut_short_meanwhile_are_told_in_one_line(
+    tmp_path: Path, undisturbed: pl.DataFrame
+) -> None:
+    store = Store(tmp_path / "out")
+    store.parts.mkdir(parents=True)
+    undisturbed.write_parquet(store.parts / "part-a.parquet")
+    assert store.rows().height == COUNT
+    part = store.parts / "part-a.parquet"
+    part.write_bytes(part.read_bytes()[:-100])
+    for columns in (None, ["status"]):
+        with pytest.raises(UnreadableFileError, match=r"damaged part .*call fleet\.fit again"):
+            store.rows(columns)
+
+
 def test_a_truncated_part_is_set_aside_and_its_records_done_again(
     stored: Path, folder: Path, undisturbed: pl.DataFrame
 ) -> None:

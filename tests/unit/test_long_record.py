@@ -15,6 +15,7 @@ from tridentify.errors import (
     NonUniformTimeError,
     NotFiniteError,
     OptionError,
+    SampleTypeError,
     UnreadableFileError,
     UnsupportedError,
 )
@@ -22,7 +23,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
-from tridentify.estimation.methods.long_record import poles_of_seed
+from tridentify.estimation.methods.long_record import Readings, poles_of_seed
 
 pytestmark = pytest.mark.unjudged
 
@@ -62,6 +63,10 @@ def saved(tmp_path: Path) -> Saved:
         return path
 
     return save
+
+
+def opened(path: Path, chunk: int) -> tri.LongRecord:
+    return tri.open_record(path, inputs=["x[0]"], outputs=["x[1]"], dt=DT, chunk=chunk)
 
 
 def in_parts(path: Path, record: Record, structure: Structure, chunk: int = 1000) -> Estimate:
@@ -290,3 +295,70 @@ def test_a_zarr_store(tmp_path: Path) -> None:
         tmp_path / "run.zarr", inputs=["u"], outputs=["y"], dt=DT, intersample="zoh", stretch=4000
     )
     assert apart(identify(opened, (2, 1), WHITE), record, Structure(2, 1)) < SAME
+
+
+def test_a_gap_of_time_is_told_where_it_is(tmp_path: Path) -> None:
+    import polars as pl
+
+    t = DT * np.delete(np.arange(50_000), np.arange(30_000, 30_100))
+    path = tmp_path / "gap.parquet"
+    pl.DataFrame({"t": t, "u": np.sin(t), "y": t}).write_parquet(path)
+    for chunk in (7_000, 15_000, 1 << 18):
+        with pytest.raises(
+            NonUniformTimeError, match=r"step of time of 1\.01 s at row 3000\d"
+        ) as e:
+            tri.open_record(path, inputs=["u"], outputs=["y"], chunk=chunk)
+        assert "where the others are 0.01 s" in str(e.value)
+
+
+def test_time_that_drifts_without_a_gap_is_told(tmp_path: Path) -> None:
+    import polars as pl
+
+    t = DT * np.arange(50_000) ** 1.01
+    path = tmp_path / "drift.parquet"
+    pl.DataFrame({"t": t, "u": np.sin(t), "y": t}).write_parquet(path)
+    with pytest.raises(NonUniformTimeError, match="time that drifts or scatters"):
+        tri.open_record(path, inputs=["u"], outputs=["y"])
+
+
+def test_the_name_of_a_channel_may_stand_alone(tmp_path: Path) -> None:
+    import polars as pl
+
+    path = tmp_path / "run.parquet"
+    pl.DataFrame({"elevator": np.sin(np.arange(50.0)), "rate": np.arange(50.0)}).write_parquet(path)
+    record = tri.open_record(path, inputs="elevator", outputs="rate", dt=DT)
+    assert record.input_names == ("elevator",)
+    assert record.output_names == ("rate",)
+
+
+def test_what_needs_samples_in_memory_says_so(saved: Saved) -> None:
+    record = opened(saved(single(5_000)), chunk=1_000)
+    estimate = identify(record.part(0, 3_000), poles=2, zeros=1)
+    for call in (tri.advise, tri.frequency_response, lambda r: tri.validate(estimate, r)):
+        with pytest.raises(UnsupportedError, match=r"record\.part\(0, 100000\)"):
+            call(record)
+    for call in (estimate.predict, estimate.residual, tri.frame_from_record):
+        with pytest.raises(SampleTypeError, match=r"found LongRecord .*record\.part\(a, b\)"):
+            call(record)
+    with pytest.raises(OptionError, match=r"found 10\.0 as the number of a sample"):
+        record.part(10.0, 50)  # type: ignore[arg-type]
+
+
+def test_the_time_that_remains_is_that_of_reading(
+    saved: Saved, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = [0.0]
+    monkeypatch.setattr("time.monotonic", lambda: clock[0])
+    said: list[str] = []
+    readings = Readings(opened(saved(single(4_000)), chunk=1_000), said.append)
+
+    def once() -> None:
+        for _ in readings.parts():
+            clock[0] += 2.0
+
+    once()
+    clock[0] += 10_000.0  # the search on the stretch
+    said.clear()
+    once()
+    assert said
+    assert all(line.endswith(" s left") for line in said), said

@@ -182,6 +182,11 @@ class Store:
         ----------
         columns : sequence of str, optional
             Those that are wanted.
+
+        Raises
+        ------
+        UnreadableFileError
+            A part is damaged.
         """
         import polars as pl
 
@@ -196,7 +201,13 @@ class Store:
         lazy = lazy.sort("key", "attempt", maintain_order=True).unique(
             "key", keep="last", maintain_order=True
         )
-        return lazy.collect() if columns is None else lazy.select(columns).collect()
+        try:
+            return lazy.collect() if columns is None else lazy.select(columns).collect()
+        except (pl.exceptions.PolarsError, OSError) as error:
+            raise UnreadableFileError(
+                f"found a damaged part in {shown(str(files[0].parent))}; expected whole Parquet "
+                "files; call fleet.fit again with the same settings, which does its records again"
+            ) from error
 
 
 def digest_of(settings: Mapping[str, Any]) -> str:

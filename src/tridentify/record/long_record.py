@@ -10,6 +10,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
@@ -26,6 +27,7 @@ from tridentify.errors import (
     TimeNotIncreasingError,
     TooFewSamplesError,
     TridentifyError,
+    UnsupportedError,
     shown,
 )
 from tridentify.numerics.arrays import Array
@@ -44,6 +46,10 @@ below 100 MB; and long enough that reading one costs no more than its bytes."""
 STRETCH = 50_000
 """Samples of the stretch that the ordinary search sees: as many as it takes for a long record, and
 some seconds of its time."""
+
+UNEVEN = 0.25
+"""Departure of one step of time from the usual one, as a share of it, that is told as a gap:
+between the scatter of time stamps and a row that is missing."""
 
 HEAD = 1_000
 """Samples from which names and units are read first."""
@@ -129,6 +135,19 @@ class LongRecord:
             f"dt={self.dt:g} s, {self.intersample}, inputs: {ins}, outputs: {outs})"
         )
 
+    def __iter__(self) -> NoReturn:
+        """Nobody takes it for a list of records.
+
+        Raises
+        ------
+        UnsupportedError
+            Always.
+        """
+        raise UnsupportedError(
+            f"found a LongRecord of {self.n_samples} samples; expected samples in memory for "
+            "anything but identify; give a stretch: record.part(0, 100000)"
+        )
+
     def part(self, start: int, stop: int) -> Record:
         """Samples ``start`` to ``stop - 1`` in memory, at their times.
 
@@ -136,9 +155,17 @@ class LongRecord:
         ------
         EmptyRangeError
             There are fewer than two samples there.
+        OptionError
+            A limit is no whole number.
         DataError
             As `Record`.
         """
+        for limit in (start, stop):
+            if not isinstance(limit, (int, np.integer)):
+                raise OptionError(
+                    f"found {shown(limit)} as the number of a sample; expected a whole number; "
+                    "time t [s] is at sample round((t - record.t0) / record.dt)"
+                )
         start, stop = max(start, 0), min(stop, self.n_samples)
         if stop - start < 2:
             raise EmptyRangeError(
@@ -209,8 +236,8 @@ def read_part(source: PartedFile, columns: Sequence[int], start: int, stop: int)
 def open_record(
     path: str | os.PathLike[str],
     *,
-    inputs: Sequence[str],
-    outputs: Sequence[str],
+    inputs: str | Sequence[str],
+    outputs: str | Sequence[str],
     time: str | None = None,
     dt: float | None = None,
     intersample: Intersample = "auto",
@@ -226,7 +253,7 @@ def open_record(
         Parquet, Feather, a NumPy array (``.npy``, whose columns are ``x[0]``, ``x[1]``, ...; of one
         dimension ``x``) or, where that library is installed, a Zarr store. One that is written in
         row groups of about a million rows is read fastest.
-    inputs, outputs : sequence of str
+    inputs, outputs : str or sequence of str
         Names of the channels, as in `read_record`.
     time : str, optional
         Channel of time, in seconds unless its unit says otherwise, uniform to a thousandth of a
@@ -270,6 +297,7 @@ def open_record(
     LongRecord('run', 5000 samples, 49.99 s, dt=0.01 s, auto, inputs: x[0], outputs: x[1])
     """
     _check_options(intersample, chunk, stretch)
+    inputs, outputs = ((side,) if isinstance(side, str) else side for side in (inputs, outputs))
     source = open_parts(path)
     named = time
     if named is None and dt is None:
@@ -354,11 +382,35 @@ def _uniform_step(source: PartedFile, time: str, wanted: Wanted, chunk: int) -> 
         t = scale * read_part(source, [index], start, stop)[:, 0]
         off = np.abs(t - scale * first - step * np.arange(start, stop))
         if not np.all(off <= TIME_TOLERANCE * step):
-            row = int(np.argmin(off <= TIME_TOLERANCE * step))
-            raise NonUniformTimeError(
-                f"found time {t[row]:.9g} s at {source.place(start + row)}, where uniform steps of "
-                f"{step:.6g} s lead to {scale * first + step * (start + row):.9g} s; expected "
-                "uniform time in a record that is read in parts; give dt [s] if only the time "
-                "stamps are inexact, or cut the file where rows are missing"
-            )
+            raise _uneven(source, index, scale, chunk)
     return float(step)
+
+
+def _uneven(source: PartedFile, index: int, scale: float, chunk: int) -> NonUniformTimeError:
+    """Where time first leaves the steps that it begins with.
+
+    The mean step is no measure: one gap in the middle would have every row before it blamed.
+    """
+    n = source.n_samples
+    begin = scale * read_part(source, [index], 0, min(n, HEAD))[:, 0]
+    usual = float(np.median(np.diff(begin)))
+    last = float(begin[0]) - usual
+    for start in range(0, n, chunk):
+        t = scale * read_part(source, [index], start, min(start + chunk, n))[:, 0]
+        steps = np.diff(t, prepend=last)
+        wrong = ~(np.abs(steps - usual) <= UNEVEN * abs(usual))
+        if np.any(wrong):
+            at = int(np.argmax(wrong))
+            here = float(t[at])
+            return NonUniformTimeError(
+                f"found a step of time of {steps[at]:.6g} s at {source.place(start + at)} (to "
+                f"{here:.9g} s), where the others are {usual:.6g} s; expected uniform time in a "
+                "record that is read in parts; give dt [s] if only the time stamps are inexact, "
+                "or cut the file where rows are missing"
+            )
+        last = float(t[-1])
+    return NonUniformTimeError(
+        f"found time that drifts or scatters about steps of {usual:.9g} s, with which it begins; "
+        "expected uniform time in a record that is read in parts; give dt [s] if only "
+        "its stamps are inexact"
+    )

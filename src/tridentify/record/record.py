@@ -65,7 +65,7 @@ from tridentify.numerics.interpolation import FEWEST, lowpass
 from tridentify.writing.notebook import sparkline
 from tridentify.writing.pointers import OF_A_RECORD, Pointers
 
-__all__ = ["Intersample", "Record"]
+__all__ = ["Intersample", "Record", "in_memory"]
 
 MOST_SAMPLES = 20_000_000
 _DRAWN = 6
@@ -896,3 +896,23 @@ class Record(Pointers):
                 drawing = sparkline(signal, name)
                 cells += f"<tr><th>{html.escape(name)}</th><td>{drawing}</td></tr>"
         return f"<table><caption>Record {html.escape(self.name)}</caption>{cells}</table>"
+
+
+def in_memory(given: object) -> Record:
+    """What was given, if it is a record whose samples are in memory.
+
+    Parameters
+    ----------
+    given : object
+
+    Raises
+    ------
+    SampleTypeError
+        It is something else.
+    """
+    if isinstance(given, Record):
+        return given
+    raise SampleTypeError(
+        f"found {type(given).__name__} in place of a record; expected a Record, whose samples are "
+        "in memory; write Record(u, y, dt=...), or of a long record a stretch: record.part(a, b)"
+    )

@@ -43,7 +43,7 @@ from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace,
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.root_draws import pole_values
-from tridentify.record.record import Record
+from tridentify.record.record import Record, in_memory
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.layout import (
@@ -515,6 +515,7 @@ class Estimate(EstimateViews):
         """
         from tridentify.simulate import simulate
 
+        record = in_memory(record)
         found = (record.n_inputs, record.n_outputs)
         expected = (len(self.input_names), len(self.output_names))
         if found != expected:
@@ -537,7 +538,7 @@ class Estimate(EstimateViews):
 
     def residual(self, record: Record, *, experiment: int = 0) -> Array:
         """Recorded minus fitted output, shape (n_samples, n_outputs); nan where not recorded."""
-        residual: Array = record.y - self.predict(record, experiment=experiment)
+        residual: Array = in_memory(record).y - self.predict(record, experiment=experiment)
         return residual
 
     def summary(self) -> str:

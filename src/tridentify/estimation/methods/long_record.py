@@ -79,23 +79,27 @@ class Readings:
     record: LongRecord
     say: Say
     done: int = 0
-    _began: float = field(default_factory=time.monotonic)
+    _last: float = field(default_factory=time.monotonic)
+    _spent: float = 0.0
     _told: float = 0.0
 
     def parts(self) -> Parts:
         """One reading of inputs and outputs."""
+        self._last = time.monotonic()
         yield from self.record.parts(self.told)
         self.done += 1
 
     def told(self, samples: int) -> None:
         """Say how far this reading is, at most once a `PAUSE`."""
         now = time.monotonic()
+        self._spent += now - self._last
+        self._last = now
         if now - self._told < PAUSE:
             return
         self._told = now
         share = samples / self.record.n_samples
         whole = self.done + share
-        left = (now - self._began) / whole * max(EXPECTED - whole, 1.0 - share)
+        left = self._spent / whole * max(EXPECTED - whole, 1.0 - share)
         self.say(
             f"reading {self.done + 1} of the record ({self.record.n_samples:,} samples): "
             f"{100 * share:.0f} %, about {in_words(left)} left"

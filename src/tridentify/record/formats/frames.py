@@ -28,7 +28,7 @@ from tridentify.record.formats.assemble import TIME_NAMES, Wanted, record_from, 
 from tridentify.record.formats.channels import Channel, header_channel
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.requirements import require
-from tridentify.record.record import Record
+from tridentify.record.record import Record, in_memory
 
 if TYPE_CHECKING:
     import narwhals as nw
@@ -318,6 +318,7 @@ def frame_from_record(
     require(backend, backend, f"a frame of {backend}")
     import narwhals as nw
 
+    record = in_memory(record)
     columns = {"t [s]": record.t}
     sides = [(record.input_names, record.u), (record.output_names, record.y)]
     if record.reference is not None:
