@@ -76,6 +76,18 @@ class LongRecord:
         Samples that are read at once.
     stretch : int
         Samples of the stretch that is searched and judged as a whole.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> from pathlib import Path
+    >>> folder = tempfile.TemporaryDirectory()
+    >>> path = Path(folder.name) / "run.npy"
+    >>> np.save(path, np.column_stack([np.arange(600.0), np.arange(600.0) ** 2]))
+    >>> record = open_record(path, inputs=["x[0]"], outputs=["x[1]"], dt=0.5)
+    >>> record.n_samples, record.part(2, 4).y.ravel().tolist()
+    (600, [4.0, 9.0])
+    >>> folder.cleanup()
     """
 
     source: PartedFile
