@@ -37,7 +37,7 @@ nitpick_ignore_regex = [
     ("py:class", r"(concurrent|typing|io|functools|datetime|fractions)\..+"),
     # names of types (Array, Truth) and what stands behind the seams
     ("py:class", r"(\w+|tridentify\.online\.(estimator|layout|search|state)\.\w+)"),
-    ("py:class", r".+\.(Executor|Reached|Located|Ending|Patience)"),
+    ("py:class", r".+\.(Executor|Reached|Located|Ending|Patience|LoopTaken|PartedFile|Wanted)"),
     ("py:class", r"tridentify\.fleet\.(store\.Store|working\.Question)"),
     ("py:obj", r".+"),
 ]
