@@ -27,7 +27,7 @@ import json
 import time
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -116,7 +116,7 @@ class Loop:
         """(n, n_coefficients) per output: derivatives of the output for the noise-free input."""
         true, law = self.plant(self.theta), self.controller
         count = len(true.c)
-        blind = System(
+        half = System(
             law.system.a,
             np.hstack([law.system.b, np.zeros((len(law.system.a), count))]),
             law.system.c,
@@ -129,7 +129,7 @@ class Loop:
                 moved = self.theta.copy()
                 moved[k] += sign * MOVED * abs(value)
                 beside = beside_each_other(true, self.plant(moved))
-                seen = Controller(blind, law.sampled)
+                seen = Controller(half, law.sampled)
                 quiet = np.zeros((len(self.reference), 2 * count))
                 ends.append(self.simulated(beside, seen, quiet)[1][:, count:])
             columns.append((ends[0] - ends[1]) / (2.0 * MOVED * abs(value)))
@@ -152,23 +152,68 @@ class Loop:
             plant, self.controller, np.zeros((len(self.reference), len(plant.c)))
         )[1]
 
-    def bound(self, sizes: Array) -> Array:
-        """Standard errors of the reference-instrument estimate."""
-        total = np.zeros((self.theta.size, self.theta.size))
+    def around(self) -> Array:
+        """(n, n_outputs, n_outputs) what one sample of noise leaves where the input counts as held.
+
+        Output after output: the noise itself, and what the controller makes of it between samples.
+        """
+        plant, count = self.plant(self.theta), self.quiet().shape[1]
+        still = replace(self, reference=np.zeros_like(self.reference))
+        found = np.empty((len(self.reference), count, count))
+        for i in range(count):
+            pulse = np.zeros((len(self.reference), count))
+            pulse[0, i] = 1.0
+            u, y = still.simulated(plant, self.controller, pulse)
+            law = Controller(blind(u.shape[1], count))
+            zeros = np.zeros_like(pulse)
+            found[:, :, i] = y - run(plant, law, zeros, zeros, u, self.dt, fine=1)[1]
+        return found
+
+    def bound(self, sizes: Array, *, of_the_samples: bool = False) -> Array:
+        """Standard errors of the reference-instrument estimate.
+
+        Parameters
+        ----------
+        sizes : (n_outputs,) array
+            Of the noise.
+        of_the_samples : bool
+            Whether the input is known at its samples alone, so that what a continuous controller
+            makes of the noise between them colours it (`around`).
+        """
         driving = self.noise(np.random.default_rng(0), sizes)[1]
-        for own, size in zip(self.scores(), driving, strict=True):
-            z, one = own, np.ones((len(own), 1))
-            if self.coloured:
-                z, one = lfilter(AR, MA, z, axis=0), lfilter(AR, MA, one, axis=0)
-            z = z - one @ (one.T @ z) / float(one[:, 0] @ one[:, 0])
-            total += z.T @ z / size**2
-        return np.asarray(np.sqrt(np.diag(np.linalg.inv(total))))
+        scores = np.stack([*self.scores()], axis=1)
+        steady = np.broadcast_to(np.eye(len(sizes)), (len(scores), len(sizes), len(sizes)))
+        table = np.concatenate([scores, steady], axis=2)
+        if self.coloured:
+            table = lfilter(AR, MA, table, axis=0)
+        if of_the_samples:
+            table = divided(table, self.around())
+        table = (table / driving[None, :, None]).reshape(-1, table.shape[2])
+        z, one = table[:, : self.theta.size], np.linalg.qr(table[:, self.theta.size :])[0]
+        z = z - one @ (one.T @ z)
+        return np.asarray(np.sqrt(np.diag(np.linalg.inv(z.T @ z))))
 
     def record(self, seed: int, sizes: Array) -> Record:
         """A record of the loop."""
         noise = self.noise(np.random.default_rng(seed), sizes)[0]
         u, y = self.simulated(self.plant(self.theta), self.controller, noise)
         return Record(u, y, dt=self.dt, reference=self.reference)
+
+
+def blind(n_inputs: int, n_outputs: int) -> System:
+    """A controller that does nothing."""
+    return System(
+        np.zeros((0, 0)), np.zeros((0, n_outputs)), np.zeros((n_inputs, 0)),
+        np.zeros((n_inputs, n_outputs)),
+    )  # fmt: skip
+
+
+def divided(table: Array, around: Array) -> Array:
+    """Columns whitened by the colour of `Loop.around`, by transforms of twice the length."""
+    length = 2 * len(table)
+    colour = np.fft.rfft(around, length, axis=0)
+    found = np.linalg.solve(colour, np.fft.rfft(table, length, axis=0))
+    return np.asarray(np.fft.irfft(found, length, axis=0)[: len(table)])
 
 
 def beside_each_other(one: System, other: System) -> System:

@@ -102,9 +102,17 @@ class Loop:
         found = simulate(model, rest)
         if self.sampling == "sampled":
             return found
-        fine, pieces = self._fine
         held = with_input(self.record, self._held - self.driven.inputs[0], "zoh")
-        return found + simulate(model, fine)[::pieces] - simulate(model, held)
+        return found + self._driven_output(model) - simulate(model, held)
+
+    def moved_between(self, model: TransferFunction) -> Array:
+        """(n_samples, n_outputs) what a model makes of the driven input beyond its samples."""
+        samples = with_input(self.record, self.driven.inputs - self.driven.inputs[0], self._between)
+        return self._driven_output(model) - simulate(model, samples)
+
+    def _driven_output(self, model: TransferFunction) -> Array:
+        fine, pieces = self._fine
+        return np.asarray(simulate(model, fine)[::pieces])
 
     @property
     def pieces(self) -> int:

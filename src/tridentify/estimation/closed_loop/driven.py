@@ -33,8 +33,6 @@ from tridentify.record.record import Record
 
 MOST_FUNCTIONS = 16
 """Most operators on each reference: a loop of plant and controller of order 8, twice over."""
-FEWEST_ON_NOISE = 4
-"""Operators on the noise at least: a plant and a controller of second order."""
 PER_DECADE = 3.0
 """Rates in a decade, as in `search.starts`: neighbours are a factor of two apart."""
 SLOW_EDGE = 3.0
@@ -143,7 +141,7 @@ def driven(record: Record, *, between: bool = False) -> Driven:
     found: Driven | None = None
     lowest = np.inf
     for before in befores(direct):
-        experiment = _experiment(record, before)
+        experiment = starting(record, before)
         for rate in _rates(record):
             count = min(most, shown_by_samples(rate * experiment.dt)) if between else most
             states = operators(experiment, rate, count)
@@ -151,7 +149,7 @@ def driven(record: Record, *, between: bool = False) -> Driven:
             if found is None or criterion < lowest:
                 lowest = criterion
                 columns = _columns(direct, states[:, _first(order, count, direct.shape[1])])
-                weights = _fitted(columns, signals)
+                weights = fitted(columns, signals)
                 found = Driven(record, rate, order, before, weights, columns)
     assert found is not None
     return found
@@ -182,27 +180,37 @@ def befores(reference: Array) -> list[Array]:
     return [first, np.zeros_like(first)] if np.any(first) else [first]
 
 
-def beside_noise(part: Driven, noise: Array) -> Driven:
-    """The same operators, weighed beside what is known of the noise.
-
-    In ``u = S r - C S v`` the second part is nearly known once a model gives the noise ``v = y - G
-    u``: operators on it take the noise of ``u`` out of the fit, as a model of the controller would.
+def widest(record: Record, rate: float, before: Array) -> Driven:
+    """With all operators of a rate that the samples determine between them too.
 
     Parameters
     ----------
-    part : Driven
-    noise : (n_samples, n_outputs) array
-        Residuals of the outputs; ``nan`` counts as zero.
+    record : Record
+    rate : float
+        [rad/s].
+    before : (n_references,) array
     """
-    v = np.ascontiguousarray(np.nan_to_num(noise))
-    order = max(part.order, FEWEST_ON_NOISE)
-    if (2 * part.columns.shape[1] + v.shape[1] * (order + 1)) * 5 > part.record.n_samples:
-        return part
-    start = _experiment(part.record, part.before)
-    states = operators(replace(start, u=v, intersample="zoh"), part.rate, order)
-    signals = np.column_stack([part.record.u, part.record.y])
-    weights = _fitted(np.hstack([part.columns, v, states]), signals)
-    return replace(part, weights=weights[: part.columns.shape[1]])
+    step = float(np.median(np.diff(record.t)))
+    order = min(_affordable(record), shown_by_samples(rate * step))
+    columns = _columns(
+        np.asarray(record.reference), operators(starting(record, before), rate, order)
+    )
+    weights = fitted(columns, np.column_stack([record.u, record.y]))
+    return Driven(record, rate, order, before, weights, columns)
+
+
+def near(part: Driven) -> list[Driven]:
+    """`widest` of rates up to four times as slow and as fast, and of all that may have been before.
+
+    The one of the same rate and the same before is the first.
+    """
+    rates = [rate for rate in _rates(part.record) if 0.2 < rate / part.rate < 5.0]
+    found = [
+        widest(part.record, rate, before)
+        for rate in sorted(rates, key=lambda one: abs(np.log(one / part.rate)))
+        for before in befores(np.asarray(part.record.reference))
+    ]
+    return sorted(found, key=lambda one: one.rate != part.rate or (one.before != part.before).any())
 
 
 def operators(experiment: Experiment, rate: float, order: int) -> Array:
@@ -214,7 +222,8 @@ def operators(experiment: Experiment, rate: float, order: int) -> Array:
     return response_of(experiment, bank, rows, outputs=[0] * len(rows))
 
 
-def _experiment(record: Record, before: Array) -> Experiment:
+def starting(record: Record, before: Array) -> Experiment:
+    """The references of a record, from what they were before it."""
     return Experiment(
         np.ascontiguousarray(np.asarray(record.reference) - before),
         np.zeros((record.n_samples, 1)),
@@ -229,7 +238,7 @@ def _experiment(record: Record, before: Array) -> Experiment:
 
 def refined(record: Record, before: Array, factor: int) -> Experiment:
     """The references on a raster so many times as fine, one interval longer."""
-    coarse, steps = _experiment(record, before), np.arange(record.n_samples * factor + 1)
+    coarse, steps = starting(record, before), np.arange(record.n_samples * factor + 1)
     if coarse.t is not None:
         gaps = np.append(np.diff(coarse.t), coarse.t[-1] - coarse.t[-2])
         own = (coarse.t[:, None] + gaps[:, None] * np.arange(factor) / factor).ravel()
@@ -313,7 +322,14 @@ def _rest(columns: Array, signal: Array) -> float:
     return float(left @ left)
 
 
-def _fitted(columns: Array, signals: Array) -> Array:
+def fitted(columns: Array, signals: Array) -> Array:
+    """(n_columns, n_signals) weights of columns by least squares; samples that are missing are out.
+
+    Parameters
+    ----------
+    columns : (n_samples, n_columns) array
+    signals : (n_samples, n_signals) array
+    """
     norms = np.linalg.norm(columns, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
     found = np.empty((columns.shape[1], signals.shape[1]))

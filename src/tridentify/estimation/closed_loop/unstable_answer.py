@@ -14,8 +14,9 @@ from tridentify.estimation.answer.parameter import Nuisance
 from tridentify.estimation.answer.trace import Status, Trace
 from tridentify.estimation.closed_loop.as_recorded import AsRecorded
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
-from tridentify.estimation.closed_loop.driven import Driven, beside_noise, driven
+from tridentify.estimation.closed_loop.driven import Driven, driven
 from tridentify.estimation.closed_loop.linear_errors import slowest
+from tridentify.estimation.closed_loop.noise_driven import beside_noise
 from tridentify.estimation.closed_loop.predictor import Predictor
 from tridentify.estimation.closed_loop.unstable import Found, autoregressive, root
 from tridentify.estimation.closed_loop.unstable_starts import starting_plants

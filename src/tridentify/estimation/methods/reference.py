@@ -51,13 +51,14 @@ from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
-from tridentify.estimation.closed_loop.driven import Driven, beside_noise, driven
+from tridentify.estimation.closed_loop.driven import Driven, driven
 from tridentify.estimation.closed_loop.known_controller import (
     KnownLoop,
     known_loop,
     refuse_unknown_loop,
 )
 from tridentify.estimation.closed_loop.moving import together_findings
+from tridentify.estimation.closed_loop.noise_driven import apart_from_noise
 from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
@@ -67,12 +68,14 @@ from tridentify.estimation.methods.controller_kind import (
     kind_of,
     opposite,
 )
-from tridentify.estimation.methods.passes import Rooted, deviance, residuals, root, without_rest
+from tridentify.estimation.methods.passes import Rooted, residuals, root, without_rest
+from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
 
-WORSE = 50.0
-"""Rise of ``-2 log L`` that a better known driven input may cost by chance."""
+WORSE = 0.05
+"""Share by which a better known driven input may raise the mean square of what is left: it takes
+nothing that is noise, and what it takes of the response shows at once."""
 MOST_BESIDE = 12
 """Passes of such a fit: it begins near its end, and runs about where hardly any noise is left."""
 ROUNDS = 2
@@ -140,7 +143,7 @@ def reference_estimate(
             told, findings = seen.told, (*findings, *seen.findings)
     loops, best = found
     if coloured is not None:
-        best = _with_noise_model(loops, asked.structure, best, coloured, say)
+        loops, best = _with_noise_model(loops, asked.structure, best, coloured, say)
     return completed(asked, loops, best, told, findings=findings)
 
 
@@ -156,23 +159,45 @@ def _white(
     loops = [Loop(part, sampling) for part in parts]
     first = plain.estimate([one.instrument for one in loops], structure)
     best = root(loops, structure, first, near, say)
-    if sampling == "sampled":
-        return loops, best
     # between the samples the driven input itself counts, and not its shape alone
-    for _ in range(ROUNDS):
-        noise = residuals(loops, best.estimate)
-        parts = [beside_noise(part, left) for part, left in zip(parts, noise, strict=True)]
-        beside = [Loop(part, sampling) for part in parts]
-        try:
-            end = root(beside, structure, best.estimate, near, say, MOST_BESIDE)
-        except TridentifyError:
+    for _ in range(ROUNDS if sampling == "continuous" else 0):
+        renewed = _renewed(loops, structure, best, near, say)
+        if renewed is None:
             break
-        # where hardly any noise is left, what is follows the reference and takes its part
-        worse = deviance(beside, end.estimate) - deviance(loops, best.estimate)
-        if best.still and not (end.still and worse < WORSE):
-            break
-        loops, best = beside, end
+        loops, best = renewed
     return loops, best
+
+
+def _renewed(
+    loops: list[Loop],
+    structure: Structure,
+    best: Rooted,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> tuple[list[Loop], Rooted] | None:
+    """The root with the driven input apart from the noise; None where it is none, or a worse one.
+
+    Where hardly any noise is left, what is follows the reference and would take its part.
+    """
+    left = residuals(loops, best.estimate)
+    model = best.estimate.model
+    beside = [
+        replace(one, driven=apart_from_noise(one, model, e))
+        for one, e in zip(loops, left, strict=True)
+    ]
+    try:
+        end = root(beside, structure, best.estimate, near, say, MOST_BESIDE)
+    except TridentifyError:
+        return None
+    squares = [_mean_square(left), _mean_square(residuals(beside, end.estimate))]
+    if best.still and not (end.still and squares[1] < (1.0 + WORSE) * squares[0]):
+        return None
+    return beside, replace(end, passes=end.passes + best.passes)
+
+
+def _mean_square(left: Sequence[Array]) -> float:
+    """Of the residuals of all outputs, each relative to nothing but itself."""
+    return float(np.exp(np.mean(np.log(np.nanmean(np.vstack(left) ** 2, axis=0) + 1e-300))))
 
 
 def _with_controller(
@@ -206,20 +231,25 @@ def _other(
 
 
 def _with_noise_model(
-    loops: Sequence[Loop],
+    loops: list[Loop],
     structure: Structure,
     white: Rooted,
     method: Method,
     say: Callable[[str], None],
-) -> Rooted:
+) -> tuple[list[Loop], Rooted]:
     """The same on whitened samples, where the residual calls for a model of the noise."""
     say("coloured noise")
     at = white.estimate.model
     first = method.estimate([without_rest(one, at) for one in loops], structure)
     if not any(a.size for a in first.noise_model):
-        return replace(white, estimate=first)
+        return loops, replace(white, estimate=first)
     found = root(loops, structure, first, lambda _: method, say)
-    return replace(found, passes=found.passes + white.passes)
+    found = replace(found, passes=found.passes + white.passes)
+    if loops[0].sampling == "continuous" and isinstance(loops[0].driven, Driven):
+        renewed = _renewed(loops, structure, found, lambda _: method, say)
+        if renewed is not None:
+            return renewed
+    return loops, found
 
 
 def completed(
