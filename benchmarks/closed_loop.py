@@ -8,7 +8,10 @@ a coupled plant. The loops are simulated exactly (`loops.run`).
 The bound is that of the reference as an instrument, ``sigma^2 (sum Z Z')^-1``: `Z` are derivatives
 of the model's output with respect to its coefficients, for the input as it would be without noise,
 whitened with the true filter of the noise, an offset projected out. They come from the loop itself,
-with a second plant beside the one that is controlled, whose coefficients are moved.
+with a second plant beside the one that is controlled, whose coefficients are moved. What a
+continuous controller makes of the noise between the samples is not recorded; it colours what any
+model leaves (`Loop.around`), and the bound is that of samples with this colour. How many times that
+of a recorded input it is, is printed beside it.
 
 For each coefficient: `|z|` of the mean error (its size in standard errors of the mean; the largest
 over the coefficients is shown), RMSE over the bound and share of 95 % intervals that hold the truth
@@ -58,6 +61,8 @@ SETTLED = 200
 """Samples after which the coloured noise has forgotten its start."""
 HOLD = 2.5
 """Time that the reference of the demo holds a value [s]."""
+UNLIKE = 0.01
+"""Share by which two bounds may differ and be called one."""
 MOVED = 1e-4
 """By which a coefficient is moved for a derivative, relative."""
 
@@ -294,7 +299,8 @@ LOOPS = [
 
 def methods(loop: Loop) -> dict[str, Any]:
     """Name -> method."""
-    noise: Any = "auto" if loop.coloured else "white"
+    # a continuous controller colours even white noise, where its input counts at the samples alone
+    noise: Any = "auto" if loop.coloured or not loop.sampled else "white"
     works: Any = "sampled" if loop.sampled else "continuous"
     known: dict[str, Any] = {"CLSRIVC": ClosedLoopRefinedInstrumentalVariable(loop.control)}
     if not loop.sampled:
@@ -339,23 +345,27 @@ def row(loop: Loop, method: Any, records: list[Record], bound: Array) -> dict[st
     }
 
 
-def case(loop: Loop, draws: int, wanted: list[str]) -> dict[str, Any]:
-    """Rows of one loop."""
+def case(loop: Loop, draws: int, wanted: list[str], save: Callable[[dict[str, Any]], None]) -> None:
+    """Rows of one loop, kept as they come."""
     size = loop.quiet().std(axis=0) * 10.0 ** (-SNR / 20.0)
-    bound = loop.bound(size)
+    bound = loop.bound(size, of_the_samples=not loop.sampled)
     records = [loop.record(seed, size) for seed in range(draws)]
-    rows = {}
+    told = {
+        "samples": len(loop.reference),
+        "bound": bound.tolist(),
+        "of_a_recorded_input": (bound / loop.bound(size)).tolist(),
+    }
     for name, method in methods(loop).items():
         if wanted and not any(one in name for one in wanted):
             continue
-        rows[name] = row(loop, method, records, bound)
-        print(line(name, rows[name]), flush=True)
-    return {"draws": draws, "samples": len(loop.reference), "bound": bound.tolist(), "rows": rows}
+        found = {"draws": draws, **row(loop, method, records, bound)}
+        print(line(name, found), flush=True)
+        save({**told, "rows": {name: found}})
 
 
 def line(name: str, found: dict[str, Any]) -> str:
     """A row as text."""
-    end = f"{found['failed']:7d}  {found['seconds']:7.2f}"
+    end = f"{found['draws']:6d}{found['failed']:7d}  {found['seconds']:7.2f}"
     if "z" not in found:
         return f"  {name:24s} {'-':>7s}  {'-':>13s}  {'-':>11s}{end}"
     low, high = min(found["ratio"]), max(found["ratio"])
@@ -366,10 +376,14 @@ def line(name: str, found: dict[str, Any]) -> str:
 
 def report(cases: dict[str, Any]) -> str:
     """All cases as text."""
-    head = f"  {'':24s} {'max |z|':>7s}  {'RMSE / bound':>13s}  {'95 % holds':>11s} failed  seconds"
+    titles = f"{'max |z|':>7s}  {'RMSE / bound':>13s}  {'95 % holds':>11s}"
+    head = f"  {'':24s} {titles} draws failed  seconds"
     blocks = []
     for name, one in cases.items():
-        first = f"{name}: {one['draws']} draws of {one['samples']} samples, {SNR:.0f} dB"
+        first = f"{name}: {one['samples']} samples, {SNR:.0f} dB"
+        more = one["of_a_recorded_input"]
+        if max(more) > 1.0 + UNLIKE or min(more) < 1.0 - UNLIKE:
+            first += f"; bound {min(more):.2f} to {max(more):.2f} times that of a recorded input"
         blocks.append("\n".join([first, head, *(line(k, v) for k, v in one["rows"].items())]))
     return "\n\n".join(blocks)
 
@@ -394,13 +408,14 @@ def main() -> None:
         if given.loops and not any(one in loop.name for one in given.loops):
             continue
         print(f"{loop.name}: {given.draws} draws", flush=True)
-        found = case(loop, given.draws, given.methods)
-        before = cases.get(loop.name, {})
-        if given.methods and before.get("draws") == given.draws:
-            found["rows"] = before["rows"] | found["rows"]
-        cases[loop.name] = found
-        if given.save:
-            keep("closed_loop", report(cases), cases)
+
+        def save(found: dict[str, Any], name: str = loop.name) -> None:
+            rows = cases.get(name, {}).get("rows", {}) | found["rows"]
+            cases[name] = {**found, "rows": rows}
+            if given.save:
+                keep("closed_loop", report(cases), cases)
+
+        case(loop, given.draws, given.methods, save)
 
 
 if __name__ == "__main__":
