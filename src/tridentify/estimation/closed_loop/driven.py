@@ -62,6 +62,8 @@ class Driven:
         Of the columns: a constant, the references, their operators.
     columns : (n_samples, n_columns) array
         At the samples.
+    noise : (n_samples, n_outputs) array, optional
+        Beside which the weights were found, where they were (`noise_driven`).
     """
 
     record: Record
@@ -70,6 +72,7 @@ class Driven:
     before: Array
     weights: Array
     columns: Array
+    noise: Array | None = None
 
     @property
     def words(self) -> str:

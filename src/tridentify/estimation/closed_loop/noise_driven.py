@@ -64,14 +64,15 @@ def beside_noise(part: Driven, noise: Array) -> Driven:
         Residuals of the outputs; ``nan`` counts as zero.
     """
     beside = _Turn.of(part, np.ascontiguousarray(np.nan_to_num(noise)))
-    return part if beside is None else beside.part
+    return part if beside is None else replace(beside.part, noise=None)
 
 
 def apart_from_noise(loop: Loop, model: TransferFunction, left: Array) -> Driven:
     """What the reference drives, where a continuous controller feeds the noise back.
 
     All operators that the samples show between them count, as the noise no longer hides what the
-    last ones add; and of their rates the one counts that leaves least of the input.
+    last ones add; and of their rates the one counts that leaves least of the input. Where the part
+    of the loop was found so already, rate and number stay, and its noise is where the turns begin.
 
     Parameters
     ----------
@@ -84,6 +85,10 @@ def apart_from_noise(loop: Loop, model: TransferFunction, left: Array) -> Driven
     part = loop.fitted
     assert isinstance(part, Driven)
     given = np.ascontiguousarray(np.nan_to_num(left))
+    if part.noise is not None:
+        again = _Turn.of(part, part.noise)
+        found = None if again is None else _settled(loop, model, given, again)
+        return part if found is None else found.part
     first = _Turn.of(widest(part.record, part.rate, part.before), given)
     if loop.record.dt is None or first is None:
         return beside_noise(part, given)
@@ -98,9 +103,9 @@ def apart_from_noise(loop: Loop, model: TransferFunction, left: Array) -> Driven
 def _settled(loop: Loop, model: TransferFunction, left: Array, turn: _Turn) -> _Turn | None:
     """Noise and weights that agree with each other, for one rate; None where they run apart."""
     colour = _Colour.of(replace(loop, driven=turn.part), model, turn.order)
-    all_of_it = left + _made(loop, model)
+    all_of_it = left + made(loop, model)
     for _ in range(TURNS):
-        e = all_of_it - _made(replace(loop, driven=turn.part), model)
+        e = all_of_it - made(replace(loop, driven=turn.part), model)
         change = PART * (colour.noise(e - e.mean(axis=0), turn.on_noise) - turn.noise)
         if not np.isfinite(change).all() or np.abs(change).max() > np.abs(left).max():
             return None
@@ -148,7 +153,7 @@ class _Turn:
         price = 2.0 * count * n_inputs * n / max(n - count - 2.0, 1.0)
         width = part.columns.shape[1]
         return cls(
-            replace(part, weights=weights[:width]),
+            replace(part, weights=weights[:width], noise=noise),
             noise,
             weights[width:, :n_inputs],
             own.shape[1] // noise.shape[1] - 1,
@@ -156,7 +161,7 @@ class _Turn:
         )
 
 
-def _made(loop: Loop, model: TransferFunction) -> Array:
+def made(loop: Loop, model: TransferFunction) -> Array:
     """(n_samples, n_outputs) what a model makes of the input, as the loop knows it."""
     return np.asarray(simulate(model, loop.instrument) + loop.beside(model))
 

@@ -93,25 +93,25 @@ class Compared:
     findings: tuple[Finding, ...] = ()
 
 
-def compared(mine: tuple[Sequence[Loop], Rooted], other: tuple[Sequence[Loop], Rooted]) -> Compared:
+def compared(mine: Rooted, other: Rooted) -> Compared:
     """What the record says of two kinds.
 
     Parameters
     ----------
-    mine, other : loops and Rooted
+    mine, other : Rooted
         The fit with the kind that was assumed, and with the other.
     """
-    (loops, best), (others, end) = mine, other
-    words, rival = IN_WORDS[loops[0].sampling], IN_WORDS[others[0].sampling]
-    gain = deviance(loops, best.estimate) - deviance(others, end.estimate)
-    plainly = PLAINLY * sum(int(np.isfinite(one.record.y).sum()) for one in loops)
-    if end.still and (gain > plainly or not best.still):
+    kind = other.loops[0].sampling
+    words, rival = IN_WORDS[mine.loops[0].sampling], IN_WORDS[kind]
+    gain = deviance(mine.loops, mine.estimate) - deviance(other.loops, other.estimate)
+    plainly = PLAINLY * sum(int(np.isfinite(one.record.y).sum()) for one in mine.loops)
+    if other.still and (gain > plainly or not mine.still):
         told = f"controller taken as {rival}: -2 log L is lower by {gain:.1f} than as {words}"
         return Compared(True, told)
     taken = f"controller taken as {words}"
-    if not end.still or gain < -plainly:
-        return Compared(False, f"{taken}; the record speaks against a {others[0].sampling} one")
-    told, finding = _left_open(best.estimate, end.estimate, rival)
+    if not other.still or gain < -plainly:
+        return Compared(False, f"{taken}; the record speaks against a {kind} one")
+    told, finding = _left_open(mine.estimate, other.estimate, rival)
     return Compared(False, f"{taken}; {told}", finding)
 
 

@@ -6,12 +6,13 @@ The equation and its fixed point are derived in `methods.reference`, (1) and (3)
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.noise_driven import apart_from_noise, made
 from tridentify.estimation.methods.base import Method
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
@@ -35,6 +36,8 @@ class Rooted:
 
     Attributes
     ----------
+    loops : sequence of Loop
+        As the last pass knew them.
     estimate : Estimate
         Of the last pass.
     passes : int
@@ -42,6 +45,7 @@ class Rooted:
         By which the last pass moved the coefficients [standard errors].
     """
 
+    loops: Sequence[Loop]
     estimate: Estimate
     passes: int
     moved: float
@@ -59,6 +63,8 @@ def root(
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
     most: int = MOST_PASSES,
+    *,
+    renewed: bool = False,
 ) -> Rooted:
     """Passes of (3) until the coefficients stand still.
 
@@ -74,11 +80,15 @@ def root(
         Is told what is going on.
     most : int
         Passes.
+    renewed : bool
+        Whether each pass finds what the references drive anew, apart from the noise that its model
+        leaves.
     """
     given, images, estimate, moved = [first.theta], [], first, np.inf
     for count in range(1, most + 1):
         say(f"what the reference does not drive, pass {count}")
         at = _model_like(estimate, given[-1])
+        loops = _apart(loops, estimate, at) if renewed else loops
         estimate = near(at).estimate([without_rest(one, at) for one in loops], structure)
         images.append(estimate.theta)
         scale = np.maximum(estimate.std, FLOOR * np.abs(estimate.theta) + 1e-300)
@@ -89,7 +99,16 @@ def root(
         if not _model_like(estimate, following).is_stable:
             following = 0.5 * (given[-1] + images[-1])
         given.append(following)
-    return Rooted(estimate, count, moved)
+    return Rooted(loops, estimate, count, moved)
+
+
+def _apart(loops: Sequence[Loop], estimate: Estimate, at: TransferFunction) -> list[Loop]:
+    """The loops as a model shows them, with the nuisance terms of an estimate."""
+    found = []
+    for loop, left in zip(loops, residuals(loops, estimate), strict=True):
+        error = left + made(loop, estimate.model) - made(loop, at)
+        found.append(replace(loop, driven=apart_from_noise(loop, at, error)))
+    return found
 
 
 def without_rest(loop: Loop, model: TransferFunction) -> Record:

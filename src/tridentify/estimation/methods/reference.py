@@ -58,7 +58,6 @@ from tridentify.estimation.closed_loop.known_controller import (
     refuse_unknown_loop,
 )
 from tridentify.estimation.closed_loop.moving import together_findings
-from tridentify.estimation.closed_loop.noise_driven import apart_from_noise
 from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
@@ -78,8 +77,6 @@ WORSE = 0.05
 nothing that is noise, and what it takes of the response shows at once."""
 MOST_BESIDE = 12
 """Passes of such a fit: it begins near its end, and runs about where hardly any noise is left."""
-ROUNDS = 2
-"""Fits of the driven input beside the noise that the model leaves; a third changes nothing."""
 
 
 def reference_estimate(
@@ -130,21 +127,20 @@ def reference_estimate(
     told = f"controller taken as {IN_WORDS[kind]}"
     findings = together_findings(asked.records)
     if known is not None:
-        found = _with_controller(*found, known, asked.structure, near, say)
+        found = _with_controller(found, known, asked.structure, near, say)
         told = "controller as given"
     elif controller == "unknown":
         try:
-            other = _other(*found, asked.structure, near, say)
+            other = _other(found, asked.structure, near, say)
         except TridentifyError as refused:
             told += f"; as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
         else:
             seen = compared(found, other)
             found = other if seen.turned else found
             told, findings = seen.told, (*findings, *seen.findings)
-    loops, best = found
     if coloured is not None:
-        loops, best = _with_noise_model(loops, asked.structure, best, coloured, say)
-    return completed(asked, loops, best, told, findings=findings)
+        found = _with_noise_model(found, asked.structure, coloured, say)
+    return completed(asked, found, told, findings=findings)
 
 
 def _white(
@@ -154,45 +150,33 @@ def _white(
     plain: Method,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
-) -> tuple[list[Loop], Rooted]:
+) -> Rooted:
     """The root for one kind of controller and white noise."""
     loops = [Loop(part, sampling) for part in parts]
     first = plain.estimate([one.instrument for one in loops], structure)
     best = root(loops, structure, first, near, say)
     # between the samples the driven input itself counts, and not its shape alone
-    for _ in range(ROUNDS if sampling == "continuous" else 0):
-        renewed = _renewed(loops, structure, best, near, say)
-        if renewed is None:
-            break
-        loops, best = renewed
-    return loops, best
+    return best if sampling == "sampled" else _renewed(best, structure, near, say)
 
 
 def _renewed(
-    loops: list[Loop],
-    structure: Structure,
     best: Rooted,
+    structure: Structure,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
-) -> tuple[list[Loop], Rooted] | None:
-    """The root with the driven input apart from the noise; None where it is none, or a worse one.
+) -> Rooted:
+    """The root with the driven input apart from the noise; the one that was, where it is worse.
 
     Where hardly any noise is left, what is follows the reference and would take its part.
     """
-    left = residuals(loops, best.estimate)
-    model = best.estimate.model
-    beside = [
-        replace(one, driven=apart_from_noise(one, model, e))
-        for one, e in zip(loops, left, strict=True)
-    ]
     try:
-        end = root(beside, structure, best.estimate, near, say, MOST_BESIDE)
+        end = root(best.loops, structure, best.estimate, near, say, MOST_BESIDE, renewed=True)
     except TridentifyError:
-        return None
-    squares = [_mean_square(left), _mean_square(residuals(beside, end.estimate))]
-    if best.still and not (end.still and squares[1] < (1.0 + WORSE) * squares[0]):
-        return None
-    return beside, replace(end, passes=end.passes + best.passes)
+        return best
+    before, after = (_mean_square(residuals(one.loops, one.estimate)) for one in (best, end))
+    if best.still and not (end.still and after < (1.0 + WORSE) * before):
+        return best
+    return replace(end, passes=end.passes + best.passes)
 
 
 def _mean_square(left: Sequence[Array]) -> float:
@@ -201,66 +185,58 @@ def _mean_square(left: Sequence[Array]) -> float:
 
 
 def _with_controller(
-    loops: Sequence[Loop],
     best: Rooted,
     controller: TransferFunction,
     structure: Structure,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
-) -> tuple[list[Loop], Rooted]:
+) -> Rooted:
     """The root where the loop is simulated with its controller."""
     say("the loop with the controller given")
-    parts = [one.driven for one in loops if isinstance(one.driven, Driven)]
-    first, kind = best.estimate.model, loops[0].sampling
+    parts = [one.driven for one in best.loops if isinstance(one.driven, Driven)]
+    first, kind = best.estimate.model, best.loops[0].sampling
     known: list[Loop] = [known_loop(part, first, controller, kind) for part in parts]
     found = root(known, structure, best.estimate, near, say)
-    return known, replace(found, passes=found.passes + best.passes)
+    return replace(found, passes=found.passes + best.passes)
 
 
 def _other(
-    loops: Sequence[Loop],
     best: Rooted,
     structure: Structure,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
-) -> tuple[list[Loop], Rooted]:
+) -> Rooted:
     """The root for the other kind of controller, from the one that is there."""
-    kind = opposite(loops[0].sampling)
-    others = [Loop(driven(one.record, between=kind == "continuous"), kind) for one in loops]
-    return others, root(others, structure, best.estimate, near, say)
+    kind = opposite(best.loops[0].sampling)
+    others = [Loop(driven(one.record, between=kind == "continuous"), kind) for one in best.loops]
+    return root(others, structure, best.estimate, near, say)
 
 
 def _with_noise_model(
-    loops: list[Loop],
-    structure: Structure,
-    white: Rooted,
-    method: Method,
-    say: Callable[[str], None],
-) -> tuple[list[Loop], Rooted]:
+    white: Rooted, structure: Structure, method: Method, say: Callable[[str], None]
+) -> Rooted:
     """The same on whitened samples, where the residual calls for a model of the noise."""
     say("coloured noise")
-    at = white.estimate.model
+    at, loops = white.estimate.model, white.loops
     first = method.estimate([without_rest(one, at) for one in loops], structure)
     if not any(a.size for a in first.noise_model):
-        return loops, replace(white, estimate=first)
+        return replace(white, estimate=first)
     found = root(loops, structure, first, lambda _: method, say)
     found = replace(found, passes=found.passes + white.passes)
-    if loops[0].sampling == "continuous" and isinstance(loops[0].driven, Driven):
-        renewed = _renewed(loops, structure, found, lambda _: method, say)
-        if renewed is not None:
-            return renewed
-    return loops, found
+    fitted = all(isinstance(one.driven, Driven) for one in loops)
+    if loops[0].sampling == "sampled" or not fitted:
+        return found
+    return _renewed(found, structure, lambda _: method, say)
 
 
 def completed(
     asked: Request,
-    loops: Sequence[Loop],
     best: Rooted,
     *told: str,
     findings: Sequence[Finding] = (),
 ) -> Estimate:
     """The last pass as an estimate of the records as they were given."""
-    estimate = best.estimate
+    estimate, loops = best.estimate, best.loops
     left = np.vstack(residuals(loops, estimate))
     y = np.vstack([record.y - np.nanmean(record.y, axis=0) for record in asked.records])
     fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2, axis=0) / np.nansum(y**2, axis=0)))

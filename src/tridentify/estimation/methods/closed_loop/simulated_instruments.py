@@ -147,4 +147,4 @@ class ClosedLoopRefinedInstrumentalVariable:
         first = OPEN_LOOP.estimate(begun, structure, say)
         loops = [known_loop(part, first.model, self.controller, "sampled") for part in parts]
         found = root(loops, structure, first, OutputError, say)
-        return completed(Request.of(records, structure, self.name), loops, found)
+        return completed(Request.of(records, structure, self.name), found)
