@@ -16,7 +16,7 @@ import numpy as np
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Loop, Sampling
+from tridentify.estimation.closed_loop.between_samples import IN_WORDS, Sampling
 from tridentify.estimation.methods.passes import Rooted, deviance
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
@@ -143,16 +143,20 @@ def _left_open(mine: Estimate, other: Estimate, rival: str) -> tuple[str, tuple[
     return told, (finding,)
 
 
-def coarse_findings(loops: Sequence[Loop]) -> tuple[Finding, ...]:
+def coarse_findings(best: Rooted) -> tuple[Finding, ...]:
     """What is to be said of a continuous controller in a loop that is fast for its sampling.
+
+    A model of the noise takes up what noise makes of the input between the samples.
 
     Parameters
     ----------
-    loops : sequence of Loop
+    best : Rooted
     """
+    loops = best.loops
     steps = [float(np.median(np.diff(one.record.t))) for one in loops]
     fastest = max(one.driven.rate * step for one, step in zip(loops, steps, strict=True))
-    if loops[0].sampling == "sampled" or fastest <= COARSE:
+    allowed = any(one.size for one in best.estimate.noise_model)
+    if loops[0].sampling == "sampled" or fastest <= COARSE or allowed:
         return ()
     return (
         Finding(
@@ -160,7 +164,7 @@ def coarse_findings(loops: Sequence[Loop]) -> tuple[Finding, ...]:
             "warning",
             f"The controller is continuous and the loop fast for the sampling ({fastest:.2g} "
             "rad a step): what noise makes of the input between the samples is not recorded, "
-            "and the standard errors do not allow for all of it.",
-            "Sample faster, by five times if possible.",
+            "and without a model of the noise the standard errors do not allow for it.",
+            "Use noise='auto', or sample faster, by five times if possible.",
         ),
     )

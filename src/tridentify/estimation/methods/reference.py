@@ -251,7 +251,7 @@ def completed(
         estimate,
         fit=fit,
         status=status,
-        findings=(*estimate.findings, *coarse_findings(loops), *findings),
+        findings=(*estimate.findings, *coarse_findings(best), *findings),
         method=asked.method,
         n_samples=asked.n_samples,
         dt=asked.dt,
