@@ -135,7 +135,12 @@ def select_structure(
     with one_blas_thread():
         settled = _settled(given, unseen, structures, chosen, say)
         work = _Work(settled.records, chosen, executor, say, settled.identified)
-        return work.selection(structures, settled.unseen, settled.told)
+        opened = work.opened(structures)
+        other = _resettled(given, unseen, settled, opened.table)
+        if other is not None:
+            settled, work = other, replace(work, records=other.records, identified=None)
+            opened = work.opened(structures)
+        return work.selection(structures, opened, settled.unseen, settled.told)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,13 +174,39 @@ def _settled(
         identified = middle, estimate
     except (TridentifyError, np.linalg.LinAlgError, ValueError):
         seen = [record.settled(record.behaviour) for record in records]
-    behaviour = seen[0].behaviour
-    told = (
-        f"input taken as {IN_WORDS[behaviour]} for all candidates, as {order_label(middle)} says: "
-        "state intersample where you know it"
+    others = tuple(one.settled(seen[0].behaviour) for one in unseen)
+    return _Chosen(tuple(seen), others, (_told(seen[0], middle),), identified)
+
+
+def _told(record: Record, by: Structure) -> str:
+    return (
+        f"input taken as {IN_WORDS[record.behaviour]} for all candidates, as {order_label(by)} "
+        "says: state intersample where you know it"
     )
-    others = tuple(one.settled(behaviour) for one in unseen)
-    return _Chosen(tuple(seen), others, (told,), identified)
+
+
+def _resettled(
+    records: tuple[Record, ...],
+    unseen: tuple[Record, ...],
+    settled: _Chosen,
+    table: SelectionTable,
+) -> _Chosen | None:
+    """Another behaviour, where the likeliest candidate finds one clearly better.
+
+    The candidate in the middle may explain little of the record (two resonances, three poles): what
+    it says of the time between the samples is then worth little. The likeliest is heard when it is
+    known, before the whole searches.
+    """
+    place = table.best("bic") if settled.told else None
+    estimate = None if place is None else table.entries[place].estimate
+    if place is None or estimate is None:
+        return None
+    found = behaviours(estimate, settled.records)
+    if found is None or found.fall(found.best, found.present) < found.clearly:
+        return None
+    seen = tuple(record.settled(found.best) for record in records)
+    others = tuple(record.settled(found.best) for record in unseen)
+    return _Chosen(seen, others, (_told(seen[0], table.entries[place].structure),))
 
 
 def _middle(structures: Sequence[Structure]) -> Structure:
@@ -205,6 +236,14 @@ def _check_channels(records: Sequence[Record], unseen: Sequence[Record]) -> None
 
 
 @dataclass(frozen=True, eq=False)
+class _Opened:
+    """The candidates, compared on the maximum of one likelihood."""
+
+    tasks: tuple[CandidateTask, ...]
+    table: SelectionTable
+
+
+@dataclass(frozen=True, eq=False)
 class _Work:
     """What all stages need."""
 
@@ -229,14 +268,22 @@ class _Work:
             self.say(f"{said}: {done} of {len(tasks)} done")
         return found
 
-    def selection(
-        self, structures: Sequence[Structure], unseen: tuple[Record, ...], told: tuple[str, ...]
-    ) -> Selection:
-        """All stages."""
+    def opened(self, structures: Sequence[Structure]) -> _Opened:
+        """The contest of the candidates on the maximum of one likelihood."""
         self.say("the parallel model, for all candidates")
         shared = self._shared(structures)
         tasks = self._tasks(structures, shared)
-        table = self.contest(tasks, shared)
+        return _Opened(tuple(tasks), self.contest(tasks, shared))
+
+    def selection(
+        self,
+        structures: Sequence[Structure],
+        opened: _Opened,
+        unseen: tuple[Record, ...],
+        told: tuple[str, ...],
+    ) -> Selection:
+        """What follows the contest: whole searches, held-out samples, the recommendation."""
+        tasks, table = opened.tasks, opened.table
         whole = self._identified(tasks, table)
         held = self.counted(
             cross_fit,
