@@ -401,11 +401,29 @@ def looks_measured(u: Array) -> bool:
     A signal that is set moves at few samples, or independently of where it was going. One that is
     measured moves at most of them, and goes on as it went: neighbouring increments have one sign
     more often than not.
+
+    Examples
+    --------
+    >>> bool(looks_measured(np.sin(0.1 * np.arange(200))[:, None]))
+    True
+    >>> pulses = np.repeat([0.0, 2.0, 0.0, -2.0], 50)
+    >>> noise = 0.01 * np.random.default_rng(0).standard_normal(200)
+    >>> bool(looks_measured((pulses + noise)[:, None]))
+    False
     """
     steps = np.diff(u, axis=0)
-    return any(
-        bool(np.mean(own != 0.0) > MOVING) and float(own[1:] @ own[:-1]) > 0.0 for own in steps.T
-    )
+    return any(bool(np.mean(own != 0.0) > MOVING) and _goes_on(own) for own in steps.T)
+
+
+def _goes_on(steps: Array) -> bool:
+    """Whether increments go on as they went, by their products and without their single jumps.
+
+    The product of a jump with the noise beside it is as large as many of a slope, and has the sign
+    of that noise: it may not decide alone. The lesser of two neighbours knows of both.
+    """
+    one, other = steps[1:], steps[:-1]
+    lesser = np.minimum(np.abs(one), np.abs(other)) ** 2
+    return float(one @ other) > 0.0 and float(np.sign(one * other) @ lesser) > 0.0
 
 
 def check_band_limited(step: float | None, n_samples: int, option: str = "intersample") -> None:

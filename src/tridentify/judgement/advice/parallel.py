@@ -22,6 +22,7 @@ import scipy.linalg
 from scipy.special import fdtrc
 
 from tridentify.checks.samples import typical_step
+from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.models.operators import Kautz, Laguerre, apply_operators
 from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.autoregression import Whitener, fit_autoregression, most_coefficients
@@ -113,6 +114,8 @@ class Parallel:
         same samples.
     resonance : float
         Where the response is largest [rad/s]; 0 where that is not known.
+    direct : bool
+        Whether the inputs themselves stand beside the operators, which have no direct part.
     """
 
     records: tuple[Record, ...]
@@ -122,13 +125,15 @@ class Parallel:
     drift: bool = False
     left: float = 0.0
     resonance: float = 0.0
+    direct: bool = False
     _columns: dict[object, Array] = field(default_factory=dict)
 
     @classmethod
     def of(cls, records: Sequence[Record], output: int, resonance: float = 0.0) -> Parallel:
         """Without delays, the noise taken for white."""
         none = (0.0,) * records[0].n_inputs
-        return cls(tuple(records), output, none, np.zeros(0), resonance=resonance)
+        direct = has_direct_part(records)
+        return cls(tuple(records), output, none, np.zeros(0), resonance=resonance, direct=direct)
 
     def changed(self, **fields: object) -> Parallel:
         """With other fields; operators that stay the same are kept."""
@@ -175,7 +180,8 @@ class Parallel:
             before, after = sum(widths[:e]), sum(widths[e + 1 :])
             own = np.hstack([np.zeros((n, before)), own, np.zeros((n, after))])
             added = extra[e] if extra else np.zeros((n, 0))
-            whole = np.hstack([own, added, operators.reshape(n, -1)])
+            at_once = self._at_once(e)
+            whole = np.hstack([own, added, at_once, operators.reshape(n, -1)])
             y, seen = self._target(e)
             whitener = Whitener(self.noise, whole.shape[1] + 1)
             joined = np.ascontiguousarray(np.column_stack([whole, y]).T)
@@ -184,7 +190,7 @@ class Parallel:
             rows.append(white[seen, :-1])
             targets.append(white[seen, -1])
             plain.append(whole)
-        first = sum(widths) + (extra[0].shape[1] if extra else 0)
+        first = sum(widths) + (extra[0].shape[1] if extra else 0) + at_once.shape[1]
         return [
             self._solved(rows, targets, plain, first + n_inputs * order, scale, pole, order)
             for order in orders
@@ -236,6 +242,16 @@ class Parallel:
         y = record.y[:, self.output]
         seen = np.isfinite(y) & (record.t - record.t[0] >= self.left)
         return np.where(seen, y, 0.0), np.ascontiguousarray(seen)
+
+    def _at_once(self, e: int) -> Array:
+        """(n_samples, k) the inputs that an output follows at once, delayed as they are."""
+        record = self.records[e]
+        if not self.direct:
+            return np.zeros((record.n_samples, 0))
+        since = record.t - record.t[0]
+        moved = record.u - record.u[0]
+        pairs = zip(self.delays, moved.T, strict=True)
+        return np.column_stack([np.interp(since - late, since, one) for late, one in pairs])
 
     def _record_columns(self, e: int, pole: complex, order: int) -> tuple[Array, Array]:
         """Columns of one record's own, (n, k), and its operators, (n, order, n_inputs)."""

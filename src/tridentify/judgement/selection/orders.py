@@ -8,6 +8,7 @@ from typing import Any
 
 from tridentify.checks.orders import is_pair
 from tridentify.errors import CandidateError, OptionError, shown
+from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -22,6 +23,8 @@ def default_candidates(
 ) -> tuple[Structure, ...]:
     """Structures with 1 to ``max_poles`` poles and every number of zeros below that of the poles.
 
+    Where an output jumps with an input in the same sample, those with as many zeros as poles too.
+
     Parameters
     ----------
     records : sequence of Record
@@ -34,8 +37,8 @@ def default_candidates(
     Returns
     -------
     tuple of Structure
-        Ten of them for a record that is long enough: (1, 0), (2, 0), (2, 1), ..., (4, 3). One
-        denominator for all channels, and numerators of one degree.
+        Ten of them for a record that is long enough, without a direct part: (1, 0), (2, 0), (2, 1),
+        ..., (4, 3). One denominator for all channels, and numerators of one degree.
 
     Raises
     ------
@@ -64,8 +67,9 @@ def default_candidates(
         )
     samples = min((record.n_samples for record in records), default=0)
     found = []
+    direct = int(has_direct_part(records))
     for n in range(1, max_poles + 1):
-        for m in range(n):
+        for m in range(n + direct):
             if n == 1 or PER_COEFFICIENT * (n + m + 1) <= samples:
                 found.append(replace(plain, poles=n, zeros=m))
     return tuple(found)

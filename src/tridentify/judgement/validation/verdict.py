@@ -327,17 +327,8 @@ def _about_one(
         "estimate an offset and a drift (offset=True, drift='auto'; --drift auto), or cut the "
         "record",
     )
-    modelled = _has_noise(view, name)
-    noise = "the noise model does not fit" if modelled else "the noise is not white"
-    add(
-        "noise-model",
-        "white",
-        f"the residual of {name} is correlated with itself at {_reach(view, one)}: {noise}, and "
-        "the standard errors do not allow for it",
-        "take the standard errors for too small"
-        if modelled or beside.robust
-        else "use noise='ar' (--noise ar), which estimates the noise along",
-    )
+    if ("white", name) in rejected:
+        found.append(_not_white(view, one, name, beside))
     add(
         "nonlinear",
         "linear",
@@ -492,6 +483,29 @@ def _carried(
                 )
             )
     return found
+
+
+def _not_white(view: View, one: Evidence, name: str, beside: KnownCauses) -> Finding:
+    """A residual that is correlated with itself, and whether the errors that are stated know it."""
+    modelled = _has_noise(view, name)
+    noise = "the noise model does not fit" if modelled else "the noise is not white"
+    seen = f"the residual of {name} is correlated with itself at {_reach(view, one)}: {noise}"
+    if view.own and beside.estimate.errors == "scores":
+        return _finding(
+            "noise-model",
+            name,
+            f"{seen}; the standard errors are from the scatter of the scores, which allows for it",
+            "look for what shakes the output, if smaller standard errors are wanted",
+            "note",
+        )
+    if modelled or beside.robust:
+        do = "take the standard errors for too small"
+    elif view.uneven:
+        do = "take the standard errors for too small; a noise model needs uniform time: resample"
+    else:
+        do = "use noise='ar' (--noise ar), which estimates the noise along"
+    does_not = f"{seen}, and the standard errors do not allow for it"
+    return _finding("noise-model", name, does_not, do)
 
 
 def _has_noise(view: View, name: str) -> bool:

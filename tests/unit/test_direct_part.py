@@ -1,0 +1,62 @@
+"""A direct part: a battery under pulses, measured, and what is said of its record."""
+
+import numpy as np
+import pytest
+
+from tridentify import Record, TransferFunction, advise, select_structure, simulate
+from tridentify.judgement.causes.direct_part import follows_at_once, has_direct_part
+from tridentify.judgement.selection.orders import default_candidates
+
+RESISTANCE, CELL, TAU = 0.022, 0.015, 12.0
+
+
+def pulses(rng: np.random.Generator, n: int = 300) -> np.ndarray:
+    return np.repeat(rng.choice([-2.0, 0.0, 1.0, 3.0], n // 15), 15)
+
+
+def battery(seed: int, *, resistance: float = RESISTANCE) -> Record:
+    """Voltage under current pulses; the current is held and measured with noise."""
+    rng = np.random.default_rng(seed)
+    current = pulses(rng)
+    model = TransferFunction([-resistance, -(resistance + CELL) / TAU], [1.0, 1.0 / TAU])
+    voltage = simulate(model, Record(current, current, dt=1.0, intersample="zoh"))[:, 0]
+    y = 3.7 + voltage + 0.0008 * rng.standard_normal(current.size)
+    measured = current + 0.003 * rng.standard_normal(current.size)
+    return Record(measured, y, dt=1.0, intersample="auto")
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_jumps_of_input_and_output_together_are_no_lost_rows(seed: int) -> None:
+    record = battery(seed)
+    assert record.behaviour == "zoh"
+    told = {finding.code for finding in advise(record).findings}
+    assert not told & {"lost-rows", "bad-samples", "feedback"}
+
+
+def test_as_many_zeros_as_poles_are_tried_unasked() -> None:
+    record = battery(1)
+    assert has_direct_part([record])
+    asked = {(one.poles, one.zeros) for one in default_candidates([record])}
+    assert (1, 1) in asked
+    found = select_structure(record, default_candidates([record], max_poles=2)).recommended
+    assert found is not None
+    assert found.label == "1, 1"
+    assert found.estimate is not None
+    value = found.estimate.parameters["b1"]
+    assert abs(value.value + RESISTANCE) < 4.0 * value.std
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_slope_after_a_jump_is_no_direct_part(seed: int) -> None:
+    without = battery(seed, resistance=0.0)
+    assert not has_direct_part([without])
+    asked = {(one.poles, one.zeros) for one in default_candidates([without])}
+    assert (1, 1) not in asked
+
+
+def test_jumps_that_do_not_agree_are_no_direct_part() -> None:
+    rng = np.random.default_rng(0)
+    u, y = pulses(rng), pulses(rng)
+    assert not follows_at_once(u, y)
+    assert not follows_at_once(u[:5], u[:5])
+    assert follows_at_once(u, -0.3 * u + 0.001 * rng.standard_normal(u.size))
