@@ -33,18 +33,24 @@ FINER = (1.0, 0.5, 0.25)
 
 
 def delay_rivals(present: Present) -> Iterator[Rival]:
-    """Each input later to all outputs, and to each one, by the delay that promises most."""
+    """Inputs later to outputs, each and all, by the delay that promises most.
+
+    All inputs together are late where a sensor, or what lies before it, is: each of them alone
+    explains little then.
+    """
     n_outputs, n_inputs = present.delay.shape
-    paths = [(tuple(range(n_outputs)), j) for j in range(n_inputs)]
+    every = tuple(range(n_inputs))
+    inputs = [(j,) for j in every] + ([every] if n_inputs > 1 else [])
+    paths = [(tuple(range(n_outputs)), columns) for columns in inputs]
     if n_outputs > 1:
-        paths += [((i,), j) for i in range(n_outputs) for j in range(n_inputs)]
-    for rows, j in paths:
-        found = _best(present, rows, j)
+        paths += [((i,), columns) for i in range(n_outputs) for columns in inputs]
+    for rows, columns in paths:
+        found = _best(present, rows, columns)
         if found is not None:
             yield found
 
 
-def _best(present: Present, rows: tuple[int, ...], j: int) -> Rival | None:
+def _best(present: Present, rows: tuple[int, ...], columns: tuple[int, ...]) -> Rival | None:
     share = SHARE_FREE if present.nuisances.initial_state == "free" else SHARE
     longest = min(record.n_samples for record in present.records) // share
     plain = replace(present, noise=())
@@ -53,7 +59,7 @@ def _best(present: Present, rows: tuple[int, ...], j: int) -> Rival | None:
     def at(steps: float, poles: Complex) -> float:
         if steps not in known:
             try:
-                problem = _later(plain, rows, j, steps).problem()
+                problem = _later(plain, rows, columns, steps).problem()
                 known[steps] = attempt(problem, [poles], present.orders, steps=FEW_STEPS, rounds=0)
             except TridentifyError:
                 known[steps] = None
@@ -74,13 +80,15 @@ def _best(present: Present, rows: tuple[int, ...], j: int) -> Rival | None:
     end = known[best]
     if end is None:
         return None
-    found = _rival(_later(present, rows, j, best), rows, j)
+    found = _rival(_later(present, rows, columns, best), rows, columns)
     return replace(found, starts=((end.point.poles, present.poles),))
 
 
-def _later(present: Present, rows: tuple[int, ...], j: int, steps: float) -> Present:
+def _later(
+    present: Present, rows: tuple[int, ...], columns: tuple[int, ...], steps: float
+) -> Present:
     late = np.array(present.delay)
-    late[list(rows), j] += steps * present.step
+    late[np.ix_(rows, columns)] += steps * present.step
     return replace(present, delay=late)
 
 
@@ -88,21 +96,22 @@ def neighbours(present: Present, rival: Rival) -> Iterator[Rival]:
     """Delays beside that of a rival: a step ahead promises little more than where to begin."""
     (part,) = rival.parts
     moved = np.argwhere(part.delay != present.delay)
-    rows, j = tuple(moved[:, 0].tolist()), int(moved[0, 1])
-    steps = (part.delay[rows[0], j] - present.delay[rows[0], j]) / present.step
+    rows, columns = (tuple(np.unique(at).tolist()) for at in moved.T)
+    first = rows[0], columns[0]
+    steps = (part.delay[first] - present.delay[first]) / present.step
     near = {steps - 0.5, steps - 0.25, steps + 0.25, steps + 0.5}
     near |= {float(np.floor(steps)), float(np.ceil(steps))}
     for other in sorted(near - {steps}):
         if other > 0:
-            near_it = _rival(_later(present, rows, j, other), rows, j)
+            near_it = _rival(_later(present, rows, columns, other), rows, columns)
             yield replace(near_it, starts=rival.starts)
 
 
-def _rival(later: Present, rows: tuple[int, ...], j: int) -> Rival:
+def _rival(later: Present, rows: tuple[int, ...], columns: tuple[int, ...]) -> Rival:
     first = later.records[0]
-    name = first.input_names[j]
+    name = first.input_names[columns[0]] if len(columns) == 1 else "every input"
     where = name if len(rows) == first.n_outputs else f"{name} to {first.output_names[rows[0]]}"
-    total = float(later.delay[rows[0], j])
+    total = float(later.delay[rows[0], columns[0]])
     return one(
         "delay",
         later,

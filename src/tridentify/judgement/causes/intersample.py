@@ -67,6 +67,11 @@ MATTERS = 1.0
 """Movement of a coefficient [standard errors] from which it is a warning and not a note."""
 
 
+FIT_LOST = 1.0
+"""Fit [percent] that another behaviour may cost an output and still be advised: where it costs
+more, its likelihood is that of a noise model that takes the response for noise."""
+
+
 @dataclass(frozen=True, eq=False)
 class Behaviours:
     """Every behaviour that the records allow, compared.
@@ -105,6 +110,14 @@ class Behaviours:
     def fall(self, one: Behaviour, other: Behaviour) -> float:
         """By how much ``-2 log L`` is lower with one than with another."""
         return self.above[other] - self.above[one]
+
+    @property
+    def advised(self) -> Behaviour:
+        """The best one where it is clearly better and costs no output its fit, else the present."""
+        if self.best == self.present or self.fall(self.best, self.present) < self.clearly:
+            return self.present
+        gained = np.subtract(self.attempts[self.best].fits, self.attempts[self.present].fits)
+        return self.present if np.min(gained) < -FIT_LOST else self.best
 
     def in_words(self) -> str:
         """What the present behaviour has over the others."""
@@ -206,7 +219,7 @@ def is_staircase(records: Sequence[Record]) -> bool:
 def intersample_findings(estimate: Estimate, found: Behaviours) -> list[Finding]:
     """A word where another behaviour than the one stated explains the record clearly better."""
     fall = found.fall(found.best, found.present)
-    if found.best == found.present or fall < found.clearly:
+    if found.advised == found.present:
         return []
     best, present = found.attempts[found.best], found.attempts[found.present]
     moved = coefficients(best.point) - coefficients(present.point)

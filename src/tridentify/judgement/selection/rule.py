@@ -216,12 +216,16 @@ class Verdict:
         better than a smaller one that is not sound.
     sound : bool
         Whether it is sound.
+    fair : bool
+        Whether it takes fair terms to predict as well as the best: as they are, the best one is
+        clearly better.
     """
 
     place: int | None
     best: int | None
     by: str
     sound: bool
+    fair: bool = False
 
 
 def recommend(
@@ -265,7 +269,8 @@ def recommend(
         small = _smallest(trials, near)
         if trials[small].size < trials[place].size:
             place, by = small, "size"
-    return Verdict(place, best, by, trials[place].sound)
+    fair = not contrasts(trials[place].unseen, trials[best].unseen)[0].as_good
+    return Verdict(place, best, by, trials[place].sound, fair)
 
 
 def _of_held_out(

@@ -202,10 +202,10 @@ def _resettled(
     if place is None or estimate is None:
         return None
     found = behaviours(estimate, settled.records)
-    if found is None or found.fall(found.best, found.present) < found.clearly:
+    if found is None or found.advised == found.present:
         return None
-    seen = tuple(record.settled(found.best) for record in records)
-    others = tuple(record.settled(found.best) for record in unseen)
+    seen = tuple(record.settled(found.advised) for record in records)
+    others = tuple(record.settled(found.advised) for record in unseen)
     return _Chosen(seen, others, (_told(seen[0], table.entries[place].structure),))
 
 
