@@ -79,3 +79,14 @@ def test_a_smaller_one_of_use_is_told_as_such(rows):
     said = verdict_of(rows, (83.7, 90.5, 80.0), "useful")
     assert said.startswith("1 pole and no zero predict samples that were left out to 83.70 %,")
     assert "none predicts clearly better than a candidate that has no more coefficients" in said
+
+
+def test_a_fit_that_is_clearly_lower_is_not_called_as_good_without_the_reason(rows):
+    told = [
+        dataclasses.replace(row, cross_fit=np.array([fit]))
+        for row, fit in zip(rows, (51.7, 89.1, 80.0), strict=True)
+    ]
+    said = in_words(told, contenders(), Verdict(0, 1, "held-out", True, fair=True), False)
+    assert "left out to 51.70 %, less than the best, 2 poles and 1 zero (89.10 %), but" in said
+    assert "offset, drift and free responses are left aside" in said
+    assert "left aside" not in verdict_of(rows, (88.7, 89.1, 80.0), "held-out")

@@ -408,6 +408,8 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
             )
         )
     fall = drift_seen(output.parallel, output.fit)
+    # an autoregression stands on even time alone
+    noise_model = "Use a noise model (noise='ar')" if record.dt else "Resample to even time"
     if fall <= DRIFTS and _wanders(output):
         found.append(
             Finding(
@@ -415,8 +417,8 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
                 "warning",
                 f"Most of what the inputs do not explain of {name} is slower than four periods in "
                 "the record: a slow disturbance, which slow coefficients take for response.",
-                "Use a noise model (noise='ar'), estimate a drift along (drift=True, --drift yes), "
-                "or cut the record shorter.",
+                f"{noise_model}, estimate a drift along (drift=True, --drift yes), or cut the "
+                "record shorter.",
                 (name,),
             )
         )
