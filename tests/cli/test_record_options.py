@@ -262,3 +262,17 @@ def test_what_is_fixed_says_so(run, noisy, question):
     assert rows["b1"][1:4] == ["1.5", "at", "bound"]
     document = identified(run, noisy, *question, "--fix", "a0=9", "--bound", "b1=0:1.5")
     assert [p["known"] for p in document["parameters"]] == ["", "fixed", "at bound", ""]
+
+
+def test_a_column_where_a_file_is_expected_is_told_how_to_be_named(run, tmp_path):
+    path = tmp_path / "log.csv"
+    path.write_text("t,a,b,y\n" + "".join(f"{k},{k % 3},{k % 2},{k}\n" for k in range(20)))
+    found = run("identify", path, "b", "--input", "a", "--output", "y", "--poles", 1, "--zeros", 0)
+    assert found.code == 2
+    assert found.error_lines[-1].endswith(
+        "found no file 'b' beside 'log.csv'; expected files; if it is a column, give each an "
+        "option of its own: --input a --input b"
+    )
+    found = run("identify", path, "--input", "a,b", "--output", "y", "--poles", 1, "--zeros", 0)
+    assert found.code == 2
+    assert found.error_lines[-1].endswith("correct the name: one name each, not several in one")

@@ -168,9 +168,14 @@ def load(source: RecordSource, activity: Activity) -> list[Record]:
     DataError
         A file or the record in it cannot be used.
     OptionError
-        A file is named twice.
+        A file is named twice, or a column where a file is expected.
     """
     for number, file in enumerate(source.files):
+        if number and not file.suffix and not file.exists() and source.files[0].exists():
+            raise OptionError(
+                f"found no file {shown(str(file))} beside {shown(source.files[0].name)}; expected "
+                "files; if it is a column, give each an option of its own: --input a --input b"
+            )
         if any(_same(file, other) for other in source.files[:number]):
             raise OptionError(
                 f"found the file {shown(str(file))} twice; expected different experiments; drop "

@@ -178,7 +178,7 @@ def find_channel(source: OpenFile, name: str) -> Channel:
         raise MissingColumnError(
             f"found no column {shown(name)} in {shown(source.path.name)}; expected one of "
             f"{shown(listed, 300)[1:-1]}; correct the name"
-            f"{did_you_mean(wanted, [channel.header for channel in source.channels])}"
+            f"{_several_or_like(wanted, source.channels)}"
         )
     if len(fits) > 1:
         headers = shown(" or ".join(channel.header for channel in fits), 200)[1:-1]
@@ -187,6 +187,15 @@ def find_channel(source: OpenFile, name: str) -> Channel:
             f"name it in full: {headers}"
         )
     return fits[0]
+
+
+def _several_or_like(wanted: str, channels: Sequence[Channel]) -> str:
+    """What may have been meant by a name that no column has: several columns, or one like it."""
+    known = {one.header for one in channels} | {one.name for one in channels}
+    parts = [part.strip() for part in wanted.split(",")]
+    if len(parts) > 1 and known.issuperset(parts):
+        return ": one name each, not several in one"
+    return did_you_mean(wanted, [channel.header for channel in channels])
 
 
 def _channel_names(channels: list[Channel], references: slice) -> tuple[str, ...]:
