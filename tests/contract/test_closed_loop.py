@@ -8,6 +8,7 @@ the same record is shown to be further off where the noise is in the input.
 from __future__ import annotations
 
 import json
+from functools import cache
 
 import numpy as np
 import pytest
@@ -56,6 +57,12 @@ def record_of(seed=1, *, n=600, noise=0.2, colour=None, missing=0, **options):
     if missing:
         y[rng.choice(n, missing, replace=False)] = np.nan
     return tri.Record(u, y, dt=DT, reference=r)
+
+
+@cache
+def answered(seed=1):
+    """Of one of these records, by default; the same for every test that asks for it."""
+    return tri.identify(record_of(seed), ORDERS)
 
 
 def driven(seed, intersample, n=600, noise=0.2):
@@ -116,7 +123,7 @@ def worse_in_open_loop(record, truth=TRUTH, structure=ORDERS, **options):
 
 def test_the_reference_route_is_taken_by_itself_and_told():
     record = record_of()
-    estimate = tri.identify(record, ORDERS)
+    estimate = answered()
     right(estimate)
     assert "reference" in estimate.summary()
     told = tri.identify(record, ORDERS, tri.ThreeModel(route="reference"))
@@ -145,7 +152,7 @@ def test_a_right_estimate_warns_of_nothing():
 
 def test_a_kind_of_controller_that_was_only_assumed_is_warned_of_where_it_matters():
     record = record_of(3)
-    open_ = tri.identify(record, ORDERS)
+    open_ = answered(3)
     [found] = [f for f in open_.findings if f.code == "intersample"]
     assert found.severity == "warning"
     assert "standard errors" in found.message
@@ -316,7 +323,7 @@ def test_two_inputs_two_outputs_two_references():
 
 
 def test_a_saved_estimate_keeps_its_route(tmp_path):
-    estimate = tri.identify(record_of(), ORDERS)
+    estimate = answered()
     estimate.save(tmp_path / "model.json")
     loaded = tri.Estimate.load(tmp_path / "model.json")
     assert loaded.route == "reference"
@@ -363,7 +370,7 @@ def test_the_command_line_takes_the_reference(tmp_path):
     assert ran.exit_code == 0, ran.output
     told = json.loads(ran.stdout)
     assert told["route"] == "reference"
-    own = tri.identify(record, ORDERS)
+    own = answered()
     found = {entry["name"]: entry["value"] for entry in told["parameters"]}
     for name, value in TRUTH.items():
         assert abs(found[name] - value) < CLOSE * own.parameters[name].std
