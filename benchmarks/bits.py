@@ -32,6 +32,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from loops import Controller, System, run, tustin
 from machine import HERE, describe
 from numpy.typing import NDArray
 from scipy.signal import lfilter
@@ -273,6 +274,42 @@ def by_knowledge() -> Iterator[tuple[str, Callable[[], Made]]]:
         yield f"{method().name}, known: {name}", estimated(record, structure, method())
 
 
+def in_loop(sampled: bool, pole: float, unstable: bool = False, n: int = 400) -> Record:
+    """A PI controller around a plant, or a lead around an unstable one; steps at its input."""
+    law = System.of([3.0, 2.0], [1.0, 0.0])
+    plant = System.of([1.0, 1.0], [1.0, 0.5, 1.0])
+    if unstable:
+        law, plant = System.of([24.0, 24.0], [1.0, 8.0]), System.of([2.0], [1.0, 2.0, -3.0])
+    dt = 0.05
+    controller = Controller(tustin(law, dt) if sampled else law, sampled)
+    r, nothing = levels(n, 20, 5)[:, None], np.zeros((n, 1))
+    white = np.random.default_rng(11).standard_normal(n)
+    v = 0.02 * lfilter([1.0], [1.0, -pole], white)
+    u, y = run(plant, controller, nothing, v[:, None], r, dt, fine=1)
+    return Record(u, y, dt=dt, reference=r)
+
+
+def by_loop() -> Iterator[tuple[str, Callable[[], Made]]]:
+    """The reference route: kinds of controller, colours, a controller that is given."""
+    second = Structure(2, 1)
+    kinds: tuple[Literal["sampled", "continuous"], ...] = ("sampled", "continuous")
+    for kind, pole in product(kinds, (0.0, 0.7)):
+        record, name = in_loop(kind == "sampled", pole), f"loop, {kind}, pole {pole}"
+        yield name, estimated(record, second, ThreeModel(controller=kind))
+        yield f"{name}, open loop", estimated(record, second, ThreeModel(route="open-loop"))
+        yield f"{name}, direct", estimated(record, second, ThreeModel(route="direct"))
+    record = in_loop(True, 0.0)
+    yield "loop, unknown", estimated(record, second)
+    known = ThreeModel(controller=TransferFunction([3.0, 2.0], [1.0, 0.0]))
+    yield "loop, given", estimated(in_loop(False, 0.0), second, known)
+    for kind in kinds:
+        grows = in_loop(kind == "sampled", 0.0, unstable=True)
+        yield (
+            f"loop, unstable, {kind}",
+            estimated(grows, Structure(2, 0), ThreeModel(controller=kind)),
+        )
+
+
 def by_sample() -> Iterator[tuple[str, Callable[[], Made]]]:
     """States of the on-line estimators."""
     estimators: dict[str, Callable[[], Any]] = {
@@ -371,7 +408,7 @@ def by_file() -> Iterator[tuple[str, Callable[[], Made]]]:
 
 def cases() -> dict[str, Callable[[], Made]]:
     """All, by name."""
-    parts = (by_method(), by_record(), by_knowledge(), by_sample(), by_file())
+    parts = (by_method(), by_record(), by_knowledge(), by_loop(), by_sample(), by_file())
     return {name: run for part in parts for name, run in part}
 
 
@@ -403,7 +440,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    parser.add_argument("--save", action="store_true", help="store under results/")
+    parser.add_argument(
+        "--save", action="store_true", help="store under results/; with --only beside the others"
+    )
     parser.add_argument("--only", default="", help="cases with this in their names")
     parser.add_argument("--workers", type=int, default=2)
     asked = parser.parse_args()
@@ -413,11 +452,13 @@ def main() -> int:
     refused = sum("refused" in made for made in now.values())
     print(f"{len(now)} cases, {refused} of them refused")
     facts = {k: v for k, v in describe().items() if k not in ("memory", "tridentify")}
+    stored = json.loads(STORED.read_text())
     if asked.save:
+        if asked.only and stored["machine"] == facts:
+            now = stored["cases"] | now
         STORED.write_text(json.dumps({"machine": facts, "cases": now}, indent=1) + "\n")
         print(f"stored under results/{STORED.name}")
         return 0
-    stored = json.loads(STORED.read_text())
     if stored["machine"] != facts:
         print("the stored hashes are of another machine or other libraries; store your own first")
         return 2

@@ -491,13 +491,14 @@ def _not_white(view: View, one: Evidence, name: str, beside: KnownCauses) -> Fin
     noise = "the noise model does not fit" if modelled else "the noise is not white"
     seen = f"the residual of {name} is correlated with itself at {_reach(view, one)}: {noise}"
     if view.own and beside.estimate.errors == "scores":
-        return _finding(
-            "noise-model",
-            name,
-            f"{seen}; the standard errors are from the scatter of the scores, which allows for it",
-            "look for what shakes the output, if smaller standard errors are wanted",
-            "note",
+        allows = (
+            f"{seen}; the standard errors are from the scatter of the scores, which allows for it"
         )
+        if modelled or beside.robust or view.uneven:
+            do = "look for what shakes the output, if smaller standard errors are wanted"
+            return _finding("noise-model", name, allows, do, "note")
+        do = "use noise='ar' (--noise ar), which estimates the noise along, for smaller ones"
+        return _finding("noise-model", name, allows, do)
     if modelled or beside.robust:
         do = "take the standard errors for too small"
     elif view.uneven:
