@@ -336,8 +336,13 @@ def fitted(columns: Array, signals: Array) -> Array:
     norms = np.linalg.norm(columns, axis=0)
     scale = np.where(norms > 0, norms, 1.0)
     found = np.empty((columns.shape[1], signals.shape[1]))
-    for k, signal in enumerate(signals.T):
-        seen = np.isfinite(signal)
-        scaled = columns[seen] / scale
-        found[:, k] = np.linalg.lstsq(scaled, signal[seen], rcond=TOLD_APART)[0] / scale
+    seen = np.isfinite(signals)
+    whole = seen.all(axis=0)
+    # one decomposition for all signals without gaps
+    for which in (whole, *np.eye(len(whole), dtype=bool)[~whole]):
+        if not which.any():
+            continue
+        rows = seen[:, which].all(axis=1)
+        pair = columns[rows] / scale, signals[np.ix_(rows, which)]
+        found[:, which] = np.linalg.lstsq(*pair, rcond=TOLD_APART)[0] / scale[:, None]
     return found
