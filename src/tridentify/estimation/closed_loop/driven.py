@@ -337,12 +337,13 @@ def fitted(columns: Array, signals: Array) -> Array:
     scale = np.where(norms > 0, norms, 1.0)
     found = np.empty((columns.shape[1], signals.shape[1]))
     seen = np.isfinite(signals)
-    whole = seen.all(axis=0)
+    whole = np.flatnonzero(seen.all(axis=0))
+    alone = np.flatnonzero(~seen.all(axis=0))
     # one decomposition for all signals without gaps
-    for which in (whole, *np.eye(len(whole), dtype=bool)[~whole]):
-        if not which.any():
-            continue
-        rows = seen[:, which].all(axis=1)
-        pair = columns[rows] / scale, signals[np.ix_(rows, which)]
-        found[:, which] = np.linalg.lstsq(*pair, rcond=TOLD_APART)[0] / scale[:, None]
+    for which in (whole, *alone[:, np.newaxis]):
+        if which.size:
+            rows = np.flatnonzero(seen[:, which].all(axis=1))
+            wanted = signals[rows][:, which]
+            solved = np.linalg.lstsq(columns[rows] / scale, wanted, rcond=TOLD_APART)[0]
+            found[:, which] = solved / scale[:, np.newaxis]
     return found
