@@ -47,7 +47,7 @@ def test_a_model_that_a_constant_beats_is_not_usable_and_says_why(too_low):
     assert estimate.fit[0] < 0.0
     first = estimate.findings[0]
     assert (first.code, first.severity) == ("order-low", "error")
-    assert "poles=3" in first.remedy
+    assert "poles=2 and zeros=1" in first.remedy
     # its poles are too few to show the response, which is there
     assert "no-response" not in [one.code for one in estimate.findings]
     page = report_page(estimate, settled(estimate, record))

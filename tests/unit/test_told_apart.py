@@ -37,6 +37,14 @@ def test_the_memory_of_a_controller_is_counted(controller, delay, lags):
     assert law.share < 1e-9
 
 
+def test_no_two_samples_in_a_row_tell_no_law_with_memory():
+    record = silent("P", 1).record
+    y = np.array(record.y)
+    y[::2] = np.nan
+    (law,) = laws([Record(record.u, y, dt=record.dt)])
+    assert law.lags is None
+
+
 def test_a_plant_of_more_poles_than_the_controller_remembers_is_not_told():
     drawn = silent("P", 0)
     estimate = identify(drawn.record, drawn.structure, throw=False)

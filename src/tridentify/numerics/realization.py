@@ -46,6 +46,9 @@ from tridentify.numerics.recent import recent
 KEPT = 256
 """Results that are kept of each function: those of one search at a time."""
 
+APART = 1e-4
+"""Relative distance of two poles below which their eigenvectors say nothing about one of them."""
+
 
 class Cascade(NamedTuple):
     """An orthonormal cascade: ``a`` (q, q) [1/s], ``b`` (q,), ``poles`` (q,) state by state."""
@@ -323,6 +326,31 @@ def roots_of(bank: Cascade, row: Array) -> Complex:
     [(-1+0j), (-2+0j)]
     """
     return sort_poles(np.linalg.eigvals(bank.a - np.outer(bank.b, row)).astype(np.complex128))
+
+
+def row_of(bank: Cascade, roots: Complex) -> Array | None:
+    """The row that `roots_of` turns into given roots; None where poles of the bank coincide.
+
+    ``row X(p) = prod (p - root) / prod (p - pole) - 1`` is compared with ``X(p) = sum_k R_k (l_k
+    B) / (p - z_k)``, ``R`` and ``l`` the right and left eigenvectors of ``A``, in the residues at
+    the poles.
+
+    Examples
+    --------
+    >>> bank = cascade(np.array([-1.0, -2.0 + 1.0j, -2.0 - 1.0j]))
+    >>> row = row_of(bank, np.array([-1.5, -2.0 + 2.0j, -2.0 - 2.0j]))
+    >>> roots_of(bank, row).round(9).tolist()
+    [(-1.5+0j), (-2+2j), (-2-2j)]
+    """
+    z, right = np.linalg.eig(bank.a)
+    apart = z[:, None] - z[None, :]
+    others = ~np.eye(z.size, dtype=bool)
+    if np.any((np.abs(apart) < APART * np.abs(z)[:, None]) & others):
+        return None
+    apart[~others] = 1.0
+    residues = np.prod((z[:, None] - roots[None, :]) / apart, axis=1)
+    drive = np.linalg.solve(right, bank.b.astype(np.complex128))
+    return np.asarray(np.linalg.solve(right.T, residues / drive).real)
 
 
 def side_by_side(banks: Sequence[Cascade]) -> Cascade:

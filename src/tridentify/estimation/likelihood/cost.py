@@ -37,7 +37,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.likelihood.held_poles import at_slow_limit, conditions, left_by
+from tridentify.estimation.likelihood.problem import TOO_SLOW, Problem, Variant
 from tridentify.models.regression import LONG, Regression, regress, response_of
 from tridentify.models.response import (
     Branch,
@@ -55,6 +56,9 @@ FLOOR = 1e-30
 residual of nothing is a number then."""
 LEAST_VARIANCE = 1e-300
 """A residual of nothing counts as this: its logarithm is a number."""
+FAR = 0.1
+"""Fall of ``-2 log L`` a sample that a step promises, above which the quadratic it rests on is not
+that of the end: 5 % of the residual. What is poor now may lead elsewhere, so no pole is held."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,23 +82,41 @@ class Proposal(NamedTuple):
         Predicted fall of `Point.objective`.
     delays : (n_inputs,) array or None
         Where they are estimated along [s].
+    change : (n_scores,) array
+        The step itself: of ``alpha`` and the delays.
     """
 
     poles: Complex
     decrease: float
     delays: Array | None
+    change: Array
+
+
+class Bend(NamedTuple):
+    """A direction, and how much more than Gauss-Newton the cost bends along it (`bend`).
+
+    Attributes
+    ----------
+    direction : (n_scores,) array
+        The last step, in the coordinates of the new point.
+    excess : float
+        In the unit of the Gauss-Newton curvature.
+    """
+
+    direction: Array
+    excess: float
 
 
 class _Decomposition(NamedTuple):
-    """SVD of the scores that count, scaled; the residual on them, and its norm."""
+    """SVD of the scores along the directions that count, scaled; the residual on them, its norm."""
 
-    kept: NDArray[np.intp]
+    basis: Array
     s: Array
     vt: Array
     scale: Array
     projection: Array
     total: float
-    n_scores: int
+    held: str
 
     def gain(self, damping: float) -> Array:
         """Of every singular value."""
@@ -105,18 +127,17 @@ class _Decomposition(NamedTuple):
 
     def step(self, damping: float) -> Array:
         """(n_scores,) change of ``alpha`` and the delays."""
-        found = np.zeros(self.n_scores)
-        found[self.kept] = -(self.vt.T @ (self.gain(damping) * self.projection)) / self.scale
-        return found
+        moved = self.vt.T @ (self.gain(damping) * self.projection)
+        return np.asarray(-self.basis @ (moved / self.scale))
 
 
-def _decomposed(scores: Array, residual: Array, kept: NDArray[np.intp]) -> _Decomposition:
-    own = scores[:, kept]
+def _decomposed(scores: Array, residual: Array, basis: Array, held: str = "") -> _Decomposition:
+    own = scores @ basis
     norms = np.sqrt(np.einsum("ij,ij->j", own, own))
     scale = np.where(norms > 0, norms, 1.0)
     u, s, vt = np.linalg.svd(own / scale, full_matrices=False)
     total = float(np.sqrt(residual @ residual))
-    return _Decomposition(kept, s, vt, scale, u.T @ residual, total, scores.shape[1])
+    return _Decomposition(basis, s, vt, scale, u.T @ residual, total, held)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,21 +242,42 @@ class Point:
 
     @cached_property
     def _decomposition(self) -> _Decomposition:
-        """Of all scores but those of delays that lie at an end of their range and pull outward."""
+        """Of all scores, but along nothing that a limit forbids.
+
+        Delays that lie at an end of their range and pull outward stay there, and so do poles at a
+        slow limit (`held_poles`).
+        """
         scores, residual = self._scores
-        kept = np.arange(scores.shape[1])
+        n = scores.shape[1]
+        found = _decomposed(scores, residual, np.eye(n))
+        is_slow = at_slow_limit(self.poles, self.problem.slowest).any()
+        if self.problem.limits is None and not is_slow:
+            return found
+        rows: Array = np.zeros((0, n))
+        if self._promised(found, 0.0) < FAR * float(self.counts.sum()):
+            rows = conditions(self.branches, self.problem.slowest, n)
+        kept, pulled = np.arange(n), np.zeros(len(rows), dtype=bool)
         while True:
-            found = _decomposed(scores, residual, kept)
-            if self.problem.limits is None:
+            change = found.step(0.0)
+            outward = self._outward(change[self.problem.n_poles :]) + self.problem.n_poles
+            new = ~pulled & (rows @ change > 0.0)
+            if not (new.any() or np.isin(outward, kept).any()):
                 return found
-            outward = self._outward(found.step(0.0)[self.problem.n_poles :])
-            if not np.isin(self.problem.n_poles + outward, kept).any():
+            kept, pulled = np.setdiff1d(kept, outward), pulled | new
+            basis = left_by(rows[pulled], kept)
+            if basis.shape[1] == 0:
                 return found
-            kept = np.setdiff1d(kept, self.problem.n_poles + outward)
+            found = _decomposed(scores, residual, basis, TOO_SLOW if pulled.any() else "")
+
+    @property
+    def held(self) -> str:
+        """What is to be said of poles that a step would have to leave at a limit; "" without."""
+        return self._decomposition.held
 
     def _outward(self, change: Array) -> NDArray[np.intp]:
         """Delays that are pinned, or that a change would take beyond an end of their range."""
-        assert self.problem.limits is not None
+        if self.problem.limits is None:
+            return np.arange(0)
         if self.problem.pinned is not None:
             change = np.where(self.problem.pinned, np.inf, change)
         delays = self.problem.delays
@@ -253,39 +295,77 @@ class Point:
     @cached_property
     def gradient(self) -> float:
         """The residual's share along the scores: 0 at a stationary point, at most 1."""
-        _, s, _, _, projection, total, _ = self._decomposition
-        kept = projection[s > 1e-13 * s[0]]
-        return float(np.sqrt(kept @ kept)) / total if total else 0.0
+        found = self._decomposition
+        kept = found.projection[found.s > 1e-13 * found.s[0]]
+        return float(np.sqrt(kept @ kept)) / found.total if found.total else 0.0
 
-    def step(self, damping: float) -> Proposal:
+    def along(self, change: Array) -> Array:
+        """(rows,) minus what a step changes of the outputs, to first order."""
+        return np.asarray(self._scores[0] @ change)
+
+    def slope(self, change: Array) -> float:
+        """Derivative of `objective` along a step, all else eliminated."""
+        return float(2.0 * self._scores[1] @ self.along(change))
+
+    def step(self, damping: float, bend: Bend | None = None) -> Proposal:
         """A Levenberg-Marquardt step.
 
         Parameters
         ----------
         damping : float
             Relative to the squared length of each score.
+        bend : Bend, optional
+            What the step before has told of the curvature.
 
         Returns
         -------
         Proposal
         """
-        change = self._decomposition.step(damping)
+        change, decrease = self._decomposition.step(damping), self.decrease(damping)
+        if bend is not None:
+            change, decrease = self._bent(change, bend)
         alpha = change[: self.problem.n_poles]
-        roots = [roots_of(one.inner, alpha[one.poles]) for one in self.branches]
+        roots = np.concatenate([roots_of(one.inner, alpha[one.poles]) for one in self.branches])
+        # close to the end a real pole that a step takes across the axis is left at the limit;
+        # before, it is mirrored, and may find another place
+        if not self.is_far:
+            crossed = (roots.imag == 0) & (roots.real > 0)
+            roots = np.where(crossed, -0.5 * self.problem.slowest, roots)
         delays = None
         if self.problem.limits is not None:
             moved = self.problem.delays + change[self.problem.n_poles :]
             floors = 0.0 if self.problem.floors is None else self.problem.floors
             delays = np.clip(moved, floors, self.problem.limits)
-        return Proposal(np.concatenate(roots), self.decrease(damping), delays)
+        return Proposal(roots, decrease, delays, change)
+
+    def _bent(self, change: Array, bend: Bend) -> tuple[Array, float]:
+        """A step less what the bend takes of its part along it, and what it promises then."""
+        across = self.along(bend.direction)
+        length = float(across @ across)
+        part = float(self.along(change) @ across) / length
+        change = change - bend.excess / (1.0 + bend.excess) * part * bend.direction
+        moved, total = self.along(change), self._decomposition.total
+        bent = bend.excess * float(moved @ across) ** 2 / length
+        share = -(2.0 * float(self._scores[1] @ moved) + float(moved @ moved) + bent)
+        return change, self._fall(share / total**2 if total else 0.0)
+
+    def _fall(self, fraction: float) -> float:
+        """Fall of `objective` where the residual's square falls by a fraction of itself."""
+        return -float(self.counts.sum()) * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
 
     def decrease(self, damping: float = 0.0) -> float:
         """The fall of `objective` that a step promises, for less than the step itself costs."""
-        found = self._decomposition
+        return self._promised(self._decomposition, damping)
+
+    @property
+    def is_far(self) -> bool:
+        """Whether a step promises so much that the end cannot be seen from here."""
+        return self.decrease() > FAR * float(self.counts.sum())
+
+    def _promised(self, found: _Decomposition, damping: float) -> float:
         shrink = found.s * found.gain(damping)
         share = float(np.sum(found.projection**2 * shrink * (2.0 - shrink)))
-        fraction = min(share / found.total**2, 1.0) if found.total else 0.0
-        return -float(self.counts.sum()) * float(np.log1p(-min(fraction, 1.0 - 1e-15)))
+        return self._fall(share / found.total**2 if found.total else 0.0)
 
     @property
     def looseness(self) -> float:
@@ -298,8 +378,7 @@ class Point:
         found = self._decomposition
         if not found.s[-1] > 0:
             return float("inf")
-        root = np.zeros((found.n_scores, found.s.size))
-        root[found.kept] = found.vt.T / found.s / found.scale[:, None]
+        root = found.basis @ (found.vt.T / found.s / found.scale[:, None])
         worst = 0.0
         for one in self.branches:
             z, right = np.linalg.eig(one.inner.a)

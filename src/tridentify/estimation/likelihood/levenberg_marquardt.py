@@ -12,7 +12,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Pass, Status, Step
-from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.bend import bend_of
+from tridentify.estimation.likelihood.cost import Bend, Point
 from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
 from tridentify.estimation.likelihood.thresholds import (
     IDLE,
@@ -192,13 +193,14 @@ def finishing(
     if settled is None:
         settled = Patience().settled(point.counts.sum())
     damping, growth, held, exact, idle = 0.0, 2.0, "", 0, 0
+    bend: Bend | None = None
     for _ in range(most):
         left = point.decrease()
         if left < settled:
             why = f"the next step would lower -2 log L by {left:.0e}, less than {settled:.0e}"
-            return point, _settled(held), why
+            return point, _settled(point.held or held), why
         yield
-        proposed, predicted, delays = point.step(damping)
+        proposed, predicted, delays, change = point.step(damping, bend)
         poles, note = problem.admissible(proposed)
         trial = at(poles) if delays is None else _late(at, poles, delays, problem)
         gain = _gain(point, trial)
@@ -207,6 +209,7 @@ def finishing(
             best = trial if gain > 0 else point
             return best, Status.CONVERGED, "the residual is down to rounding"
         if gain <= 0:
+            bend = None
             damping = max(damping * growth, 1e-3)
             growth *= 2.0
             if damping > 1e8:
@@ -214,10 +217,12 @@ def finishing(
             continue
         if recorder is not None:
             recorder.add(trial, (_error_step(trial, damping),), np.nan, note)
-        point, held = trial, note
         ratio = gain / predicted
         damping *= max(1.0 / 3.0, 1.0 - (2.0 * ratio - 1.0) ** 3)
-        damping = 0.0 if damping < 1e-6 else damping
+        # what was damped before a pole came to its limit says nothing of the directions left
+        damping = 0.0 if damping < 1e-6 or trial.held != point.held else damping
+        bend = None if note or delays is not None else bend_of(point, change, trial)
+        point, held = trial, note
         growth = 2.0
         idle = idle + 1 if gain < IDLE else 0
         if idle > 2:
@@ -226,6 +231,7 @@ def finishing(
     if point.problem.n_delays and open_ and point.problem.kinks().any():
         return _on_a_kink(at, point, recorder, most)
     left = point.decrease()
+    held = point.held or held
     if held and held != REFLECTED:
         return point, _settled(held), held
     if left < NEARLY_SETTLED:

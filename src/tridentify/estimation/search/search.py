@@ -24,6 +24,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -240,6 +241,36 @@ def search_again(question: Question, nuisances: Nuisances, poles: Complex) -> tu
     return found, worker.starts[-1]
 
 
+class Met(NamedTuple):
+    """An end of steps on the cost of one problem and choice of nuisance terms."""
+
+    base: Problem
+    variant: Variant
+    point: Point
+
+    def is_near(self, other: Point) -> bool:
+        """Whether another point is on its way to the same end."""
+        above = other.objective - self.point.objective
+        return bool(0.0 <= above < EQUAL) and np.allclose(
+            other.poles, self.point.poles, rtol=ALIKE, atol=0.0
+        )
+
+
+class Followed(NamedTuple):
+    """A start, and where it led."""
+
+    base: Problem
+    variant: Variant
+    start: Complex
+    point: Point
+    passes: tuple[Pass, ...]
+
+    def is_of(self, base: Problem, variant: Variant, start: Complex) -> bool:
+        """Whether the same start of the same problem is followed."""
+        same = self.base is base and self.variant is variant
+        return same and np.array_equal(self.start, start)
+
+
 @dataclass(eq=False)
 class Search:
     """Collects passes, starts and seeds while it looks for poles.
@@ -266,6 +297,10 @@ class Search:
         Where the window's poles led on the whole record.
     further : tuple of {"discrete", "spread", "relaxed"}
         Other kinds of starts, for where a richer model explains more.
+    followed : list of Followed
+        Starts that were followed to an end that is not good enough, and where they led.
+    ends : list of Met
+        Where steps on the cost ended.
     """
 
     n_starts: int
@@ -278,6 +313,8 @@ class Search:
     known: KnownTriangles | None = None
     end: End | None = None
     further: tuple[str, ...] = FURTHER
+    followed: list[Followed] = field(default_factory=list)
+    ends: list[Met] = field(default_factory=list)
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
@@ -519,19 +556,37 @@ class Search:
         most: int = MOST_ADAPTED,
     ) -> Slices[Point]:
         """Adapted passes and, where they do not reach the criterion, steps on the cost."""
+        known = (one for one in self.followed if one.is_of(base, variant, poles))
+        found = next(known, None)
+        if found is None:
+            point, passes = yield from self._followed(base, variant, poles, reachable, most)
+            found = Followed(base, variant, poles, point, passes)
+            if criterion(point) >= reachable:
+                self.followed.append(found)
+        point, passes = found.point, found.passes
+        self.starts.append(Start(name, coefficients(point), mean_square(point)))
+        if best is not None and criterion(best) <= criterion(point):
+            return best
+        self.recorder.passes[:] = passes
+        self.variant = variant
+        return point
+
+    def _followed(
+        self, base: Problem, variant: Variant, poles: Complex, reachable: float, most: int
+    ) -> Slices[tuple[Point, tuple[Pass, ...]]]:
+        """Where one start leads; what comes to an end that was met before ends there."""
         own = Recorder()
         point = yield from adapting(base, variant, poles, own, most)
         if criterion(point) >= reachable:
+            for end in self.ends:
+                if end.variant is variant and end.base is base and end.is_near(point):
+                    return end.point, tuple(own.passes)
             at = partial(evaluate_variant, base, variant)
             yield
             start = evaluate_variant(base, variant, point.poles)
             point = (yield from finishing(at, start, own, MOST_TRIED))[0]
-        self.starts.append(Start(name, coefficients(point), mean_square(point)))
-        if best is not None and criterion(best) <= criterion(point):
-            return best
-        self.recorder.passes[:] = own.passes
-        self.variant = variant
-        return point
+            self.ends.append(Met(base, variant, point))
+        return point, tuple(own.passes)
 
     def _relaxed(
         self,

@@ -114,11 +114,14 @@ class Explanations:
     found : tuple of Explanation
     reacts : tuple of Coming or None
         Per output, what inputs to come explain where that is the cause: the input reacts.
+    asked : Present, optional
+        What all causes were tried on; None where only some were.
     """
 
     present: Attempt
     found: tuple[Explanation, ...]
     reacts: tuple[Coming | None, ...] = ()
+    asked: Present | None = None
 
     @property
     def named(self) -> Explanation | None:
@@ -167,6 +170,7 @@ def explain(
     skip: Collection[str] = (),
     torn: Sequence[Place] = (),
     only: str = "",
+    known: Explanations | None = None,
 ) -> Explanations | None:
     """Fit all that may explain the records better.
 
@@ -180,6 +184,8 @@ def explain(
     only : str
         The one code that is tried, where it is not lost rows; whether the input reacts is left
         open then.
+    known : Explanations, optional
+        Of an earlier question: where it was the same but for lost rows, nothing is fitted again.
 
     Returns
     -------
@@ -187,6 +193,9 @@ def explain(
         None where the present explanation itself cannot be fitted; lost rows alone where the state
         jumps and they do not explain it.
     """
+    if known is not None and known.asked is not None and known.asked.is_same(present) and not torn:
+        found = [one for one in known.found if one.rival.code != "lost-rows"]
+        return _ranked(found, _from(present, known.present), known.present, present)
     base = settle(present)
     if base is None:
         return None
@@ -200,14 +209,21 @@ def explain(
         if code not in skip:
             found += _fitted(rivals, base)
     found += _sharper(found, settled, base)
-    result = Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
+    if only:
+        return Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
+    return _ranked(found, settled, base, None if skip else present)
+
+
+def _ranked(
+    found: Sequence[Explanation], settled: Present, base: Attempt, asked: Present | None
+) -> Explanations:
+    """All explanations, with the delays beside one that is named, and whether the input reacts."""
+    result = Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)), asked=asked)
     named = result.named
     if named is not None and named.rival.code == "delay":
         more = _fitted(neighbours(settled, named.rival), base)
         every = sorted([*result.found, *more], key=lambda one: -one.gain)
-        result = Explanations(base, tuple(every))
-    if only:
-        return result
+        result = replace(result, found=tuple(every))
     most = max((one.gain for one in result.found), default=0.0)
     rival = () if result.best is None else _with_inputs(result.best, settled.records)
     return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0), rival)))

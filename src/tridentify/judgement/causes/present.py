@@ -65,6 +65,22 @@ class Present:
             tuple(records), order, zeros, np.array(delay), nuisances, tuple(noise), np.array(poles)
         )
 
+    def is_same(self, other: Present) -> bool:
+        """Whether other explanations made from this one are those of the other."""
+        mine, others = (
+            [one.delay, one.poles, *one.noise, *(a for r in one.records for a in (r.t, r.u, r.y))]
+            for one in (self, other)
+        )
+        alike = (self.order, self.zeros) == (other.order, other.zeros)
+        alike &= self.nuisances == other.nuisances
+        alike &= [r.behaviour for r in self.records] == [r.behaviour for r in other.records]
+        pairs = zip(mine, others, strict=False)
+        return bool(
+            alike
+            and len(mine) == len(others)
+            and all(np.array_equal(a, b, equal_nan=True) for a, b in pairs)
+        )
+
     @property
     def orders(self) -> tuple[int, ...]:
         """Of the noise models."""

@@ -205,6 +205,8 @@ def _left(
     known = np.vstack(blocks)
     seen = np.all(np.isfinite(known), axis=1)
     known, wanted = known[seen], now[seen]
+    if not wanted.size:
+        return 0.0, 0
     scale = np.maximum(np.sqrt(np.mean(known**2, axis=0)), 1e-300)
     fitted, _, rank, _ = np.linalg.lstsq(known / scale, wanted, rcond=1e-12)
     left = wanted - (known / scale) @ fitted

@@ -68,6 +68,7 @@ def explanations(
     noises: Sequence[Array],
     torn: Sequence[Place] = (),
     only: str = "",
+    known: Explanations | None = None,
 ) -> Explanations | None:
     """Fit what may explain the records of a view better than the estimate.
 
@@ -81,6 +82,8 @@ def explanations(
         Where the state of the model seems to jump.
     only : str
         The one code that is tried; all where it is left out.
+    known : Explanations, optional
+        Of an earlier look, which is not repeated where the question is the same.
 
     Returns
     -------
@@ -90,7 +93,8 @@ def explanations(
     if estimate.structure.constrained and not _integrates(estimate):
         return None
     skip = ("delay",) if estimate.structure.delay == "free" else ()
-    return explain(_present(view, estimate, noises), skip=skip, torn=torn, only=only)
+    present = _present(view, estimate, noises)
+    return explain(present, skip=skip, torn=torn, only=only, known=known)
 
 
 def _integrates(estimate: Estimate) -> bool:

@@ -156,12 +156,13 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
         Probability of a false outlier.
     """
     setting = _Setting(estimate, n_lags, rate, tuple(torn_at(view)), {})
+    known: Explanations | None = None
     if setting.torn:
         tried = _looked_again(_tried(view, setting, True), view, setting)
         if tried.named is not None and tried.named.rival.code == "lost-rows":
             return tried
-        setting = setting._replace(torn=())
-    without = _looked_again(_tried(view, setting, True), view, setting)
+        setting, known = setting._replace(torn=()), tried.explained
+    without = _looked_again(_tried(view, setting, True, known), view, setting)
     found = sum(len(one.normality.outliers) for one in without.evidence)
     if not found or not without.cause:
         return without
@@ -199,7 +200,9 @@ class _Setting(NamedTuple):
     known: dict[tuple[View, int, tuple[Place, ...] | None], Evidence]
 
 
-def _tried(view: View, setting: _Setting, without_bad: bool) -> TriedCauses:
+def _tried(
+    view: View, setting: _Setting, without_bad: bool, known: Explanations | None = None
+) -> TriedCauses:
     """All tests and causes, with the bad samples or without; not yet what is left beside them."""
     torn = setting.torn
     outputs = range(len(view.outputs))
@@ -211,7 +214,8 @@ def _tried(view: View, setting: _Setting, without_bad: bool) -> TriedCauses:
     called = any(_called(one) or one.feedback < CALLED for one in evidence)
     hinted = view.own and any(suspicious(view, i, setting.estimate) for i in outputs)
     if torn or called or hinted or may_react(view):
-        explained = explanations(view, setting.estimate, [one.noise for one in evidence], torn)
+        noises = [one.noise for one in evidence]
+        explained = explanations(view, setting.estimate, noises, torn, known=known)
     evidence = _reacting(view, evidence, explained)
     return TriedCauses(view, evidence, explained, [None for _ in outputs], moved_by)
 
