@@ -1,4 +1,4 @@
-"""``tridentify study NAME``: a Monte Carlo study as a table and pictures."""
+"""``tridentify study NAME`` or ``FILE.toml``: a Monte Carlo study as a table and pictures."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,13 +16,36 @@ from tridentify.cli.terminal import Activity, plain, show, show_json
 from tridentify.errors import OptionError, shown
 from tridentify.writing.files import write_atomically
 
+if TYPE_CHECKING:
+    from tridentify.studies import Study, StudyResult
+
+DRAWS = 200
+"""Of a study that is a program, where nothing is said; a file says itself how many."""
+ENDING = ".toml"
+TABLE, STATISTICS = "table", "statistics"
+"""Files of a declared study; not its name, which might be that of the file of its settings."""
+
 
 def study(
     name: Annotated[
-        str, typer.Argument(metavar="NAME", help="Which one; a wrong name lists them.")
+        str,
+        typer.Argument(
+            metavar="NAME|FILE.toml",
+            help="Which one, or a file that declares one; a wrong name lists them.",
+        ),
     ],
-    draws: Annotated[int, typer.Option(min=1, metavar="N", help="Noise draws.")] = 200,
-    seed: Annotated[int, typer.Option(min=0, metavar="N", help="Seed of all draws.")] = 0,
+    draws: Annotated[
+        int | None,
+        typer.Option(
+            min=1, metavar="N", help="Noise draws; by default 200, or what the file says."
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            min=0, metavar="N", help="Seed of all draws; by default 0, or what the file says."
+        ),
+    ] = None,
     workers: Annotated[
         int | None,
         typer.Option(
@@ -33,7 +56,11 @@ def study(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Write the table, the numbers and the pictures there."),
+        typer.Option(
+            metavar="DIR",
+            help="Write the table, the numbers and the pictures there. The draws of a file are "
+            "appended as they are done: a run that was ended goes on from there.",
+        ),
     ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print one JSON object instead of the table.")
@@ -42,14 +69,29 @@ def study(
     """Run a study over many noise draws.
 
     Example: tridentify study aircraft --draws 50 --out study
+
+    Example: tridentify study efficiency.toml --workers 2 --out efficiency
     """
-    from tridentify.plots.study import save_study_figures
     from tridentify.studies import STUDIES
 
-    chosen = STUDIES.get(name)
-    if chosen is None:
-        offered = "; ".join(f"{key} ({item.description})" for key, item in STUDIES.items())
-        raise OptionError(f"found no study {shown(name)}; expected one of: {offered}; choose one")
+    if name in STUDIES:
+        result, written = _program(
+            STUDIES[name], DRAWS if draws is None else draws, seed or 0, workers, out
+        )
+    else:
+        result, written = _declared(_file(name), draws, seed, workers, out)
+    if as_json:
+        show_json(plain(result.to_dict()) | {"files": [str(path) for path in written]})
+    else:
+        show(result.table(), *describe_files(written))
+
+
+def _program(
+    chosen: Study, draws: int, seed: int, workers: int | None, out: Path | None
+) -> tuple[StudyResult, Sequence[Path]]:
+    """A study that is a program: its folder appears at the end."""
+    from tridentify.plots.study import save_study_figures
+
     written: Sequence[Path] = ()
     with ExitStack() as stack:
         results = None if out is None else stack.enter_context(ResultFolder(out))
@@ -58,12 +100,54 @@ def study(
         result = chosen.run(draws=draws, seed=seed, workers=workers, progress=activity.count)
         if results is not None:
             activity.stage("drawing the pictures")
-            write_atomically(results.draft / f"{name}.txt", result.table() + "\n")
-            numbers = json.dumps(plain(result.to_dict()), indent=1, allow_nan=False)
-            write_atomically(results.draft / f"{name}.json", numbers + "\n")
+            _write(result, results.draft, chosen.name, chosen.name)
             save_study_figures(result, results.draft)
             written = results.publish()
-    if as_json:
-        show_json(plain(result.to_dict()) | {"files": [str(path) for path in written]})
-    else:
-        show(result.table(), *describe_files(written))
+    return result, written
+
+
+def _declared(
+    path: Path, draws: int | None, seed: int | None, workers: int | None, out: Path | None
+) -> tuple[StudyResult, Sequence[Path]]:
+    """A study that a file declares: its folder grows, so that it can be gone on with."""
+    from tridentify.plots.study import save_study_figures
+    from tridentify.studies import read_study, run_study
+
+    chosen = read_study(path)
+    count = chosen.draws if draws is None else draws
+    with Activity() as activity:
+        activity.stage(f"study {chosen.name}, {count} draws a cell")
+        result = run_study(
+            chosen, out=out, workers=workers, draws=draws, seed=seed, progress=activity.count
+        )
+        if out is None:
+            return result, ()
+        activity.stage("drawing the pictures")
+        return result, (*_write(result, out, TABLE, STATISTICS), *save_study_figures(result, out))
+
+
+def _write(result: StudyResult, folder: Path, text: str, document: str) -> tuple[Path, ...]:
+    numbers = json.dumps(plain(result.to_dict()), indent=1, allow_nan=False)
+    return (
+        write_atomically(folder / f"{text}.txt", result.table() + "\n"),
+        write_atomically(folder / f"{document}.json", numbers + "\n"),
+    )
+
+
+def _file(name: str) -> Path:
+    """The file that is meant: one that is there, or one that comes with the package."""
+    from tridentify.studies import SHIPPED, STUDIES, shipped_study
+
+    path = Path(name)
+    if path.is_file():
+        return path
+    if name.removesuffix(ENDING) in SHIPPED:
+        return shipped_study(name)
+    if path.suffix == ENDING:
+        return path  # to be told that it is not there
+    offered = [f"{key} ({item.description})" for key, item in STUDIES.items()]
+    offered += [f"{key}{ENDING}" for key in SHIPPED]
+    raise OptionError(
+        f"found no study {shown(name)}; expected one of: {'; '.join(offered)}; or a file that ends "
+        f"with {ENDING}; choose one"
+    )

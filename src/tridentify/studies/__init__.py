@@ -1,4 +1,7 @@
-"""Monte Carlo studies: what the estimators do over many noise draws, next to what is possible."""
+"""Monte Carlo studies: what the estimators do over many noise draws, next to what is possible.
+
+`STUDIES` are programs of their own; `run_study` runs what a file declares.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +10,26 @@ from types import MappingProxyType
 
 from tridentify.studies.aircraft import AircraftStudy
 from tridentify.studies.base import Study, StudyResult
+from tridentify.studies.declared.nouns import DeclaredStudy
+from tridentify.studies.declared.reading import read_study, study_from
+from tridentify.studies.declared.result import DeclaredResult
+from tridentify.studies.declared.run import run_study
+from tridentify.studies.declared.statistics import CoefficientStatistics
+from tridentify.studies.shipped import SHIPPED, shipped_study
 
-__all__ = ["STUDIES", "Study", "StudyResult"]
+__all__ = [
+    "SHIPPED",
+    "STUDIES",
+    "CoefficientStatistics",
+    "DeclaredResult",
+    "DeclaredStudy",
+    "Study",
+    "StudyResult",
+    "read_study",
+    "run_study",
+    "shipped_study",
+    "study_from",
+]
 
 STUDIES: Mapping[str, Study] = MappingProxyType({"aircraft": AircraftStudy()})
 """Name -> study with its default options; the command line reads it."""

@@ -1,0 +1,183 @@
+"""What a file declares: systems, inputs, noises, methods, and which of them meet."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from tridentify.numerics.arrays import Array
+from tridentify.transfer_function import TransferFunction
+
+Options = tuple[tuple[str, Any], ...]
+"""Names and values, hashable."""
+
+
+@dataclass(frozen=True)
+class DeclaredSystem:
+    """A system with one input and one output, whose coefficients are the truth.
+
+    Attributes
+    ----------
+    name : str
+    num, den : tuple of float
+        Descending powers; the denominator begins with one.
+    """
+
+    name: str
+    num: tuple[float, ...]
+    den: tuple[float, ...]
+
+    @property
+    def theta(self) -> Array:
+        """The truth: ``a_{n-1}, ..., a_0, b_m, ..., b_0``."""
+        return np.array([*self.den[1:], *self.num])
+
+    @property
+    def coefficients(self) -> tuple[str, ...]:
+        """Names of the coefficients, in the order of `theta`."""
+        n, m = len(self.den) - 1, len(self.num)
+        return (*(f"a{k}" for k in reversed(range(n))), *(f"b{k}" for k in reversed(range(m))))
+
+    @property
+    def corner(self) -> float:
+        """Geometric mean of the sizes of the poles [rad/s]."""
+        return float(abs(self.den[-1]) ** (1 / (len(self.den) - 1)))
+
+    @property
+    def model(self) -> TransferFunction:
+        """The truth as a transfer function."""
+        return TransferFunction(self.num, self.den)
+
+
+@dataclass(frozen=True)
+class DeclaredInput:
+    """An input, held between its samples.
+
+    Attributes
+    ----------
+    name, kind : str
+    dt : float
+        Sampling interval [s].
+    samples : int or None
+        Length of the record: longer signals are cut, shorter ones refused.
+    options : tuple of (str, object)
+        What else the kind takes.
+    """
+
+    name: str
+    kind: str
+    dt: float
+    samples: int | None = None
+    options: Options = ()
+
+
+@dataclass(frozen=True)
+class DeclaredNoise:
+    """A noise at one level.
+
+    Attributes
+    ----------
+    name, kind : str
+    measure : {"std", "ratio", "snr"}
+        In units of the output; over the root mean square of the noise-free output; in dB, of the
+        standard deviation of the noise-free output over that of the noise.
+    level : float
+        In that measure.
+    options : tuple of (str, object)
+        What else the kind takes.
+    """
+
+    name: str
+    kind: str
+    measure: str
+    level: float
+    options: Options = ()
+
+    @property
+    def none(self) -> bool:
+        """Whether there is no noise at all."""
+        return self.measure != "snr" and self.level == 0.0
+
+
+@dataclass(frozen=True)
+class DeclaredMethod:
+    """A method with its options and what it is told of the record.
+
+    Attributes
+    ----------
+    name, kind : str
+    structure : tuple of (str, object)
+        Offset, drift and initial state.
+    options : tuple of (str, object)
+        Of the method itself.
+    """
+
+    name: str
+    kind: str
+    structure: Options = ()
+    options: Options = ()
+
+
+@dataclass(frozen=True)
+class StudyCell:
+    """One system under one input with one noise."""
+
+    system: DeclaredSystem
+    input: DeclaredInput
+    noise: DeclaredNoise
+
+    @property
+    def name(self) -> str:
+        """By which results know it."""
+        return f"{self.system.name} / {self.input.name} / {self.noise.name}"
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Names of those that meet, every one with every other."""
+
+    systems: tuple[str, ...]
+    inputs: tuple[str, ...]
+    noises: tuple[str, ...]
+    methods: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class DeclaredStudy:
+    """A Monte Carlo study as a file declares it.
+
+    Attributes
+    ----------
+    name, description : str
+    draws : int
+        Noise draws a cell; without noise there is one.
+    seed : int
+        Of all draws.
+    systems, inputs, noises, methods : tuple
+    grids : tuple of Grid
+        Which of them meet.
+    """
+
+    name: str
+    description: str
+    draws: int
+    seed: int
+    systems: tuple[DeclaredSystem, ...]
+    inputs: tuple[DeclaredInput, ...]
+    noises: tuple[DeclaredNoise, ...]
+    methods: tuple[DeclaredMethod, ...]
+    grids: tuple[Grid, ...]
+
+    def settings(self) -> Mapping[str, Any]:
+        """What decides about the numbers of a draw, as JSON holds it.
+
+        How many draws there are does not: the first of a long study are those of a short one.
+        """
+        told = asdict(self)
+        for name in ("draws", "description"):
+            del told[name]
+        return told | {"version": version("tridentify")}
