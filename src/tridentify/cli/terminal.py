@@ -16,6 +16,7 @@ import traceback
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, redirect_stderr
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TextIO, cast
@@ -23,6 +24,7 @@ from typing import Any, TextIO, cast
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn
 from rich.progress import TimeElapsedColumn as Elapsed
+from rich.progress import TimeRemainingColumn as Remaining
 from rich.table import Table
 
 from tridentify.errors import DataWarning, OutputPathError
@@ -286,6 +288,26 @@ def error_console() -> Console:
     return _Console(sys.stderr)
 
 
+@dataclass(frozen=True)
+class Pace:
+    """When a count began, and with how many: what an earlier run has done says nothing of this one.
+
+    Examples
+    --------
+    >>> Pace(since=10.0, first=50).left(now=12.0, done=60, total=100)
+    8.0
+    """
+
+    since: float
+    first: int
+
+    def left(self, now: float, done: int, total: int) -> float | None:
+        """Time that the rest takes at this pace [s]; None at the end, or while nothing is known."""
+        if done <= self.first or done >= total:
+            return None
+        return (total - done) * (now - self.since) / (done - self.first)
+
+
 class Activity:
     """What is going on, shown on standard error while it lasts.
 
@@ -307,13 +329,17 @@ class Activity:
             columns = SpinnerColumn(spinner), TextColumn("{task.description}"), Elapsed()
             self._bar = Progress(*columns, console=console, transient=True)
             self._task = self._bar.add_task("", total=None)
-            counted = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), Elapsed()
-            self._counted = counted
+            described = TextColumn("{task.description}")
+            self._counted = (
+                *(described, BarColumn(), MofNCompleteColumn()),
+                *(Elapsed(), TextColumn("left"), Remaining()),
+            )
         self._tenths = 0
         self._named = ""
         self._since = time.monotonic()
         self._said: set[str] = set()
         self._counted_at = -PAUSE
+        self._pace: Pace | None = None
 
     def __enter__(self) -> Activity:
         if self._bar is not None:
@@ -380,10 +406,20 @@ class Activity:
             self._bar.columns = self._counted
             self._bar.update(self._task, completed=done, total=total)
             return
+        left = self._left(done, total)
         tenths = 10 * done // max(total, 1)
         if tenths > self._tenths or done == total:
             self._tenths = tenths
-            say(f"{done} of {total} done after {time.monotonic() - self._since:.0f} s")
+            since = time.monotonic() - self._since
+            say(f"{done} of {total} done after {since:.0f} s{left}")
+
+    def _left(self, done: int, total: int) -> str:
+        """How long the rest may take, from the pace since the first count."""
+        now = time.monotonic()
+        if self._pace is None:
+            self._pace = Pace(now, done)
+        left = self._pace.left(now, done, total)
+        return "" if left is None else f", about {left:.0f} s left"
 
     def note(self, text: str) -> None:
         """Write a line that stays."""

@@ -26,6 +26,7 @@ from tridentify.plots.residual_tests import plot_residual_tests
 from tridentify.plots.selection import plot_selection
 from tridentify.plots.spectrum import plot_excitation, plot_spectrum
 from tridentify.plots.step import plot_step
+from tridentify.plots.study_cells import plot_study_cells
 from tridentify.plots.style import Panels
 from tridentify.plots.trajectory import plot_trajectory
 
@@ -46,6 +47,7 @@ __all__ = [
     "plot_residual",
     "plot_spectrum",
     "plot_step",
+    "plot_study_cells",
     "plot_residual_tests",
     "plot_frequency_response",
     "plot_hankel",
