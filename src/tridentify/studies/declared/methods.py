@@ -9,7 +9,6 @@ plant of the corner frequency ``corner`` [rad/s]; they are then scaled to that o
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -22,7 +21,13 @@ from tridentify.identify import METHODS, search
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-from tridentify.studies.declared.nouns import DeclaredMethod, DeclaredSystem, Options
+from tridentify.studies.declared.nouns import (
+    DeclaredMethod,
+    DeclaredSystem,
+    Offered,
+    Options,
+    refusal,
+)
 from tridentify.studies.step_2_alone import step_2_alone
 
 PAPER, STEP_2_ALONE, OUTPUT_ERROR = "paper", "step-2-alone", "output-error"
@@ -44,7 +49,7 @@ class Answer(NamedTuple):
     ok: bool
 
 
-def options_of(kind: str) -> tuple[str, ...]:
+def options_of(kind: str) -> Offered:
     """Options that a method takes.
 
     Parameters
@@ -54,14 +59,15 @@ def options_of(kind: str) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> options_of("step-2-alone")
+    >>> options_of("step-2-alone").names
     ('filter', 'corner')
     """
     if kind == STEP_2_ALONE:
-        return ("filter", SCALED)
-    made = ThreeModel.paper if kind == PAPER else METHODS[kind]
-    own = tuple(inspect.signature(made).parameters)
-    return (*own, SCALED) if kind == PAPER else own
+        return Offered(("filter", SCALED))
+    if kind == PAPER:
+        own = Offered.by(ThreeModel.paper)
+        return Offered((*own.names, SCALED), own.needed)
+    return Offered.by(METHODS[kind])
 
 
 def checked_for(method: DeclaredMethod, system: DeclaredSystem) -> None:
@@ -84,8 +90,7 @@ def checked_for(method: DeclaredMethod, system: DeclaredSystem) -> None:
         else:
             _made(method, system)
     except (TridentifyError, TypeError, ValueError) as error:
-        told = " ".join(str(error).split())
-        raise OptionError(f"[methods.{method.name}]: {told}") from error
+        raise refusal(f"[methods.{method.name}]", error) from error
 
 
 def attempt(method: DeclaredMethod, system: DeclaredSystem, record: Record) -> Answer:
@@ -147,7 +152,9 @@ def _scaled(options: Options, system: DeclaredSystem) -> dict[str, Any]:
     if corner is None:
         return found
     if not corner > 0:
-        raise OptionError(f"found {SCALED}={corner:g}; expected a frequency above zero [rad/s]")
+        raise OptionError(
+            f"found {SCALED}={corner:g}; expected a frequency above zero [rad/s]; correct it"
+        )
     factor = system.corner / corner
     if "gamma" in found:
         found["gamma"] = found["gamma"] * factor
@@ -158,6 +165,10 @@ def _scaled(options: Options, system: DeclaredSystem) -> dict[str, Any]:
 
 def _filter(options: Mapping[str, Any], system: DeclaredSystem) -> tuple[float, ...]:
     filter_ = tuple(options.get("filter", PAPER_FILTER))
+    if not all(isinstance(value, int | float) for value in filter_):
+        raise OptionError(
+            f"found filter={shown(filter_)}; expected numbers in descending powers; correct it"
+        )
     if len(filter_) <= len(system.den):
         raise OptionError(
             f"found a filter of degree {len(filter_) - 1} for the {len(system.den) - 1} poles of "

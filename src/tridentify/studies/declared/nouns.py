@@ -2,18 +2,48 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import inspect
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from tridentify.errors import OptionError, TridentifyError
 from tridentify.numerics.arrays import Array
 from tridentify.transfer_function import TransferFunction
 
 Options = tuple[tuple[str, Any], ...]
 """Names and values, hashable."""
+
+
+class Offered(NamedTuple):
+    """Names of options that a kind takes, and of those that it cannot do without."""
+
+    names: tuple[str, ...]
+    needed: tuple[str, ...] = ()
+
+    @classmethod
+    def by(cls, made: Callable[..., Any], *, but: Collection[str] = ()) -> Offered:
+        """Those of a function or a class, but for some.
+
+        Examples
+        --------
+        >>> Offered.by(TransferFunction.channel, but=("self",)).needed
+        ('output', 'source')
+        """
+        found = [p for p in inspect.signature(made).parameters.values() if p.name not in but]
+        needed = tuple(p.name for p in found if p.default is p.empty)
+        return cls(tuple(p.name for p in found), needed)
+
+
+def refusal(where: str, error: Exception) -> OptionError:
+    """What somebody else says of an option, with the place in the file, on one line."""
+    told = " ".join(str(error).split())
+    if not isinstance(error, TridentifyError):
+        told = f"found options that are not taken ({told}); expected other values; correct them"
+    return OptionError(f"{where}: {told}")
 
 
 @dataclass(frozen=True)

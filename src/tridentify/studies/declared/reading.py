@@ -23,6 +23,7 @@ from tridentify.studies.declared.nouns import (
     DeclaredStudy,
     DeclaredSystem,
     Grid,
+    Offered,
     Options,
 )
 from tridentify.studies.declared.signals import (
@@ -44,7 +45,7 @@ MOST_SAMPLES = 1_000_000
 MOST_DEGREES = 20
 MEASURES = ("std", "ratio", "snr")
 PARTS = ("systems", "inputs", "noises", "methods")
-STRUCTURE = ("offset", "drift", "initial_state")
+STRUCTURE = Offered(("offset", "drift", "initial_state"))
 LARGEST_FILE = 1_000_000
 """Bytes: ten thousand times a study; whoever has more has another file."""
 
@@ -74,11 +75,16 @@ class _Section:
                 f"{self.where}: found {key} = {shown(value)}; expected {expected}; correct it"
             ) from None
 
-    def rest(self, names: Iterable[str]) -> Options:
-        """Options that another place checks, hashable."""
-        names = list(names)
-        self.known += names
-        return tuple((n, _frozen(self.left.pop(n))) for n in names if n in self.left)
+    def rest(self, offered: Offered) -> Options:
+        """Options whose values another place checks, hashable."""
+        self.known += offered.names
+        missing = [name for name in offered.needed if name not in self.left]
+        if missing:
+            raise OptionError(
+                f"{self.where}: found no {missing[0]}; expected one, as this kind cannot do "
+                "without it; add it to the file"
+            )
+        return tuple((n, _frozen(self.left.pop(n))) for n in offered.names if n in self.left)
 
     def finish(self) -> None:
         """Refuse what nobody has asked for."""
@@ -215,7 +221,10 @@ def _input(section: _Section) -> DeclaredInput:
     section.finish()
     signal = DeclaredInput(_named(section), kind, dt, samples, options)
     if kind == STEP and not all(_is_number(value) for _, value in options):
-        raise OptionError(f"{section.where}: found {options[0]}; expected amplitude as a number")
+        raise OptionError(
+            f"{section.where}: found amplitude = {shown(options[0][1])}; expected a number; "
+            "correct it"
+        )
     samples_of(signal)
     return signal
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import math
 from collections.abc import Callable, Mapping
 from functools import cache
@@ -15,7 +14,7 @@ import scipy.signal
 from tridentify.errors import OptionError, TridentifyError
 from tridentify.excitation import Excitation, chirp, doublet, multisine, prbs, three_two_one_one
 from tridentify.numerics.arrays import Array
-from tridentify.studies.declared.nouns import DeclaredInput, DeclaredNoise
+from tridentify.studies.declared.nouns import DeclaredInput, DeclaredNoise, Offered, refusal
 
 STEP = "step"
 PLANNED: Mapping[str, Callable[..., Excitation]] = MappingProxyType(
@@ -42,17 +41,15 @@ LONGEST_BURN_IN = 100_000
 """Samples: a pole within 2e-4 of the unit circle needs them, longer than records are."""
 
 
-def input_options(kind: str) -> tuple[str, ...]:
+def input_options(kind: str) -> Offered:
     """Options of a kind of input, besides ``dt`` and ``samples``.
 
     Examples
     --------
     >>> input_options("doublet")
-    ('amplitude', 'width', 'for_frequency', 'lead', 'tail')
+    Offered(names=('amplitude', 'width', 'for_frequency', 'lead', 'tail'), needed=('amplitude',))
     """
-    if kind == STEP:
-        return ("amplitude",)
-    return tuple(n for n in inspect.signature(PLANNED[kind]).parameters if n not in _NOT_OFFERED)
+    return Offered(("amplitude",)) if kind == STEP else Offered.by(PLANNED[kind], but=_NOT_OFFERED)
 
 
 @cache
@@ -78,7 +75,7 @@ def samples_of(signal: DeclaredInput) -> Array:
     try:
         u = PLANNED[signal.kind](dt=signal.dt, **options).u[:, 0]
     except (TridentifyError, TypeError, ValueError) as error:
-        raise OptionError(f"[inputs.{signal.name}]: {' '.join(str(error).split())}") from error
+        raise refusal(f"[inputs.{signal.name}]", error) from error
     if signal.samples is not None and signal.samples > u.size:
         raise OptionError(
             f"[inputs.{signal.name}]: found samples={signal.samples} of a signal of {u.size}; "
