@@ -161,9 +161,11 @@ class Aircraft:
         self._set({
             "fcs/left-aileron-pos-rad": 0.0, "fcs/right-aileron-pos-rad": 0.0,
             "fcs/rudder-pos-rad": 0.0, "fcs/elevator-pos-rad": elevator,
-            "fcs/throttle-cmd-norm": throttle, "fcs/throttle-pos-norm": throttle,
             "gear/gear-pos-norm": 0.0,
         })  # fmt: skip
+        for number in range(self.engine.get_propulsion().get_num_engines()):
+            names = (f"fcs/throttle-{kind}-norm[{number}]" for kind in ("cmd", "pos"))
+            self._set(dict.fromkeys(names, throttle))
         self._place(state)
         self.engine.suspend_integration()
         self.engine.run()

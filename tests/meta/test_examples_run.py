@@ -83,12 +83,16 @@ WRITES = {
     "first_model.py": ["first_model.html"],
     "physical_parameters.py": [],
     "changing_plant.py": ["changing_plant.png"],
+    "jsbsim_amplitude.py": ["jsbsim_amplitude.json", "jsbsim_amplitude.png"],
     "jsbsim_loops.py": ["jsbsim_loops.json", "jsbsim_loops.png"],
     "jsbsim_short_period.py": ["short_period.csv", "short_period.json"],
     "result_picture.py": ["result.png"],
 }
 """What each example leaves in the folder it is given."""
-SMALLER = {"jsbsim_loops.py": ["--seconds", "20"]}
+SMALLER = {
+    "jsbsim_amplitude.py": ["--draws", "2", "--amplitudes", "1,4"],
+    "jsbsim_loops.py": ["--seconds", "20"],
+}
 """Arguments with which it does the same on fewer samples."""
 
 

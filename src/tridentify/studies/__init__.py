@@ -10,7 +10,14 @@ from types import MappingProxyType
 
 from tridentify.studies.aircraft import AircraftStudy
 from tridentify.studies.base import Study, StudyResult
-from tridentify.studies.declared.nouns import DeclaredStudy
+from tridentify.studies.declared.nouns import (
+    DeclaredGrid,
+    DeclaredInput,
+    DeclaredMethod,
+    DeclaredNoise,
+    DeclaredStudy,
+    DeclaredSystem,
+)
 from tridentify.studies.declared.reading import read_study, study_from
 from tridentify.studies.declared.result import DeclaredResult
 from tridentify.studies.declared.run import run_study
@@ -21,8 +28,13 @@ __all__ = [
     "SHIPPED",
     "STUDIES",
     "CoefficientStatistics",
+    "DeclaredGrid",
+    "DeclaredInput",
+    "DeclaredMethod",
+    "DeclaredNoise",
     "DeclaredResult",
     "DeclaredStudy",
+    "DeclaredSystem",
     "Study",
     "StudyResult",
     "read_study",

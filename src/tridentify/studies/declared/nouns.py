@@ -167,7 +167,7 @@ class StudyCell:
 
 
 @dataclass(frozen=True)
-class Grid:
+class DeclaredGrid:
     """Names of those that meet, every one with every other."""
 
     systems: tuple[str, ...]
@@ -188,7 +188,7 @@ class DeclaredStudy:
     seed : int
         Of all draws.
     systems, inputs, noises, methods : tuple
-    grids : tuple of Grid
+    grids : tuple of DeclaredGrid
         Which of them meet.
     """
 
@@ -200,7 +200,7 @@ class DeclaredStudy:
     inputs: tuple[DeclaredInput, ...]
     noises: tuple[DeclaredNoise, ...]
     methods: tuple[DeclaredMethod, ...]
-    grids: tuple[Grid, ...]
+    grids: tuple[DeclaredGrid, ...]
 
     def settings(self) -> Mapping[str, Any]:
         """What decides about the numbers of a draw, as JSON holds it.

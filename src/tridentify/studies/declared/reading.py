@@ -17,12 +17,12 @@ from tridentify.studies.declared.cells import cells, meetings
 from tridentify.studies.declared.draw import prepare
 from tridentify.studies.declared.methods import KINDS, checked_for, options_of
 from tridentify.studies.declared.nouns import (
+    DeclaredGrid,
     DeclaredInput,
     DeclaredMethod,
     DeclaredNoise,
     DeclaredStudy,
     DeclaredSystem,
-    Grid,
     Offered,
     Options,
 )
@@ -270,7 +270,7 @@ def _method(section: _Section) -> DeclaredMethod:
 
 def _grids(
     top: _Section, names: Mapping[str, tuple[str, ...]], levels: Mapping[str, tuple[str, ...]]
-) -> tuple[Grid, ...]:
+) -> tuple[DeclaredGrid, ...]:
     """Who meets whom: all, unless the file has [[cells]]."""
     given = top.take("cells", _tables, "tables [[cells]]", [{}])
     found = []
@@ -287,7 +287,7 @@ def _grids(
         }
         section.finish()
         chosen["noises"] = tuple(one for family in chosen["noises"] for one in levels[family])
-        found.append(Grid(**chosen))
+        found.append(DeclaredGrid(**chosen))
     return tuple(found)
 
 
