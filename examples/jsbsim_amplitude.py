@@ -1,16 +1,16 @@
-"""How large should the manoeuvre be? Three aircraft of JSBSim, the amplitude swept, sensors as ever.
+"""How large should a manoeuvre be? Three aircraft of JSBSim, the amplitude swept, one gyro for all.
 
 The larger the elevator moves, the less the noise of the gyro matters, and the less the aircraft is
-a linear one: the spread of the estimates falls, their bias grows, and somewhere between the error is
+a linear one: the spread of the estimates falls, their bias grows, and in between the error is
 least. Where that is depends on the estimator. Three see the same records of pitch rate:
 
-* *Step 2 alone*: least squares of the series-parallel model on the recorded output, with the paper's
-  filter scaled to the short period of each aircraft;
+* *Step 2 alone*: least squares of the series-parallel model on the recorded output, with the
+  paper's filter scaled to the short period of each aircraft;
 * *output error* from a start of its own;
 * *the strategy*, ``ThreeModel()``.
 
-Each aircraft, trimmed, flies a 3-2-1-1 that fits its short period, with the elevator at the surface.
-The truth is the engine's own: its accelerations linearised at trim. All errors are relative,
+Each aircraft, trimmed, flies a 3-2-1-1 that fits its short period, the elevator moved at the
+surface. The truth is the engine's own: its accelerations linearised at trim. All errors are relative,
 root mean squares over the four coefficients: *bias* of the median over the draws of the noise,
 *spread* half the distance of their 16 and 84 % quantiles (estimates from small manoeuvres have
 heavy tails), *total* the root of the sum of squares; *without noise* is what one record without
