@@ -11,10 +11,10 @@ least. Where that is depends on the estimator. Three see the same records of pit
 
 Each aircraft, trimmed, flies a 3-2-1-1 that fits its short period, the elevator moved at the
 surface. The truth is the engine's own: its accelerations linearised at trim. All errors are
-relative, root mean squares over the four coefficients: *bias* of the median over the draws of the noise,
-*spread* half the distance of their 16 and 84 % quantiles (estimates from small manoeuvres have
-heavy tails), *total* the root of the sum of squares; *without noise* is what one record without
-noise gives.
+relative, root mean squares over the four coefficients: *bias* of the median over the draws of
+the noise, *spread* half the distance of their 16 and 84 % quantiles (estimates from small
+manoeuvres have heavy tails), *total* the root of the sum of squares; *without noise* is what one
+record without noise gives.
 
     pip install "tridentify[jsbsim]" matplotlib
     python examples/jsbsim_amplitude.py [--draws N] [--amplitudes A,B,...] [--out DIRECTORY]
