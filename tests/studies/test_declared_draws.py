@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from declared import document, numbers
+from tridentify.errors import OptionError
 from tridentify.studies import read_study, run_study, shipped_study, study_from
 from tridentify.studies.aircraft import AircraftStudy
 from tridentify.studies.aircraft_numbers import ESTIMATORS
@@ -54,6 +55,16 @@ def test_noise_has_variance_one_and_its_autocorrelation(noise: DeclaredNoise) ->
     error = 3 * math.sqrt(2 / len(found))
     np.testing.assert_allclose(covariance[0], row, atol=SIGMAS * error)
     np.testing.assert_allclose(np.diag(covariance), 1.0, atol=SIGMAS * error)
+
+
+def test_records_that_are_too_long_for_coloured_noise_are_refused() -> None:
+    told = document()
+    told["inputs"] = {"step": {"kind": "step", "dt": 0.1, "samples": 30_001}}
+    told["noises"] = {"white": {"std": 0.1}}
+    assert len(cells(study_from(told))) == 2
+    told["noises"] = {"arma": {"kind": "arma", "ar": [1, -0.5], "std": 0.1}}
+    with pytest.raises(OptionError, match=r"expected at most 30000.*shorten the record"):
+        study_from(told)
 
 
 def test_autocorrelation_of_a_first_order_process() -> None:
@@ -168,6 +179,7 @@ def test_statistics_of_draws_that_are_known() -> None:
     assert found.ratio_inside == pytest.approx(math.sqrt((9 + 1) / 2))
     assert found.coverage == pytest.approx(1 / 3)
     assert found.coverage_error == pytest.approx(math.sqrt(3 / 7 * 4 / 7 / 7))
+    assert found.intervals == 3
     assert found.seconds == pytest.approx(0.15)
 
 

@@ -81,6 +81,8 @@ WRONG = [
     ("systems.first.den", [0, 2], "found den = [0, 2]; expected numbers in descending powers"),
     ("systems.first.den", [2], "found degrees 0 over 0; expected 1 to 20 poles"),
     ("systems.first.num", [1, 2, 3], "found degrees 2 over 1"),
+    ("systems.first.num", [10**400], "[systems.first]: found num = [1000"),
+    ("seed", 2**70, "the study: found seed = "),
     ("systems.first.num", [float("nan")], "found num = [nan]"),
     ("systems.first.zeros", 1, "[systems.first]: found the unknown key 'zeros'"),
     ("inputs.pulses.kind", "saw", "found kind = 'saw'; expected one of step, prbs, multisine"),

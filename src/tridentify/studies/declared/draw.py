@@ -31,6 +31,8 @@ from tridentify.studies.declared.signals import (
 
 Row = Mapping[str, Any]
 """One draw by one method, as JSON holds it."""
+MOST_COLOURED = 30_000
+"""Samples: the bound in coloured noise takes a time that grows with their square, here seconds."""
 FEWEST_SAMPLES = 10
 """Samples: fewer than this say nothing of one coefficient and its noise."""
 
@@ -90,8 +92,9 @@ def prepare(cell: StudyCell) -> PreparedCell:
     std = _noise_std(cell.noise, clean)
     try:
         bound = std * _unit_bound(cell, u, dt)
-    except IdentifiabilityError as error:
-        raise OptionError(f"in the cell {cell.name}: {error}") from error
+    except (IdentifiabilityError, np.linalg.LinAlgError) as error:
+        told = " ".join(str(error).split())
+        raise OptionError(f"in the cell {cell.name}: {told}") from error
     return PreparedCell(u, clean, dt, std, bound)
 
 
@@ -211,6 +214,11 @@ def _unit_bound(cell: StudyCell, u: Array, dt: float) -> Array:
     columns = columns / scale
     factor = information_factor(columns)
     if cell.noise.kind == ARMA:
+        if u.size > MOST_COLOURED:
+            raise IdentifiabilityError(
+                f"found {u.size} samples in coloured noise; expected at most {MOST_COLOURED}, for "
+                "the sake of the Cramer-Rao bound; shorten the record"
+            )
         whitened = scipy.linalg.solve_toeplitz(autocorrelation(cell.noise, u.size), columns)
         factor = scipy.linalg.cholesky(columns.T @ whitened)
     inverse = scipy.linalg.solve_triangular(factor, np.eye(scale.size)) / scale[:, None]

@@ -205,9 +205,10 @@ class DeclaredStudy:
     def settings(self) -> Mapping[str, Any]:
         """What decides about the numbers of a draw, as JSON holds it.
 
-        How many draws there are does not: the first of a long study are those of a short one.
+        How many draws there are does not: the first of a long study are those of a short one. Nor
+        does what it is called.
         """
         told = asdict(self)
-        for name in ("draws", "description"):
+        for name in ("draws", "description", "name"):
             del told[name]
         return told | {"version": version("tridentify")}

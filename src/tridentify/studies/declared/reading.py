@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import math
 import os
+import sys
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -39,7 +39,7 @@ from tridentify.studies.declared.signals import (
 
 DRAWS = 200
 """Where a file does not say how many."""
-MOST_DRAWS = 1_000_000
+MOST_DRAWS = 100_000
 MOST_SEED = 2**63
 MOST_SAMPLES = 1_000_000
 MOST_DEGREES = 20
@@ -70,7 +70,7 @@ class _Section:
         value = self.left.pop(key)
         try:
             return check(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise OptionError(
                 f"{self.where}: found {key} = {shown(value)}; expected {expected}; correct it"
             ) from None
@@ -121,9 +121,11 @@ def read_study(path: str | os.PathLike[str]) -> DeclaredStudy:
     """
     place = Path(path)
     try:
-        if place.stat().st_size > LARGEST_FILE:
+        with open(place, "rb") as stream:
+            raw = stream.read(LARGEST_FILE + 1)
+        if len(raw) > LARGEST_FILE:
             raise OSError(f"more than {LARGEST_FILE} bytes")
-        document = tomllib.loads(place.read_text(encoding="utf-8"))
+        document = tomllib.loads(raw.decode("utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or " ".join(str(error).split())
         raise UnreadableFileError(
@@ -326,7 +328,11 @@ def _tables(value: object) -> list[dict[str, Any]]:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and abs(value) <= sys.float_info.max
+    )
 
 
 def _number(value: object) -> float:

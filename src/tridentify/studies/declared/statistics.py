@@ -50,6 +50,8 @@ class CoefficientStatistics:
         With noise, the share of the draws whose 95 % interval holds the truth, of those that have
         one, and its standard error (with two successes and two failures added, so that it is
         never zero).
+    intervals : int
+        Draws with intervals: of those the coverage is.
     seconds : float
         Median time of the processor for one record.
     """
@@ -71,6 +73,7 @@ class CoefficientStatistics:
     ratio_inside: float
     coverage: float
     coverage_error: float
+    intervals: int
     seconds: float
 
 
@@ -124,6 +127,7 @@ def _of_meeting(
             outliers=int(far.sum()),
             **_of_errors(errors[:, k], far, float(bound[k])),
             **_coverage(inside[:, k] if bound[k] > 0 else np.empty(0)),
+            intervals=len(inside),
             seconds=seconds,
         )
         for k, name in enumerate(names)

@@ -10,8 +10,11 @@ from itertools import groupby
 from tridentify.studies.declared.nouns import DeclaredStudy
 from tridentify.studies.declared.statistics import OUTLIER, CoefficientStatistics
 from tridentify.writing.layout import printable
+from tridentify.writing.layout import short as shorten
 
 WIDTH = 100
+SHORTEST, LONGEST = 12, 36
+"""Characters of the column of methods."""
 MOST_REASONS = 8
 """Lines of reasons for failures; the others are in the file of the draws."""
 MISSING = "-"
@@ -24,10 +27,10 @@ LEGEND = (
     "time of the processor."
 )
 HEAD = (
-    ("method", 24),
+    ("method", 0),
     ("", 4),
     ("draws", 6),
-    ("bias %", 10),
+    ("bias %", 11),
     ("RMSE/bound", 17),
     ("inside", 8),
     ("cover %", 12),
@@ -59,42 +62,41 @@ def write_table(
     """
     told = f"Study {study.name}: {study.draws} draws a cell, seed {study.seed}. "
     blocks = [textwrap.fill(told + " ".join(study.description.split()), WIDTH)]
-    blocks += [_block(cell, list(rows)) for cell, rows in groupby(statistics, lambda r: r.cell)]
+    longest = max((len(printable(row.method)) for row in statistics), default=0)
+    size = min(max(longest, SHORTEST), LONGEST)
+    for cell, rows in groupby(statistics, lambda row: row.cell):
+        blocks.append(_block(cell, list(rows), size))
     return "\n\n".join([*blocks, textwrap.fill(LEGEND, WIDTH), *_reasons(failures)])
 
 
-def _block(cell: str, rows: Sequence[CoefficientStatistics]) -> str:
-    head = "".join(
-        title.ljust(size) if k == 0 else title.rjust(size) for k, (title, size) in enumerate(HEAD)
-    )
-    lines = [printable(cell), head.rstrip(), "-" * len(head)]
+def _block(cell: str, rows: Sequence[CoefficientStatistics], size: int) -> str:
+    head = _laid_out([title for title, _ in HEAD], size)
+    lines = [printable(cell), head, "-" * len(head)]
     for _, own in groupby(rows, lambda row: row.method):
-        lines += [_line(row, number == 0) for number, row in enumerate(own)]
+        lines += [_laid_out(_cells(row, number == 0), size) for number, row in enumerate(own)]
     return "\n".join(lines)
 
 
-def _line(row: CoefficientStatistics, first: bool) -> str:
+def _laid_out(cells: Sequence[str], size: int) -> str:
+    """The first cell to the left, in so many characters, the others to the right."""
+    rest = (cell.rjust(width) for cell, (_, width) in zip(cells[1:], HEAD[1:], strict=True))
+    return (shorten(cells[0], size).ljust(size) + "".join(rest)).rstrip()
+
+
+def _cells(row: CoefficientStatistics, first: bool) -> list[str]:
     """One coefficient; what holds for the method stands in its first line."""
-    cells = [
-        printable(row.method)[: HEAD[0][1]] if first else "",
+    counts = (row.outliers, row.failed, row.flagged)
+    return [
+        printable(row.method) if first else "",
         row.coefficient,
         str(row.draws) if first else "",
         _number(100 * row.bias / row.truth if row.truth else math.nan, 4),
         _with_error(row.ratio, row.ratio_error, 4),
         _number(row.ratio_inside, 4),
         _with_error(100 * row.coverage, 100 * row.coverage_error, 3),
-        *(
-            (str(n) if n else MISSING) if first else ""
-            for n in (row.outliers, row.failed, row.flagged)
-        ),
+        *((str(count) if count else MISSING) if first else "" for count in counts),
         f"{1e3 * row.seconds:.1f}" if first and math.isfinite(row.seconds) else "",
     ]
-    sizes = [size for _, size in HEAD]
-    text = "".join(
-        cell.ljust(size) if k == 0 else cell.rjust(size)
-        for k, (cell, size) in enumerate(zip(cells, sizes, strict=True))
-    )
-    return text.rstrip()
 
 
 def _number(value: float, digits: int) -> str:
