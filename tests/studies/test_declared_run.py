@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import random
 import signal
@@ -16,7 +17,7 @@ from typing import Any
 import pytest
 
 from declared import STUDY, document, numbers
-from tridentify.errors import OptionError, OutputPathError, UnreadableFileError
+from tridentify.errors import OptionError, OutputPathError, TridentifyError, UnreadableFileError
 from tridentify.studies import DeclaredResult, StudyResult, run_study, study_from
 from tridentify.studies.declared import run as running
 from tridentify.writing.lock import lock
@@ -124,6 +125,22 @@ def test_an_interrupt_keeps_what_is_done(tmp_path: Path, undisturbed: list[dict[
         run_study(study, out=tmp_path, workers=1, progress=interrupt)
     assert 20 <= len(lines(tmp_path)) < LINES
     assert numbers(run_study(study, out=tmp_path, workers=2).rows) == undisturbed
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
+def test_a_worker_that_dies_is_told_and_gone_on_with(
+    tmp_path: Path, undisturbed: list[dict[str, Any]]
+) -> None:
+    def kill(done: int, _: int) -> None:
+        if done >= 20:
+            for child in multiprocessing.active_children():
+                child.kill()
+
+    study = study_from(document(), "small")
+    with pytest.raises(TridentifyError, match="found a worker process that died"):
+        run_study(study, out=tmp_path, workers=2, progress=kill)
+    assert 20 <= len(lines(tmp_path)) < LINES
+    assert numbers(run_study(study, out=tmp_path, workers=1).rows) == undisturbed
 
 
 def test_a_run_that_is_complete_does_nothing(
