@@ -49,7 +49,7 @@ def test_what_noise_makes_falls_with_the_amplitude(swept):
         for way, rows in found["errors"].items():
             spread = column(rows, "spread")
             assert spread[0] > spread[1]
-            # its noise model takes what is not linear for noise, in one draw and not in the next
+            # its noise model takes what is not linear for noise, of another order in every draw
             if way != "the strategy":
                 assert spread[1] > 2.0 * spread[2]
 
