@@ -57,12 +57,19 @@ if TYPE_CHECKING:
     from tridentify.estimation.methods.output_error import OutputError
     from tridentify.estimation.methods.three_model import ThreeModel
     from tridentify.identify import METHODS, identify
-    from tridentify.judgement.advice import Advice, FrequencyResponse, advise, frequency_response
+    from tridentify.judgement.advice import (
+        Advice,
+        FrequencyResponse,
+        advise,
+        find_manoeuvres,
+        frequency_response,
+    )
     from tridentify.judgement.comparison import Comparison, compare
     from tridentify.judgement.selection import Selection, select_structure
     from tridentify.judgement.validation import Validation, validate
     from tridentify.record.formats.frames import frame_from_record, record_from_frame
     from tridentify.record.formats.read import list_channels, read_record, read_records
+    from tridentify.record.formats.series import read_series
     from tridentify.record.long_record import LongRecord, open_record
     from tridentify.record.record import Record
     from tridentify.simulate import simulate
@@ -110,6 +117,7 @@ __all__ = [
     "data",
     "excitation",
     "export",
+    "find_manoeuvres",
     "fleet",
     "frame_from_record",
     "frequency_response",
@@ -121,6 +129,7 @@ __all__ = [
     "plots",
     "read_record",
     "read_records",
+    "read_series",
     "record_from_frame",
     "report",
     "select_structure",
@@ -163,6 +172,7 @@ _HOME = {
     "TwoStage": "estimation.methods.closed_loop.two_stage",
     "Validation": "judgement.validation",
     "advise": "judgement.advice",
+    "find_manoeuvres": "judgement.advice",
     "asymptotic_bias": "estimation.methods.filtered.asymptotic_bias",
     "compare": "judgement.comparison",
     "frame_from_record": "record.formats.frames",
@@ -172,6 +182,7 @@ _HOME = {
     "open_record": "record.long_record",
     "read_record": "record.formats.read",
     "read_records": "record.formats.read",
+    "read_series": "record.formats.series",
     "select_structure": "judgement.selection",
     "record_from_frame": "record.formats.frames",
     "simulate": "simulate",

@@ -64,6 +64,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST, lowpass
 from tridentify.writing.notebook import sparkline
 from tridentify.writing.pointers import OF_A_RECORD, Pointers
+from tridentify.writing.views import RecordViews
 
 __all__ = ["Intersample", "Record", "in_memory"]
 
@@ -73,7 +74,7 @@ _DRAWN = 6
 
 
 @dataclass(frozen=True, eq=False, init=False, repr=False)
-class Record(Pointers):
+class Record(RecordViews, Pointers):
     """Sampled inputs and outputs of one experiment.
 
     Parameters

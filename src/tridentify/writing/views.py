@@ -143,6 +143,31 @@ class ModelViews:
         return room("plots").plot_pole_zero(self, **options)
 
 
+class RecordViews:
+    """What a record shows by itself."""
+
+    def explore(self, **options: Any) -> Any:
+        """Open the record in the workbench, in the browser: `tridentify.app.notebook.explore`.
+
+        Parameters
+        ----------
+        **options
+            ``folder``: where record and session are kept; ``open_page``: whether a browser is
+            opened.
+
+        Returns
+        -------
+        tridentify.app.notebook.Workbench
+            With ``address`` and ``stop()``.
+
+        Raises
+        ------
+        MissingDependencyError
+            The extra ``app`` is not installed.
+        """
+        return room("app.notebook").explore(self, **options)
+
+
 class EstimateViews(ModelViews, Pointers):
     """What an estimate shows beside its model's pictures."""
 

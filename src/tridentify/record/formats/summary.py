@@ -15,7 +15,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 
-__all__ = ["ChannelSummary", "ClockSummary", "channel_summaries", "clock_summaries"]
+__all__ = ["ChannelSummary", "ClockSummary", "channel_summaries", "clock_summaries", "read_numbers"]
 
 
 PATIENCE = 20.0
@@ -98,6 +98,24 @@ def channel_summaries(source: OpenFile, patience: float = PATIENCE) -> list[Chan
         else ChannelSummary(channel, False, channel.samples)
         for k, channel in enumerate(source.channels)
     ]
+
+
+def read_numbers(source: OpenFile, patience: float = PATIENCE) -> dict[int, Array]:
+    """Samples of all channels that hold numbers.
+
+    Parameters
+    ----------
+    source : OpenFile
+    patience : float
+        Time after which no further reading is begun [s].
+
+    Returns
+    -------
+    dict of int to (n,) array
+        By position in `OpenFile.channels`.
+    """
+    read = _readable(source, range(len(source.channels)), time.monotonic() + patience)
+    return {k: values for k in sorted(read) if (values := read[k]) is not None}
 
 
 def _readable(source: OpenFile, indices: Sequence[int], end: float) -> dict[int, Array | None]:

@@ -1,0 +1,87 @@
+"""Pieces of a long log that are worth identifying, and nothing where there is none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tridentify import Record, TransferFunction, simulate
+from tridentify.judgement.advice import find_manoeuvres
+
+PLANT = TransferFunction([2.0], [1.0, 2.0, 8.0])
+DT, N = 0.05, 6000
+
+
+def log(moves, *, noise=0.01, input_noise=0.0, seed=0, answered=True):
+    """A log with an input that moves from one sample to another by a size."""
+    rng = np.random.default_rng(seed)
+    u = np.full(N, 3.0)
+    for first, last, size in moves:
+        u[first:last] += size
+    y = simulate(PLANT, Record(u - 3.0, u, dt=DT))[:, 0] if answered else np.zeros(N)
+    u = u + input_noise * rng.standard_normal(N)
+    return Record(u, y + noise * rng.standard_normal(N), dt=DT)
+
+
+def places(record):
+    return [(m.start / DT, m.stop / DT) for m in find_manoeuvres(record)]
+
+
+@pytest.mark.parametrize("input_noise", [0.0, 0.01])
+def test_every_doublet_is_found_with_quiet_before_and_after(input_noise):
+    moves = [(1000, 1030, 1.0), (1030, 1060, -1.0), (4000, 4040, 0.5)]
+    found = places(log(moves, input_noise=input_noise))
+    assert len(found) == 2
+    for (start, stop), (first, last) in zip(found, [(1000, 1060), (4000, 4040)], strict=True):
+        assert first - 80 <= start <= first - 40
+        assert last + 40 <= stop <= last + 80
+
+
+def test_a_single_step_is_a_manoeuvre():
+    ((start, stop),) = places(log([(3000, N, 1.0)]))
+    assert start < 3000 < stop
+
+
+def test_the_best_one_is_told_with_what_moved_and_what_answered():
+    (one,) = find_manoeuvres(log([(1000, 1100, 1.0)]))
+    assert one.score > 3.0
+    assert "u moves after" in one.why
+    assert "y moves" in one.why
+
+
+@pytest.mark.parametrize(
+    "record",
+    [
+        log([]),
+        log([], input_noise=0.01),
+        log([(1000, 1100, 1.0)], answered=False),
+        log([(1000, 1100, 1.0)], noise=5.0),
+    ],
+    ids=["at rest", "noise alone", "no answer", "an answer below the noise"],
+)
+def test_nothing_is_offered_where_there_is_nothing(record):
+    assert find_manoeuvres(record) == ()
+
+
+def test_a_record_that_is_never_quiet_is_one_piece():
+    rng = np.random.default_rng(2)
+    for u in (np.repeat(rng.choice([-1.0, 1.0], N // 20), 20), rng.standard_normal(N).cumsum()):
+        y = simulate(PLANT, Record(u, u, dt=DT))[:, 0] + 0.01 * rng.standard_normal(N)
+        (one,) = find_manoeuvres(Record(u, y, dt=DT))
+        assert (one.start, one.stop) == (0.0, pytest.approx(DT * (N - 1)))
+
+
+def test_missing_samples_and_a_second_output_do_no_harm():
+    record = log([(1000, 1100, 1.0)])
+    y = np.column_stack([np.full(N, np.nan), record.y[:, 0]])
+    y[5:60, 1] = np.nan
+    y[0, 0] = 1.0
+    assert len(places(Record(record.u, y, dt=DT))) == 1
+
+
+def test_a_gap_of_ones_own():
+    record = log([(1000, 1030, 1.0), (1200, 1230, 1.0)])
+    assert len(find_manoeuvres(record)) == 2
+    (both,) = find_manoeuvres(record, gap=8.0)
+    assert both.start < 1000 * DT
+    assert both.stop > 1230 * DT
