@@ -19,6 +19,7 @@ PIP := $(PY) -m pip --quiet --disable-pip-version-check
 CREATED := $(VENV)/.created
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
+INSTALLED_APP := $(VENV)/.installed-app
 
 # One BLAS thread per test worker: more only fight for the same cores.
 PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
@@ -27,13 +28,17 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 FUZZ_SECONDS ?= 300
-.PHONY: help demo test test-all fuzz check docs browser kernels lint format bench bits cluster clean clean-all FORCE
+.PHONY: help demo app test test-all fuzz check docs browser kernels lint format bench bits cluster clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 demo: $(INSTALLED) ## install, then identify the aircraft record that ships in the package
 	@$(VENV)/bin/tridentify demo $(DEMO_ARGS)
+
+app: $(INSTALLED_APP) ## install, then open the workbench in the browser on the record that ships
+	@mkdir -p build/workbench && cp src/tridentify/data/short_period.csv build/workbench
+	@$(VENV)/bin/tridentify app build/workbench/short_period.csv $(APP_ARGS)
 
 test: $(INSTALLED_DEV) ## install, then run the fast tests and the docstring examples
 	@HYPOTHESIS_PROFILE=$${HYPOTHESIS_PROFILE:-quick} $(PYTEST) -m "not slow" $(PYTEST_ARGS)
@@ -149,8 +154,13 @@ $(INSTALLED): $(CREATED) pyproject.toml constraints.txt
 	@$(PY) -m compileall -q src/tridentify
 	@touch $@
 
+$(INSTALLED_APP): $(INSTALLED) pyproject.toml constraints.txt
+	@echo "Installing what the workbench is built on (half a minute the first time)"
+	@$(PIP) install $(COMPILE) --constraint constraints.txt --editable ".[app]"
+	@touch $@
+
 $(INSTALLED_DEV): $(CREATED) pyproject.toml constraints.txt
 	@echo "Installing tridentify with the development tools (a minute or two the first time)"
 	@$(PIP) install $(COMPILE) --constraint constraints.txt --editable ".[dev]"
 	@$(PY) -m compileall -q src/tridentify
-	@touch $(INSTALLED) $@
+	@touch $(INSTALLED) $(INSTALLED_APP) $@

@@ -14,6 +14,7 @@ from typer.main import get_command
 
 from tridentify.cli import (
     advise_command,
+    app_command,
     channels_command,
     compare_command,
     demo_command,
@@ -58,6 +59,7 @@ app.command("physical")(with_groups(physical_command.physical))
 app.command("channels")(channels_command.channels)
 app.command("demo")(demo_command.demo)
 app.command("stream")(stream_command.stream)
+app.command("app")(app_command.workbench)
 app.command("study")(study_command.study)
 app.command("fleet")(with_groups(fleet_command.fleet))
 app.command("excite")(excite_command.excite)

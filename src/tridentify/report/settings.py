@@ -171,4 +171,5 @@ def code_again(estimate: Estimate, records: Sequence[Record]) -> str:
     ]
     if estimate.record_fingerprint:
         lines.append(f"assert estimate.record_fingerprint == {estimate.record_fingerprint!r}")
+    lines += ["", "# in the browser, to look closer: records[0].explore()"]
     return "\n".join(lines)

@@ -1,0 +1,158 @@
+"""What is shown of a model in words and numbers, in the order in which it is asked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from tridentify.app.lines import model_in_python, model_in_shell, record_in_python
+from tridentify.app.options import MAPS, known_parameters, method_of
+from tridentify.app.plain import findings, number
+from tridentify.app.sources import pieces
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.parameter import Parameter
+from tridentify.judgement.comparison import compare
+from tridentify.judgement.validation import validate
+from tridentify.physical import PhysicalModel, estimate_physical
+from tridentify.record.record import Record
+from tridentify.report.first_screen import NUMBERS, headline_of, trust_of
+from tridentify.uncertainty import derived
+
+LEVEL = 0.95
+LATE = 0.5
+"""Standard error over the value, from which a number is no result."""
+
+
+def described(
+    estimate: Estimate, record: Record | None, card: Mapping[str, Any], chosen: Mapping[str, str]
+) -> dict[str, Any]:
+    """Sentence, numbers, doubts, coefficients, physical parameters, lines, validation.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    record : Record or None
+        None where its file is gone.
+    card : mapping
+        Of the record.
+    chosen : mapping of str to str
+        Options.
+    """
+    physical, told = _physical(record, card, chosen)
+    fits, doubts = _validated(estimate, record, card)
+    found = [*estimate.findings]
+    sentence = " ".join([headline_of(estimate, found), trust_of(estimate, found)]).strip()
+    return {
+        "sentence": f"{sentence} {told}".strip(),
+        "numbers": [_row(one) for one in _key_numbers(estimate)],
+        "findings": findings(found),
+        "parameters": [_row(one) for one in estimate.parameters.values()],
+        "derived": [_row(one) for one in derived(estimate)],
+        "physical": physical,
+        "python": f"{record_in_python(card)}\n\n{model_in_python(card, chosen)}",
+        "command_line": model_in_shell(card, chosen),
+        "judging": False,
+        "validation_fit": fits,
+        "validation_findings": doubts,
+    }
+
+
+def _row(one: Any) -> dict[str, Any]:
+    low, high = one.interval(LEVEL)
+    held = one.std == 0 and isinstance(one, Parameter)
+    return {
+        "name": one.name,
+        "value": number(one.value),
+        "std": number(one.std),
+        "low": number(low),
+        "high": number(high),
+        "unit": one.unit,
+        "status": "fixed" if held else "free",
+    }
+
+
+def _key_numbers(estimate: Estimate) -> list[Any]:
+    """Delays, the slowest mode and the gain as far as they are determined, then coefficients."""
+    coefficients = list(estimate.parameters.values())
+    quantities = list(derived(estimate))
+    delays = [one for one in coefficients if one.name.startswith("delay")]
+    gains = [one for one in quantities if one.name.startswith("dc gain")]
+    modes = [one for one in quantities if not one.name.startswith(("dc gain", "real pole"))][:2]
+    first = [*delays[:1], *modes, *gains[:1]]
+    told = [one for one in first if _is_result(one)]
+    others = [one for one in coefficients if one not in delays]
+    return [*told, *sorted(others, key=lambda one: not _is_result(one))][:NUMBERS]
+
+
+def _is_result(one: Any) -> bool:
+    return bool(np.isfinite(one.value) and one.std < LATE * abs(one.value))
+
+
+def _validated(
+    estimate: Estimate, record: Record | None, card: Mapping[str, Any]
+) -> tuple[list[float | None] | None, list[dict[str, Any]] | None]:
+    """Fit and doubts on the ranges for validation; None where there are none."""
+    if record is None:
+        return None, None
+    others = pieces(record, card, "validate")
+    if not others:
+        return None, None
+    try:
+        fits = np.mean(compare([estimate], others).fits[0], axis=0)
+        found: Sequence[Finding] = validate(estimate, others).findings
+    except TridentifyError as error:
+        said = Finding("unmodelled-response", "warning", f"It could not be tested: {error}", "")
+        return None, findings([said])
+    return [number(float(fit)) for fit in fits], findings(found)
+
+
+def _physical(
+    record: Record | None, card: Mapping[str, Any], chosen: Mapping[str, str]
+) -> tuple[list[dict[str, Any]] | None, str]:
+    """Parameters of the map that is asked for, and why where there are none."""
+    if chosen["physical"] == "none" or record is None:
+        return None, ""
+    model = MAPS[chosen["physical"]]()
+    try:
+        found = estimate_physical(
+            model,
+            pieces(record, card, "identify"),
+            method_of({**chosen, "loss": "squared"}),
+            known=known_parameters(chosen),
+            channels=_channels(model, record),
+        )
+    except TridentifyError as error:
+        return None, f"The map {chosen['physical']} gives nothing: {error}."
+    spread = np.sqrt(np.diag(found.cov))
+    rows = [
+        Parameter(name, float(value), float(std), unit)
+        for name, value, std, unit in zip(
+            found.names, found.values, spread, found.units, strict=True
+        )
+    ]
+    rows += list(found.combinations)
+    return [_physical_row(one) for one in rows], " ".join(found.notes)
+
+
+def _physical_row(one: Parameter) -> dict[str, Any]:
+    if np.isfinite(one.value):
+        return _row(one)
+    none = dict.fromkeys(("value", "std", "low", "high"))
+    return {"name": one.name, **none, "unit": one.unit, "status": "not determined"}
+
+
+def _channels(model: PhysicalModel, record: Record) -> dict[str, str]:
+    """Channels of a map by their own name where the record has it, the others in order."""
+    found: dict[str, str] = {}
+    for ours, theirs in (
+        (model.input_names, record.input_names),
+        (model.output_names, record.output_names),
+    ):
+        named = [name for name in ours if name in theirs]
+        rest = iter([name for name in theirs if name not in named])
+        found |= {name: name if name in named else next(rest, name) for name in ours}
+    return found

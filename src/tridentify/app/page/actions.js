@@ -1,0 +1,269 @@
+// Everything a person can do: asks the server, keeps the session, tells the page.
+
+import { get, patch, post, remove, upload } from "./api.js";
+import { clear, explain, note, warn } from "./messages.js";
+import { detailOf, forget } from "./details.js";
+import { modelOf, recordOf, remember, state, tell } from "./state.js";
+
+const FIRST_WAIT = 25; // milliseconds between two questions about a job
+const LONGEST_WAIT = 250;
+const KNOCK = 1000; // milliseconds between two knocks at a server that is gone
+
+/** Runs `work`; what goes wrong is said in a sentence. */
+export async function attempt(work) {
+  try {
+    const result = await work();
+    return result === undefined ? true : result;
+  } catch (error) {
+    if (error.code === "gone") knock();
+    explain(error);
+    return null;
+  }
+}
+
+// ---------------------------------------------------------------- session
+export async function loadSession() {
+  take(await get("/session"));
+}
+
+/** Takes over a session of the server, and looks at what is still there. */
+export function take(session, ...topics) {
+  const missing = newlyMissing(session.records);
+  const sameRecords = JSON.stringify(session.records) === JSON.stringify(state.session.records);
+  state.session = session;
+  const looked = state.record;
+  if (!recordOf()) look(session.records.at(-1)?.id ?? null);
+  if (!modelOf()) state.model = session.models.at(-1)?.id ?? null;
+  for (const record of missing) {
+    warn(`The file of ${record.name} is no longer where it was opened; `
+      + "its models are kept, for new ones put it back or open it again.", "missing");
+  }
+  const records = sameRecords && looked === state.record ? [] : ["records", "record"];
+  tell("session", "models", ...records, ...topics);
+}
+
+const newlyMissing = (records) =>
+  records.filter((record) => record.missing_file
+    && !state.session.records.find((old) => old.id === record.id)?.missing_file);
+
+export async function moveInTime(direction) {
+  await attempt(async () => {
+    const session = await post(`/${direction}`);
+    forget();
+    take(session, "result");
+    note(direction === "undo" ? "Undone" : "Done again");
+  });
+}
+
+/** Waits for the server to come back, then goes on with its session. */
+export async function knock() {
+  if (state.gone) return;
+  state.gone = true;
+  tell("online");
+  while (state.gone) {
+    await new Promise((done) => setTimeout(done, KNOCK));
+    try {
+      const session = await get("/session");
+      state.gone = false;
+      clear("gone");
+      take(session);
+      note("The server is back; records, ranges and models are as they were.");
+    } catch (error) {
+      if (error.code !== "gone") {
+        state.gone = false;
+        clear("gone");
+        explain(error);
+      }
+    }
+  }
+  tell("online");
+}
+
+// ---------------------------------------------------------------- records
+function look(id) {
+  state.record = id;
+  state.view = null;
+  remember({ record: id });
+}
+
+export function lookAt(id) {
+  look(id);
+  tell("record", "records");
+}
+
+export const openFile = (path) => opened(() => post("/records", { path }), path);
+export const uploadFiles = (files) =>
+  opened(() => upload(files), files.length === 1 ? files[0].name : `${files.length} files`);
+
+async function opened(ask, what) {
+  note(`Reading ${what} ...`);
+  await attempt(async () => {
+    const answer = await ask();
+    await loadSession();
+    const last = answer.records.at(-1);
+    if (last) {
+      lookAt(last.id);
+      note(`${answer.records.map((record) => record.name).join(", ")} opened`);
+    }
+    for (const failed of answer.failed ?? []) {
+      warn(`${failed.name}: ${failed.message}${failed.remedy ? ` ${failed.remedy}` : ""}`);
+    }
+  });
+}
+
+/** Changes a record; the page shows what the server then holds. */
+export async function changeRecord(id, changes) {
+  return attempt(async () => {
+    const card = await patch(`/records/${id}`, changes);
+    state.session.records = state.session.records.map((old) => (old.id === id ? card : old));
+    forget();
+    tell("records", "record");
+    attempt(refreshQuietly);
+    return card;
+  });
+}
+
+export async function dropRecord(id) {
+  await attempt(async () => {
+    await remove(`/records/${id}`);
+    await loadSession();
+  });
+}
+
+async function refreshQuietly() {
+  const { revision, can_undo, can_redo } = await get("/session");
+  Object.assign(state.session, { revision, can_undo, can_redo });
+  tell("session");
+}
+
+// ---------------------------------------------------------------- models
+/** What speaks against an estimate before it is asked for, or null. */
+export function obstacle(record) {
+  if (!record) return "Open a record first: drop a file on the page or choose one on the left.";
+  if (record.missing_file) {
+    return `The file of ${record.name} is gone; put it back where it was or open it again.`;
+  }
+  if (!record.inputs.length && !record.references.length) {
+    return "No channel is an input; mark the one that was moved as input on the left.";
+  }
+  if (!record.outputs.length) {
+    return "No channel is an output; mark the one that answered as output on the left.";
+  }
+  return null;
+}
+
+/** Starts an estimate of the record looked at and follows it to its end. */
+export async function estimate() {
+  const record = recordOf();
+  const problem = obstacle(record);
+  if (problem) return warn(problem, "estimate");
+  clear("estimate");
+  if (state.job) await cancel();
+  return attempt(async () => {
+    const asked = { record: record.id, options: state.chosen };
+    const { job, model } = await post("/models", asked);
+    await follow(job, model);
+  });
+}
+
+async function follow(id, model) {
+  state.job = { id, model, fraction: 0, message: "starting" };
+  tell("job");
+  let wait = FIRST_WAIT;
+  try {
+    while (state.job?.id === id) {
+      const job = await get(`/jobs/${id}`);
+      if (state.job?.id !== id) return;
+      if (ENDS[job.state]) {
+        state.job = null;
+        await ENDS[job.state](job, model);
+        return;
+      }
+      Object.assign(state.job, { fraction: job.fraction, message: job.message });
+      tell("job");
+      await new Promise((done) => setTimeout(done, wait));
+      wait = Math.min(LONGEST_WAIT, wait * 1.3);
+    }
+  } finally {
+    if (state.job?.id === id) state.job = null;
+    tell("job");
+  }
+}
+
+const ENDS = {
+  async done(job, model) {
+    const before = state.session.models.map((one) => one.id);
+    state.model = job.model ?? model;
+    detailOf(state.model).catch(() => null); // under way while the session is asked for
+    const found = await get("/session");
+    if (!state.keep) showOnly(found, state.model, before);
+    remember({ model: state.model });
+    take(found, "result");
+  },
+  async failed(job) {
+    await loadSession();
+    const { message, remedy } = job.error ?? { message: job.message };
+    warn([message, remedy].filter(Boolean).join(" "), "estimate");
+  },
+  async cancelled() {
+    await loadSession();
+    note("Cancelled");
+  },
+};
+
+/** A new model is alone in the panels unless others are kept beside it. */
+function showOnly(session, id, before) {
+  for (const model of session.models) {
+    if (model.id !== id && before.includes(model.id) && model.shown !== false) {
+      model.shown = false;
+      patch(`/models/${model.id}`, { shown: false }).catch(explain);
+    }
+  }
+}
+
+export async function cancel() {
+  const job = state.job;
+  if (!job) return;
+  state.job = null;
+  tell("job");
+  await attempt(async () => {
+    await remove(`/jobs/${job.id}`);
+    await loadSession();
+    note("Cancelled");
+  });
+}
+
+export function choose(id) {
+  state.model = id;
+  remember({ model: id });
+  const model = modelOf(id);
+  if (model && model.shown === false) show(id, true);
+  tell("models", "result");
+}
+
+export async function show(id, shown) {
+  modelOf(id).shown = shown;
+  tell("models");
+  await attempt(() => patch(`/models/${id}`, { shown }));
+}
+
+export async function rename(id, name) {
+  await attempt(async () => {
+    await patch(`/models/${id}`, { name });
+    await loadSession();
+    tell("result");
+  });
+}
+
+export async function dropModel(id) {
+  await attempt(async () => {
+    await remove(`/models/${id}`);
+    await loadSession();
+    tell("result");
+  });
+}
+
+/** Asks whether the server is still there and what has changed without this tab. */
+export async function check() {
+  await attempt(async () => take(await get("/session")));
+}

@@ -1,0 +1,20 @@
+// What the record itself says, before anything is estimated from it.
+
+import { attempt } from "./actions.js";
+import { get } from "./api.js";
+import { button, fill, make } from "./dom.js";
+import { findingList } from "./findings.js";
+import { note } from "./messages.js";
+
+/** Asks what the record is good for and writes the answer into `place`. */
+export async function advise(record, place) {
+  note("Looking at the record ...");
+  await attempt(async () => {
+    const { summary, findings } = await get(`/records/${record.id}/advice`);
+    note("");
+    fill(place, make("div", { class: "row" }, make("h3", {}, "What the record says"),
+      button("\u00d7", () => fill(place), { class: "quiet", "aria-label": "Close the advice" })),
+    ...summary.split("\n").filter(Boolean).map((text) => make("p", {}, text)),
+    findingList(findings));
+  });
+}

@@ -1,0 +1,46 @@
+// What the server knows of a model, fetched once.
+
+import { get, query } from "./api.js";
+import { tell } from "./state.js";
+
+const JUDGED_AFTER = 300; // milliseconds between two looks at tests under way
+const PIXELS = 1000;
+
+const models = new Map();
+const panels = new Map();
+
+/** All of a model; where tests are still under way they are told as `judged` later. */
+export async function detailOf(id) {
+  if (!models.has(id)) keep(models, id, get(`/models/${id}`).then((found) => noted(id, found)));
+  return models.get(id);
+}
+
+function noted(id, found) {
+  if (found.judging) {
+    setTimeout(() => {
+      models.delete(id);
+      tell("judged");
+    }, JUDGED_AFTER);
+  }
+  return found;
+}
+
+export async function panelOf(id, panel, record) {
+  const key = `${id} ${panel} ${record}`;
+  if (!panels.has(key)) {
+    const path = `/models/${id}/panel/${panel}${query({ record, pixels: PIXELS })}`;
+    keep(panels, key, get(path));
+  }
+  return panels.get(key);
+}
+
+/** What was fetched before a record was changed is not shown after it. */
+export function forget() {
+  models.clear();
+  panels.clear();
+}
+
+function keep(place, key, promise) {
+  place.set(key, promise);
+  promise.catch(() => place.delete(key));
+}

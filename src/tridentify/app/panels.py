@@ -1,0 +1,309 @@
+"""The numbers behind the pictures: fit, residual, Bode, step response, poles and zeros."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from tridentify.app.plain import listed, number
+from tridentify.checks.samples import typical_step
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.advice import FrequencyResponse, frequency_response
+from tridentify.judgement.comparison import Comparison, compare
+from tridentify.judgement.validation import Validation, validate
+from tridentify.numerics.arrays import Array
+from tridentify.record.formats.channels import Channel
+from tridentify.record.formats.series import Series
+from tridentify.record.record import Record
+from tridentify.uncertainty import poles, response_band, step_band, zeros
+
+FREQUENCIES, INSTANTS = 200, 240
+"""Of a curve that is drawn."""
+SETTLED = 6.0
+"""Slowest time constants that a step response is shown for."""
+LEVEL = 0.95
+LONGEST_TESTED = 20_000
+"""Samples that are tested while one waits: a second."""
+
+
+def mean_fits(found: Comparison) -> Array:
+    """(n_models, n_outputs) fits, over all records."""
+    return np.asarray(np.mean(found.fits, axis=1))
+
+
+def _thin(record: Record, y: Array, pixels: int, t0: float) -> tuple[Array, Array]:
+    """Instants and values as they are drawn: least and largest of each column in turn."""
+    one = Series(Channel("", ""), record.t, y)
+    drawn = one.thinned(float(record.t[0]), float(record.t[-1]), max(pixels // 2, 50))
+    if not drawn.thinned:
+        return drawn.t - t0, drawn.minimum
+    half = 0.25 * float(drawn.t[1] - drawn.t[0]) if drawn.t.size > 1 else 0.0
+    t = np.column_stack([drawn.t - half, drawn.t + half]).ravel() - t0
+    return t, np.column_stack([drawn.minimum, drawn.maximum]).ravel()
+
+
+def _joined(parts: Sequence[Array]) -> Array:
+    """Experiments one after the other, with a gap that is not drawn."""
+    gap = np.array([np.nan])
+    return np.concatenate([piece for part in parts for piece in (part, gap)][:-1])
+
+
+def fit(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) -> dict[str, Any]:
+    """Measured against model, offset and initial state refitted to the record."""
+    found = compare([estimate], list(records))
+    outputs = []
+    for i, name in enumerate(estimate.output_names):
+        times, measured, model = [], [], []
+        for record, response in zip(records, found.responses[0], strict=True):
+            t, seen = _thin(record, record.y[:, i], pixels, t0)
+            followed = _thin(record, np.asarray(response)[:, i], pixels, t0)[1]
+            times.append(t)
+            measured.append(seen)
+            model.append(followed)
+        time, values, answer = _joined(times), _joined(measured), _joined(model)
+        outputs.append(
+            {
+                "name": name,
+                "unit": records[0].units.get(name, ""),
+                "time": listed(time),
+                "measured": listed(values),
+                "model": listed(answer),
+                "low": None,
+                "high": None,
+            }
+        )
+    return {"outputs": outputs}
+
+
+def residual(
+    estimate: Estimate, records: Sequence[Record], pixels: int, t0: float
+) -> dict[str, Any]:
+    """What the model leaves, and the tests that judge it."""
+    all_of_them = sum(record.n_samples for record in records)
+    records = _stretches(records)
+    judged = sum(record.n_samples for record in records)
+    try:
+        found = validate(estimate, list(records))
+    except TridentifyError as error:
+        return {"outputs": [_untested(name, str(error)) for name in estimate.output_names]}
+    part = "" if judged == all_of_them else f" (the first {judged:,} samples)"
+    outputs = []
+    for i, name in enumerate(found.output_names):
+        times, values = [], []
+        for record, left in zip(records, found.residual, strict=True):
+            t, one = _thin(record, left[:, i], pixels, t0)
+            times.append(t)
+            values.append(one)
+        time, joined = _joined(times), _joined(values)
+        outputs.append(
+            {
+                "name": name,
+                "time": listed(time),
+                "residual": listed(joined),
+                **_correlations(found, i),
+                "tests": [
+                    {
+                        "name": test.name,
+                        "passed": not test.rejected,
+                        "text": f"{test.name}: p = {test.p_value:.2g}{part}",
+                    }
+                    for test in found.tests
+                    if test.output == name
+                ],
+            }
+        )
+    return {"outputs": outputs}
+
+
+def _stretches(records: Sequence[Record]) -> list[Record]:
+    """The first samples of each record, as many as are tested while one waits."""
+    most = max(LONGEST_TESTED // len(records), 100)
+    return [
+        record if record.n_samples <= most else record.slice(None, record.t[most - 1])
+        for record in records
+    ]
+
+
+def _untested(name: str, why: str) -> dict[str, Any]:
+    test = {"name": "tests", "passed": False, "text": f"could not be tested: {why}"}
+    none: dict[str, Any] = {key: [] for key in ("time", "residual", "lags", "autocorrelation")}
+    return {"name": name, **none, "correlation_limit": 0.0, "crosscorrelation": {}, "tests": [test]}
+
+
+def _correlations(found: Validation, i: int) -> dict[str, Any]:
+    if not found.whiteness:
+        return {
+            "lags": [], "autocorrelation": [], "correlation_limit": 0.0, "crosscorrelation": {}
+        }  # fmt: skip
+    own = found.whiteness[i]
+    across = {}
+    n = len(found.input_names)
+    for j, name in enumerate(found.input_names):
+        one = found.cross_correlation[n * i + j]
+        at = np.searchsorted(one.lags, own.lags)
+        inside = at < one.lags.size
+        values = np.full(own.lags.size, np.nan)
+        values[inside] = one.correlation[at[inside]]
+        across[name] = listed(values)
+    return {
+        "lags": listed(own.lags),
+        "autocorrelation": listed(own.autocorrelation),
+        "correlation_limit": number(float(np.median(own.bound))),
+        "crosscorrelation": across,
+    }
+
+
+def bode(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) -> dict[str, Any]:
+    """Magnitude and phase with their bands, and what was measured."""
+    omega = _frequencies(estimate, records)
+    band = response_band(estimate, omega, level=LEVEL)
+    try:
+        seen: FrequencyResponse | None = frequency_response(_stretches(records))
+    except TridentifyError:
+        seen = None
+    found = []
+    for i, output in enumerate(estimate.output_names):
+        for j, name in enumerate(estimate.input_names):
+            own = None if seen is None else _measured(seen, i, j, band, omega)
+            found.append(
+                {
+                    "output": output,
+                    "input": name,
+                    "frequency": listed(omega),
+                    "magnitude_db": _decibels(band.magnitude[:, i, j]),
+                    "magnitude_low": _decibels(band.magnitude_low[:, i, j]),
+                    "magnitude_high": _decibels(band.magnitude_high[:, i, j]),
+                    "phase_deg": listed(np.degrees(band.phase[:, i, j])),
+                    "phase_low": listed(np.degrees(band.phase_low[:, i, j])),
+                    "phase_high": listed(np.degrees(band.phase_high[:, i, j])),
+                    "measured": own,
+                }
+            )
+    return {"pairs": found}
+
+
+def _decibels(size: Array) -> list[float | None]:
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return listed(20.0 * np.log10(size))
+
+
+def _frequencies(estimate: Estimate, records: Sequence[Record]) -> Array:
+    """From a decade below the slowest pole to the Nyquist frequency."""
+    step = min(typical_step(record.t) for record in records)
+    size = np.abs(poles(estimate).roots)
+    size = size[size > 0.0]
+    longest = max(float(record.t[-1] - record.t[0]) for record in records)
+    highest = np.pi / step
+    slowest = float(size.min()) if size.size else highest / 100.0
+    lowest = min(max(slowest / 10.0, 0.2 / longest), highest / 30.0)
+    return np.geomspace(lowest, highest, FREQUENCIES)
+
+
+def _measured(
+    seen: FrequencyResponse, i: int, j: int, band: Any, omega: Array
+) -> dict[str, Any] | None:
+    """The measured response on the branch of the model's phase."""
+    kept = np.isfinite(seen.response[:, i, j]) & (np.abs(seen.response[:, i, j]) > 0.0)
+    if not kept.any():
+        return None
+    response = seen.response[kept, i, j]
+    at = seen.omega[kept]
+    near = np.interp(np.log(at), np.log(omega), band.phase[:, i, j])
+    phase = np.angle(response)
+    phase = phase + 2.0 * np.pi * np.round((near - phase) / (2.0 * np.pi))
+    return {
+        "frequency": listed(at),
+        "magnitude_db": _decibels(np.abs(response)),
+        "phase_deg": listed(np.degrees(phase)),
+        "coherence": listed(seen.coherence[kept, i, j]),
+    }
+
+
+def measured(seen: FrequencyResponse) -> list[dict[str, Any]]:
+    """The measured response of every pair, without a model."""
+    return [
+        {
+            "output": output,
+            "input": name,
+            "frequency": listed(seen.omega),
+            "magnitude_db": _decibels(np.abs(seen.response[:, i, j])),
+            "phase_deg": listed(np.degrees(np.unwrap(np.angle(seen.response[:, i, j])))),
+            "coherence": listed(seen.coherence[:, i, j]),
+        }
+        for i, output in enumerate(seen.output_names)
+        for j, name in enumerate(seen.input_names)
+    ]
+
+
+def step(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) -> dict[str, Any]:
+    """Response to a unit step, with its band."""
+    decay = np.abs(poles(estimate).roots.real)
+    decay = decay[decay > 0.0]
+    longest = max(float(record.t[-1] - record.t[0]) for record in records)
+    end = min(SETTLED / float(decay.min()), longest) if decay.size else longest
+    t = np.linspace(0.0, end, INSTANTS)
+    band = step_band(estimate, t, LEVEL)
+    return {
+        "pairs": [
+            {
+                "output": output,
+                "input": name,
+                "time": listed(t),
+                "value": listed(band.response[:, i, j]),
+                "low": listed(band.low[:, i, j]),
+                "high": listed(band.high[:, i, j]),
+            }
+            for i, output in enumerate(estimate.output_names)
+            for j, name in enumerate(estimate.input_names)
+        ]
+    }
+
+
+def poles_and_zeros(
+    estimate: Estimate, records: Sequence[Record], pixels: int, t0: float
+) -> dict[str, Any]:
+    """Places in the complex plane."""
+    pairs = [
+        {"output": output, "input": name, "zeros": _zeros(estimate, i, j)}
+        for i, output in enumerate(estimate.output_names)
+        for j, name in enumerate(estimate.input_names)
+    ]
+    return {
+        "poles": _roots(poles(estimate).roots),
+        "zeros": pairs[0]["zeros"],
+        "pairs": pairs,
+    }
+
+
+def _zeros(estimate: Estimate, i: int, j: int) -> list[dict[str, Any]]:
+    try:
+        return _roots(zeros(estimate, i, j).roots)
+    except TridentifyError:
+        return []
+
+
+def _roots(found: Any) -> list[dict[str, Any]]:
+    rows = []
+    for root in np.asarray(found):
+        size = float(abs(root))
+        rows.append(
+            {
+                "re": number(float(root.real)),
+                "im": number(float(root.imag)),
+                "frequency": number(size),
+                "damping": number(-float(root.real) / size) if size > 0.0 else None,
+            }
+        )
+    return rows
+
+
+Picture = Callable[[Estimate, Sequence[Record], int, float], dict[str, Any]]
+
+PANELS: Mapping[str, Picture] = MappingProxyType(
+    {"fit": fit, "residual": residual, "bode": bode, "step": step, "poles": poles_and_zeros}
+)
+"""The pictures of a model, by name."""

@@ -1,0 +1,141 @@
+"""``tridentify app``: the server on a free port of this machine, and the browser on its page."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import webbrowser
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from tridentify.errors import MissingDependencyError, OptionError, UnreadableFileError, shown
+
+SESSION = ".tridentify-session.sqlite"
+HOST = "127.0.0.1"
+MOST_UPLOADED = 512_000_000
+GRACE = 1
+"""Seconds that open pages are given when the server ends."""
+
+
+def check_installed() -> None:
+    """Refuse in one line where the extra is missing.
+
+    Raises
+    ------
+    MissingDependencyError
+    """
+    from importlib.util import find_spec
+
+    missing = [
+        name for name in ("fastapi", "uvicorn", "plotly", "python_multipart") if not find_spec(name)
+    ]
+    if missing:
+        raise MissingDependencyError(
+            f"found no {', '.join(missing)}; expected what the workbench is built on; "
+            "pip install tridentify[app]"
+        )
+
+
+def start(
+    files: Sequence[Path] = (),
+    *,
+    port: int = 0,
+    token: str | None = None,
+    session: Path | None = None,
+    most_uploaded: int = MOST_UPLOADED,
+    open_page: bool = True,
+    tell: Callable[[str], None] = lambda address: None,
+) -> None:
+    """Serve the workbench until it is interrupted.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        A folder whose files are offered, or files that are opened at once, which offers their
+        folder; the present folder where there are none.
+    port : int
+        Zero for any that is free.
+    token : str, optional
+        What the page has to show; kept with the session where left out.
+    session : Path, optional
+        Where the session is kept; beside the files by default.
+    most_uploaded : int
+        Bytes.
+    open_page : bool
+        Whether a browser is opened.
+    tell : callable
+        Told the address with its token.
+
+    Raises
+    ------
+    MissingDependencyError
+        The extra ``app`` is not installed.
+    OptionError
+        The port is taken, or files lie in several folders.
+    UnreadableFileError
+        A file does not exist.
+    """
+    check_installed()
+    import uvicorn
+
+    from tridentify.app.bench import Bench
+    from tridentify.app.server import Settings, create
+    from tridentify.app.session import Session
+
+    folder, named = _folder_and_files(files)
+    place = _bound(port)
+    kept = Session(folder / SESSION if session is None else session)
+    secret = token or kept.token
+    bench = Bench(kept, folder)
+    number = int(place.getsockname()[1])
+    server = uvicorn.Server(
+        uvicorn.Config(
+            create(bench, Settings(secret, number, most_uploaded)),
+            log_level="warning",
+            timeout_graceful_shutdown=GRACE,
+        )
+    )
+    address = f"http://{HOST}:{number}/?token={secret}"
+    bench.start()
+    try:
+        opened = {one["file"] for one in kept.state["records"]}
+        for name in named:
+            if name not in opened:
+                bench.open_file(name)
+        tell(address)
+        if open_page:
+            threading.Timer(0.3, webbrowser.open, [address]).start()
+        server.run(sockets=[place])
+    finally:
+        bench.stop()
+
+
+def _folder_and_files(given: Sequence[Path]) -> tuple[Path, list[str]]:
+    """The folder that is opened, and the names of files in it."""
+    if not given:
+        return Path.cwd(), []
+    for path in given:
+        if not path.exists():
+            raise UnreadableFileError(
+                f"found no file {shown(str(path))}; expected a file or folder; correct the path"
+            )
+    folders = {path.resolve() if path.is_dir() else path.resolve().parent for path in given}
+    if len(folders) > 1:
+        listed = ", ".join(sorted(map(str, folders)))
+        raise OptionError(
+            f"found files of several folders ({listed}); expected those of one; give the folder "
+            "above them, or upload the others on the page"
+        )
+    return folders.pop(), [path.resolve().name for path in given if path.is_file()]
+
+
+def _bound(port: int) -> socket.socket:
+    place = socket.socket()
+    place.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        place.bind((HOST, port))
+    except OSError:
+        raise OptionError(
+            f"found the port {port} in use; expected a free one; leave --port out to get one"
+        ) from None
+    return place

@@ -1,0 +1,168 @@
+"""Processes that read and estimate beside the server, warm from the start.
+
+Each worker is one spawned process at the end of a pipe. It takes one task at a time: a name of
+`tasks` and plain arguments. What a task raises comes back as its one line; a worker that dies, or
+is ended because its task was cancelled, is replaced by a new one.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import threading
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any
+
+from tridentify.errors import TridentifyError
+
+Say = Callable[[float, str], None]
+PATIENCE = 5.0
+"""Seconds that a process is given to end by itself."""
+
+
+class TaskError(TridentifyError):
+    """A task was refused, or ended with its worker; the one line of why."""
+
+    def __init__(self, code: str, message: str) -> None:
+        super().__init__(message)
+        self.code = code
+
+
+class CancelledError(TaskError):
+    """A task was cancelled by whoever asked for it."""
+
+
+def serve(end: Connection) -> None:
+    """What a worker does: take a task, answer, until the pipe closes."""
+    import os
+    import signal
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+    from tridentify.app import tasks
+
+    while True:
+        try:
+            name, arguments = end.recv()
+        except (EOFError, OSError):
+            return
+        end.send(_done(getattr(tasks, name), arguments, end))
+
+
+def _done(task: Callable[..., Any], arguments: dict[str, Any], end: Connection) -> Any:
+    def say(fraction: float, words: str) -> None:
+        end.send(("progress", fraction, words))
+
+    try:
+        return ("result", task(say, **arguments))
+    except TridentifyError as error:
+        return ("refused", type(error).__name__, str(error))
+    except MemoryError:
+        return ("refused", "MemoryError", "the memory of this machine does not hold this record")
+    except Exception as error:
+        words = f"a fault of this program: {type(error).__name__}: {error}"
+        return ("refused", "Fault", words)
+
+
+class Worker:
+    """One process, and a task at a time for it.
+
+    Parameters
+    ----------
+    warm : bool
+        Whether it compiles what an estimate needs before the first one is asked for.
+    """
+
+    def __init__(self, warm: bool = False) -> None:
+        self._turn = threading.Lock()
+        self._change = threading.Lock()
+        self._warm = warm
+        self._process: BaseProcess | None = None
+        self._pipe: Connection | None = None
+        self._cancelled = False
+
+    def start(self) -> None:
+        """Start the process ahead of the first task."""
+        with self._turn:
+            self._ready()
+            if self._warm:
+                with contextlib.suppress(TridentifyError):
+                    self._asked("prepare", {}, lambda fraction, words: None)
+
+    def call(self, task: str, say: Say | None = None, /, **arguments: Any) -> Any:
+        """Do a task and give what it returns.
+
+        Parameters
+        ----------
+        task : str
+            Name of a function in `tasks`.
+        say : callable, optional
+            Told the fraction done, and words.
+        **arguments
+            Plain values.
+
+        Raises
+        ------
+        TaskError
+            It was refused, or its process died.
+        CancelledError
+            It was cancelled.
+        """
+        with self._turn:
+            self._ready()
+            return self._asked(task, arguments, say or (lambda fraction, words: None))
+
+    def cancel(self) -> None:
+        """End the task that is done now, and its process with it."""
+        with self._change:
+            self._cancelled = True
+            if self._process is not None:
+                self._process.kill()
+
+    def stop(self) -> None:
+        """End the process."""
+        with self._change:
+            process, pipe = self._process, self._pipe
+            self._process = self._pipe = None
+        if pipe is not None:
+            pipe.close()
+        if process is not None:
+            process.join(PATIENCE)
+            process.kill()
+
+    def _ready(self) -> None:
+        with self._change:
+            self._cancelled = False
+            if self._process is not None and self._process.is_alive():
+                return
+            spawn = multiprocessing.get_context("spawn")
+            here, there = spawn.Pipe()
+            self._process = spawn.Process(target=serve, args=(there,), daemon=True)
+            self._process.start()
+            there.close()
+            self._pipe = here
+
+    def _asked(self, name: str, arguments: dict[str, Any], say: Say) -> Any:
+        pipe = self._pipe
+        assert pipe is not None
+        try:
+            pipe.send((name, arguments))
+            while True:
+                answer = pipe.recv()
+                if answer[0] != "progress":
+                    break
+                say(answer[1], answer[2])
+        except (EOFError, OSError):
+            if self._cancelled:
+                raise CancelledError("Cancelled", "cancelled") from None
+            raise TaskError(
+                "WorkerDied",
+                "the process that read or estimated this ended without an answer, perhaps for "
+                "want of memory; expected it to go on; choose a shorter range or another file",
+            ) from None
+        if answer[0] == "result":
+            return answer[1]
+        raise TaskError(answer[1], answer[2])

@@ -1,0 +1,494 @@
+"""The workbench as a person uses it: a real server, a real browser, nothing from elsewhere."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tridentify import Record, TransferFunction, simulate
+
+pytest.importorskip("fastapi", reason="the extra app is not installed")
+sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+expect = sync_api.expect
+expect.set_options(timeout=30_000)
+
+NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
+COMMAND = [sys.executable, "-m", "tridentify", "app"]
+TOKEN = "token-of-the-tests-of-the-page-0123456789"
+PATIENCE = 30.0
+"""Seconds a server may take to start, and a page to show what it is asked for."""
+LOOPBACK = re.compile(r"^(http://127\.0\.0\.1:\d+/|data:|blob:)")
+SMALLEST = 11
+"""Pixels of a letter that is still read without effort."""
+PLANT = TransferFunction([[[-12.0, -12.0]], [[-12.0]]], [1.0, 2.0, 12.0])
+
+
+def flight(n_samples: int, seed: int) -> Record:
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice([-0.02, 0.02], n_samples // 25 + 1), 25)[:n_samples]
+    record = Record(u, np.zeros((n_samples, 2)), dt=0.02)
+    y = simulate(PLANT, record)
+    return Record(u, y + 0.002 * rng.standard_normal(y.shape), dt=0.02)
+
+
+def table(record: Record, names: tuple[str, str, str]) -> Any:
+    import polars as pl
+
+    columns = np.column_stack([record.t, record.u, record.y]).T
+    return pl.DataFrame(dict(zip(("t", *names), columns, strict=True)))
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory):
+    """A folder of records: usual ones, one of a million samples, one that stands still."""
+    folder = tmp_path_factory.mktemp("flights")
+    names = ("elevator", "q", "alpha")
+    table(flight(1_000_000, 1), names).write_parquet(folder / "long.parquet")
+    table(flight(1500, 2), names).write_csv(folder / "first.csv")
+    table(flight(1200, 3), names).write_csv(folder / "second.csv")
+    odd = ("elevator", "<img src=x onerror=alert(1)>", "<b>alpha</b>")
+    table(flight(600, 4), odd).write_csv(folder / "odd & <i>new.csv")
+    still = flight(600, 5)
+    still = Record(np.zeros(600), still.y, dt=0.02)
+    table(still, names).write_csv(folder / "still.csv")
+    return folder
+
+
+def free_port() -> int:
+    with socket.socket() as found:
+        found.bind(("127.0.0.1", 0))
+        return int(found.getsockname()[1])
+
+
+class Server:
+    """One `tridentify app` on a folder of its own, which can be killed and started again."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.port = free_port()
+        self.address = f"http://127.0.0.1:{self.port}"
+        self.process: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        settings = {**os.environ, "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+        self.process = subprocess.Popen(
+            [*COMMAND, str(self.folder), "--no-open", "--port", str(self.port), "--token", TOKEN],
+            env=settings, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+        end = time.monotonic() + PATIENCE
+        while not self.answers():
+            assert self.process.poll() is None, "the server ended at once"
+            assert time.monotonic() < end, "the server does not answer"
+            time.sleep(0.05)
+
+    def answers(self) -> bool:
+        try:
+            self.ask("/session")
+        except (urllib.error.URLError, ConnectionError):
+            return False
+        return True
+
+    def ask(self, path: str) -> Any:
+        request = urllib.request.Request(
+            f"{self.address}/api{path}", headers={"Authorization": f"Bearer {TOKEN}"}
+        )
+        with urllib.request.urlopen(request, timeout=5) as answer:
+            return json.load(answer)
+
+    def kill(self) -> None:
+        if self.process is not None:
+            self.process.send_signal(signal.SIGKILL)
+            self.process.wait()
+            self.process = None
+
+
+@contextlib.contextmanager
+def serving(folder: Path, flights: Path, names: list[str]) -> Iterator[Server]:
+    for name in names:
+        shutil.copy(flights / name, folder / name)
+    server = Server(folder)
+    server.start()
+    try:
+        yield server
+    finally:
+        server.kill()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    program = next(filter(None, map(shutil.which, NAMES)), None)
+    if program is None:
+        pytest.skip("no Chromium on this machine; `make browser` installs one")
+    with sync_api.sync_playwright() as play:
+        opened = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        yield opened
+        opened.close()
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory, flights):
+    """Shared by the tests that leave the session in order for the next one."""
+    names = ["first.csv", "second.csv", "odd & <i>new.csv", "still.csv", "long.parquet"]
+    with serving(tmp_path_factory.mktemp("shared"), flights, names) as started:
+        yield started
+
+
+class Tab:
+    """A page that asks nobody but its server, and what it complained of."""
+
+    def __init__(self, browser: Any, server: Server, **settings: Any) -> None:
+        settings = {"viewport": {"width": 1280, "height": 900}, **settings}
+        self.context = browser.new_context(accept_downloads=True, **settings)
+        self.context.set_default_timeout(PATIENCE * 1000)
+        self.page = self.context.new_page()
+        self.complaints: list[str] = []
+        self.strangers: list[str] = []
+        self.context.route("**/*", self.guard)
+        self.page.on("console", lambda message: self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.goto(f"{server.address}/?token={TOKEN}")
+        expect(self.page.locator("#options .field").first).to_be_visible(timeout=PATIENCE * 1000)
+
+    def guard(self, route: Any) -> None:
+        if LOOPBACK.match(route.request.url):
+            route.continue_()
+        else:
+            self.strangers.append(route.request.url)
+            route.abort()
+
+    def key(self, name: str) -> Any:
+        return self.page.locator(f'[data-key="{name}"]')
+
+    def open(self, name: str) -> None:
+        """Opens a file of the folder, or looks at it where it is open already."""
+        stem = name.rsplit(".", 1)[0]
+        card = self.page.locator(".card.record .name", has_text=stem)
+        if card.count():
+            card.first.click()
+        else:
+            folder = self.page.locator("details.folder")
+            if folder.get_attribute("open") is None:
+                folder.locator("summary").click()
+            self.page.get_by_role("button", name=name, exact=True).click()
+        expect(self.page.locator(".card.record.current .name")).to_contain_text(stem)
+        expect(self.page.locator("#record .plot .main-svg").first).to_be_visible()
+        for channel, role in (("elevator", "input"), ("q", "output"), ("alpha", "output")):
+            self.use(channel, role)
+
+    def use(self, channel: str, role: str) -> None:
+        select = self.page.get_by_label(f"{channel} is used as", exact=True)
+        if select.count() and select.input_value() != role:
+            with self.page.expect_response(lambda answer: answer.request.method == "PATCH"):
+                select.select_option(role)
+
+    def drag(self, start: float, end: float) -> None:
+        """Over the record, from one share of its width to another."""
+        box = self.page.locator(".overlay").bounding_box()
+        assert box is not None
+        across = [box["x"] + share * box["width"] for share in (start, (start + end) / 2, end)]
+        self.page.mouse.move(across[0], box["y"] + 40)
+        self.page.mouse.down()
+        self.page.mouse.move(across[1], box["y"] + 45)
+        self.page.mouse.move(across[2], box["y"] + 45)
+        self.page.mouse.up()
+
+    def estimated(self, act: Any) -> str:
+        """Does `act`, waits for the model it makes and gives the name of it."""
+        cards = self.page.locator(".card.model")
+        before = cards.count()
+        act()
+        expect(cards).to_have_count(before + 1, timeout=PATIENCE * 1000)
+        name = self.page.locator(".card.model.current .name").inner_text()
+        expect(self.page.locator("#result .named")).to_contain_text(name)
+        expect(self.page.locator("#result .sentence")).not_to_be_empty()
+        return name
+
+    def told(self, text: str | re.Pattern[str]) -> None:
+        expect(self.page.locator("#messages")).to_contain_text(text)
+
+    def close(self, refused: bool = False) -> None:
+        """Ends the tab; nothing may have been complained of but answers that were refusals."""
+        complaints = [one for one in self.complaints
+                      if not (refused and one.startswith("Failed to load resource"))]  # fmt: skip
+        self.context.close()
+        assert complaints == []
+        assert self.strangers == []
+
+
+@contextlib.contextmanager
+def tab(browser: Any, server: Server, refused: bool = False) -> Iterator[Tab]:
+    opened = Tab(browser, server)
+    try:
+        yield opened
+    except BaseException:
+        opened.context.close()
+        raise
+    opened.close(refused)
+
+
+@pytest.fixture(scope="module")
+def first_tab(browser, server):
+    opened = Tab(browser, server)
+    yield opened
+    opened.context.close()
+
+
+@pytest.fixture
+def seen(first_tab):
+    """The tab that most tests share; each of them leaves it without a complaint."""
+    first_tab.complaints.clear()
+    if first_tab.key("mode identify").is_enabled():
+        first_tab.key("mode identify").click()
+    first_tab.key("keep").uncheck()
+    yield first_tab
+    assert first_tab.complaints == []
+    assert first_tab.strangers == []
+
+
+def test_a_range_of_a_million_samples_is_identified_on_release(seen):
+    seen.open("long.parquet")
+    expect(seen.page.locator(".card.record.current")).to_contain_text("1,000,000 samples")
+    seen.key("mode zoom").click()
+    for _ in range(3):
+        with seen.page.expect_response(lambda answer: "/series?" in answer.url) as thinned:
+            seen.drag(0.4, 0.6)
+        points = len(thinned.value.json()["time"])
+        assert 10 < points < 5000
+    seen.key("mode identify").click()
+    seen.estimated(lambda: seen.drag(0.3, 0.4))
+    expect(seen.page.locator("#result .numbers dd")).to_have_count(4)
+    expect(seen.page.locator("#result .sentence")).to_have_text(re.compile(r"\d"))
+    expect(seen.key("start 0")).not_to_have_value("")
+    seen.page.keyboard.press("0")
+
+
+def test_models_are_compared_on_another_record(seen):
+    seen.open("second.csv")
+    seen.open("first.csv")
+    first = seen.estimated(lambda: seen.drag(0.1, 0.6))
+    seen.key("keep").check()
+    second = seen.estimated(lambda: seen.key("run").click())
+    assert first != second
+    shown = seen.page.locator("#panels .beside thead th")
+    expect(shown.filter(has_text=first)).to_have_count(1)
+    expect(shown.filter(has_text=second)).to_have_count(1)
+    expect(seen.page.locator('[data-panel="bode"] .main-svg').first).to_be_visible()
+    seen.key("target").select_option(label="second")
+    seen.key("compare").click()
+    fits = seen.page.get_by_role("table", name="Fits on the other record")
+    expect(fits.locator("tbody tr")).to_have_count(2)
+    expect(fits.locator("tbody td").nth(1)).to_have_text(re.compile(r"^\d+\.\d\s%$"))
+
+
+def test_a_record_changes_under_its_models(seen):
+    seen.open("second.csv")
+    name = seen.estimated(lambda: seen.drag(0.1, 0.8))
+    seen.use("alpha", "unused")
+    expect(seen.page.locator("#record .annotation", has_text="alpha")).to_have_count(0)
+    expect(seen.page.locator("#result .named")).to_contain_text(name)
+    again = seen.estimated(lambda: seen.key("run").click())
+    assert again != name
+    expect(seen.page.locator("#result .legend")).to_have_text(re.compile(r"fit [^,]*%$"))
+    seen.page.locator("#undo").click()
+    seen.use("alpha", "output")
+
+
+def test_a_validation_range_and_bad_samples_are_kept_and_undone(seen):
+    seen.open("first.csv")
+    rows = seen.page.locator(".row.range")
+    before = rows.count()
+    seen.key("mode validate").click()
+    seen.drag(0.65, 0.95)
+    expect(rows.locator(".swatch.validate")).to_have_count(1)
+    expect(seen.page.locator("#undo")).to_be_enabled()
+    seen.page.keyboard.press("Control+z")
+    expect(rows).to_have_count(before)
+    seen.page.keyboard.press("Control+Shift+z")
+    expect(rows.locator(".swatch.validate")).to_have_count(1)
+
+
+def test_a_model_is_exported(seen):
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.drag(0.1, 0.5))
+    for kind, ending in (("Model (JSON)", ".json"), ("C header", ".h"), ("Report", ".html")):
+        seen.page.locator("#export-button").click()
+        with seen.page.expect_download() as saved:
+            seen.page.locator("#kinds").get_by_role("button", name=kind).click()
+        assert saved.value.suggested_filename.endswith(ending)
+        assert Path(saved.value.path()).stat().st_size > 100
+
+
+def test_a_reload_shows_what_was_there(seen):
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.drag(0.2, 0.6))
+    there = seen.page.locator(".card .name").all_inner_texts()
+    sentence = seen.page.locator("#result .sentence").inner_text()
+    seen.page.reload()
+    expect(seen.page.locator("#result .sentence")).to_have_text(sentence)
+    assert seen.page.locator(".card .name").all_inner_texts() == there
+    expect(seen.page.locator(".card.record.current .name")).to_have_text("first")
+    expect(seen.page.locator(".row.range .swatch.identify")).to_have_count(1)
+
+
+def test_a_killed_server_comes_back_and_a_removed_file_is_told(browser, flights, tmp_path):
+    with (
+        serving(tmp_path, flights, ["first.csv"]) as server,
+        tab(browser, server, refused=True) as seen,
+    ):
+        seen.open("first.csv")
+        seen.estimated(lambda: seen.drag(0.2, 0.7))
+        cards = seen.page.locator(".card .name").all_inner_texts()
+        server.kill()
+        seen.told("server does not answer")
+        expect(seen.key("run")).to_be_disabled()
+        server.start()
+        expect(seen.page.locator("#messages .message")).to_have_count(0)
+        expect(seen.key("run")).to_be_enabled()
+        assert seen.page.locator(".card .name").all_inner_texts() == cards
+        seen.estimated(lambda: seen.drag(0.1, 0.6))
+        (tmp_path / "first.csv").rename(tmp_path / "elsewhere.txt")
+        seen.page.reload()
+        seen.told("no longer where it was opened")
+        expect(seen.page.locator(".card.record .bad")).to_have_text("its file is gone")
+
+
+def test_mistakes_lead_to_one_sentence_each(browser, server):
+    with tab(browser, server, refused=True) as seen:
+        seen.open("first.csv")
+        seen.use("elevator", "unused")
+        seen.key("run").click()
+        seen.told("No channel is an input")
+        seen.use("elevator", "input")
+        seen.open("still.csv")
+        seen.key("run").click()
+        seen.told(re.compile("elevator|input|excit", re.IGNORECASE))
+        expect(seen.page.locator("#messages .message")).to_have_count(1)
+        seen.page.get_by_label("Close this message").click()
+        expect(seen.page.locator("#messages .message")).to_have_count(0)
+
+
+def test_two_tabs_show_the_same(browser, server, seen):
+    with tab(browser, server) as other:
+        seen.open("second.csv")
+        other.open("second.csv")
+        other.use("alpha", "unused")
+        expect(seen.page.get_by_label("alpha is used as", exact=True)).to_have_value("unused")
+        expect(seen.page.locator("#told")).to_contain_text("another tab")
+        other.use("alpha", "output")
+
+
+def test_names_are_text_and_never_markup(seen):
+    seen.open("odd & <i>new.csv")
+    seen.page.get_by_label("<b>alpha</b> is used as", exact=True).select_option("output")
+    expect(seen.page.locator("#tray .channels")).to_contain_text("<img src=x onerror=alert(1)>")
+    expect(seen.page.locator("#record .annotation").last).to_contain_text("<b>alpha</b>")
+    assert seen.page.locator("#tray img, #record img, #tray .channels b").count() == 0
+
+
+def test_every_control_is_reached_by_the_tab_key(seen):
+    seen.open("first.csv")
+    seen.page.locator("h1").click()
+    reached, unseen = set(), []
+    for _ in range(200):
+        seen.page.keyboard.press("Tab")
+        found = seen.page.evaluate(FOCUSED)
+        if found["key"] in reached:
+            break
+        reached.add(found["key"])
+        if not found["visible"]:
+            unseen.append(found["key"])
+    wanted = set(seen.page.evaluate(CONTROLS))
+    assert wanted - reached == set()
+    assert unseen == []
+
+
+FOCUSED = """() => {
+  const node = document.activeElement;
+  const style = getComputedStyle(node);
+  const controls = [...document.querySelectorAll("*")];
+  return { key: controls.indexOf(node),
+    visible: node === document.body
+      || (style.outlineStyle !== "none" && parseFloat(style.outlineWidth) > 0) };
+}"""
+
+CONTROLS = """() => {
+  const all = [...document.querySelectorAll("*")];
+  return [...document.querySelectorAll("button, select, input, summary, .overlay")]
+    .filter((node) => !node.disabled && node.tabIndex >= 0 && node.checkVisibility())
+    .map((node) => all.indexOf(node));
+}"""
+
+
+def test_everything_is_readable(seen):
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.key("run").click())
+    expect(seen.page.locator('[data-panel="poles"] .main-svg').first).to_be_visible()
+    for width, scheme in ((800, "dark"), (800, "light"), (1280, "dark"), (1280, "light")):
+        seen.page.emulate_media(color_scheme=scheme)
+        seen.page.set_viewport_size({"width": width, "height": 900})
+        assert troubles(seen, width) == []
+
+
+def troubles(seen, width):
+    """What is cut, small or faint once the pictures have followed the window."""
+    end = time.monotonic() + PATIENCE
+    while found := seen.page.evaluate(READABLE, {"width": width, "smallest": SMALLEST}):
+        if time.monotonic() > end:
+            break
+        seen.page.wait_for_timeout(100)
+    return found
+
+
+READABLE = """({ width, smallest }) => {
+  const parts = (text) => (text.match(/[\\d.]+/g) ?? []).map(Number);
+  const light = ([r, g, b]) => [r, g, b].map((one) => one / 255)
+    .map((one) => (one <= 0.04045 ? one / 12.92 : ((one + 0.055) / 1.055) ** 2.4))
+    .reduce((sum, one, at) => sum + one * [0.2126, 0.7152, 0.0722][at], 0);
+  const ground = (node) => {
+    for (; node; node = node.parentElement) {
+      const found = parts(getComputedStyle(node).backgroundColor);
+      if (found.length && found[3] !== 0) return found;
+    }
+    return [255, 255, 255];
+  };
+  const shown = (query) => [...document.querySelectorAll(query)]
+    .filter((node) => node.checkVisibility() && !node.closest(".offscreen, .skip"));
+  const texts = shown("p, td, th, li, dt, dd, label, button, summary, h1, h2, h3, svg text")
+    .filter((node) => node.textContent.trim());
+  const contrast = (node) => {
+    const style = getComputedStyle(node);
+    const ink = node.tagName === "text" ? style.fill : style.color;
+    const pair = [light(parts(ink)), light(ground(node))].sort((a, b) => b - a);
+    return (pair[0] + 0.05) / (pair[1] + 0.05);
+  };
+  const beyond = (node) => {
+    const box = node.getBoundingClientRect();
+    return box.right > innerWidth + 1 || box.left < -1;
+  };
+  const told = (what) => (node) => `${what}: ${node.tagName} ${node.textContent.slice(0, 60)}`;
+  const size = (node) => parseFloat(getComputedStyle(node).fontSize);
+  const { scrollWidth } = document.documentElement;
+  return [
+    ...(scrollWidth > width ? [`the page is ${scrollWidth} pixels wide`] : []),
+    ...shown("button, select, input, h2, h3, .plot, .panel, .scroll").filter(beyond)
+      .map(told("beyond the window")),
+    ...texts.filter((node) => size(node) < smallest).map(told("small")),
+    ...texts.filter((node) => !node.disabled && contrast(node) < 4.5).map(told("faint")),
+  ];
+}"""

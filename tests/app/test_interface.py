@@ -1,0 +1,485 @@
+"""The JSON interface without a browser: every route, who may ask, what is refused and how."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tridentify import Estimate, Record, TransferFunction, simulate
+
+pytest.importorskip("fastapi", reason="the extra app is not installed")
+pytest.importorskip("httpx2", reason="httpx2, which asks the server in tests, is not installed")
+
+from fastapi.testclient import TestClient
+
+from tridentify.app.bench import Bench
+from tridentify.app.server import Settings, create
+from tridentify.app.session import Session
+
+TOKEN, PORT = "token-of-the-tests", 8123
+HEADERS = {"Authorization": f"Bearer {TOKEN}"}
+PLANT = TransferFunction([[[2.0, 6.0]]], [1.0, 1.6, 4.0])
+PATIENCE = 60.0
+"""Seconds an estimate may take on a busy machine."""
+
+
+def flight(n=400, seed=1, still=False):
+    rng = np.random.default_rng(seed)
+    u = np.zeros(n) if still else np.repeat(rng.choice([-1.0, 1.0], n // 20), 20)
+    y = simulate(PLANT, Record(u, u, dt=0.05))[:, 0] + 0.02 * rng.standard_normal(n)
+    rows = np.column_stack([0.05 * np.arange(n), u, y])
+    return "t,elevator [deg],q [deg/s]\n" + "\n".join(",".join(map(repr, r)) for r in rows.tolist())
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    place = tmp_path_factory.mktemp("flights")
+    (place / "first.csv").write_text(flight())
+    (place / "second.csv").write_text(flight(seed=2))
+    (place / "still.csv").write_text(flight(seed=3, still=True))
+    (place / "notes.md").write_text("nothing to read")
+    (place / "broken.csv").write_text("no,numbers\nat,all\n")
+    secret = place.parent / "secret.csv"
+    secret.write_text(flight(seed=4))
+    (place / "link.csv").symlink_to(secret)
+    return place
+
+
+@pytest.fixture(scope="module")
+def bench(folder, tmp_path_factory):
+    made = Bench(Session(tmp_path_factory.mktemp("session") / "s.sqlite"), folder)
+    made.start()
+    yield made
+    made.stop()
+
+
+@pytest.fixture(scope="module")
+def ask(bench):
+    app = create(bench, Settings(TOKEN, PORT, most_uploaded=200_000))
+    with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
+        yield client
+
+
+def opened(ask, name="first.csv"):
+    answer = ask.post("/api/records", json={"path": name})
+    assert answer.status_code == 200, answer.text
+    return answer.json()["records"][0]
+
+
+def ended(ask, job):
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        found = ask.get(f"/api/jobs/{job}").json()
+        if found["state"] not in ("queued", "running"):
+            return found
+        time.sleep(0.02)
+    raise AssertionError("the estimate did not end")
+
+
+def estimated(ask, record, **options):
+    answer = ask.post("/api/models", json={"record": record, "options": options})
+    assert answer.status_code == 202, answer.text
+    job = ended(ask, answer.json()["job"])
+    assert job["state"] == "done", job
+    assert job["fraction"] == 1.0
+    return answer.json()["model"]
+
+
+@pytest.fixture(scope="module")
+def made(ask):
+    """A record and a model of it."""
+    record = opened(ask)["id"]
+    return record, estimated(ask, record)
+
+
+def told(answer, status):
+    assert answer.status_code == status, answer.text
+    error = answer.json()["error"]
+    assert error["message"]
+    return f"{error['message']} {error['remedy']}"
+
+
+# ------------------------------------------------------------------------------------------ safety
+def test_only_who_has_the_token_may_ask(ask):
+    for path in ("/", "/api/session", "/page/main.js", "/vendor/plotly.min.js"):
+        for token in ("", "wrong", f"{TOKEN}x"):
+            assert ask.get(path, headers={"Authorization": f"Bearer {token}"}).status_code == 403
+    assert ask.get("/api/session").status_code == 200
+
+
+def test_the_page_is_entered_with_the_token_and_goes_on_with_a_cookie(ask):
+    bare = {"Authorization": ""}
+    answer = ask.get(f"/?token={TOKEN}", headers=bare, follow_redirects=False)
+    assert (answer.status_code, answer.headers["location"]) == (303, "/")
+    cookie = answer.headers["set-cookie"]
+    assert "HttpOnly" in cookie
+    assert "samesite=strict" in cookie.lower()
+    assert TOKEN not in str(ask.get("/").text)
+    assert ask.get("/?token=wrong", headers=bare | {"Cookie": ""}).status_code == 403
+    ask.cookies.clear()
+
+
+@pytest.mark.parametrize("host", ["evil.example:8123", "127.0.0.1:9", "127.0.0.1", "localhost"])
+def test_another_host_is_refused(ask, host):
+    assert ask.get("/api/session", headers={"Host": host}).status_code == 403
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://127.0.0.1:9", "https://127.0.0.1.evil:8123"]
+)
+def test_another_origin_is_refused(ask, origin):
+    assert ask.post("/api/undo", headers={"Origin": origin}).status_code == 403
+
+
+def test_its_own_origin_is_not(ask):
+    own = {"Origin": f"http://127.0.0.1:{PORT}"}
+    assert ask.get("/api/session", headers=own).status_code == 200
+
+
+def test_scripts_of_the_page_come_from_the_server_alone(ask):
+    policy = ask.get("/").headers["content-security-policy"]
+    assert "script-src 'self'" in policy
+    scripts = policy.split("script-src")[1].split(";")[0]
+    assert "unsafe" not in scripts
+    assert ask.get("/page/main.js").headers["content-type"].startswith("text/javascript")
+
+
+@pytest.mark.parametrize("name", ["../secret.csv", "link.csv", "/etc/passwd", "a/../../secret.csv"])
+def test_no_path_leads_out_of_the_folder(ask, name):
+    assert "leads out" in told(ask.post("/api/records", json={"path": name}), 400)
+
+
+@pytest.mark.parametrize("name", ["..%2Fsession.py", "nothing.js", "..%2f..%2f__init__.py"])
+def test_no_part_of_the_page_leads_elsewhere(ask, name):
+    assert ask.get(f"/page/{name}").status_code == 404
+
+
+def test_an_upload_has_a_limit_and_other_bodies_a_smaller_one(ask):
+    large = {"files": ("large.csv", b"x" * 300_000)}
+    assert "at most 200,000" in told(ask.post("/api/records/upload", files=large), 413)
+    assert ask.post("/api/compare", content=b"x" * 1_100_000).status_code == 413
+
+
+def test_a_body_of_another_shape_is_refused_in_one_line(ask):
+    for body in ({}, {"path": 3}, {"path": "first.csv", "more": 1}, []):
+        assert "\n" not in told(ask.post("/api/records", json=body), 422)
+
+
+# ----------------------------------------------------------------------------------------- records
+def test_files_of_the_folder_are_listed(ask):
+    found = {one["name"]: one["readable"] for one in ask.get("/api/files").json()}
+    assert found["first.csv"]
+    assert not found["notes.md"]
+
+
+def test_a_card_says_what_the_file_holds(ask):
+    card = opened(ask)
+    assert (card["n_samples"], card["uniform"]) == (400, True)
+    assert card["dt"] == pytest.approx(0.05)
+    assert card["duration"] == pytest.approx(19.95)
+    assert (card["inputs"], card["outputs"]) == (["elevator"], ["q"])
+    elevator = card["channels"][0]
+    assert (elevator["unit"], elevator["minimum"], elevator["maximum"]) == ("deg", -1.0, 1.0)
+    assert "read_record" in card["python"]
+    assert card["command_line"].startswith("tridentify advise")
+    assert "source" not in card
+
+
+def test_series_are_samples_or_ranges_of_columns(ask, made):
+    path = f"/api/records/{made[0]}/series?channels=elevator,q"
+    all_of_it = ask.get(f"{path}&start=0&end=100&pixels=1000").json()
+    assert len(all_of_it["time"]) == 400
+    assert not all_of_it["thinned"]
+    assert all_of_it["channels"]["q"]["minimum"] == all_of_it["channels"]["q"]["maximum"]
+    thin = ask.get(f"{path}&start=0&end=19.95&pixels=20").json()
+    assert thin["thinned"]
+    assert len(thin["time"]) == 20
+    assert max(thin["channels"]["elevator"]["maximum"]) == 1.0
+    highest = max(all_of_it["channels"]["q"]["maximum"])
+    assert max(thin["channels"]["q"]["maximum"]) == highest
+    part = ask.get(f"{path}&start=5&end=6&pixels=1000").json()
+    assert part["time"][0] == pytest.approx(5.0)
+    assert part["time"][-1] == pytest.approx(6.0)
+    assert "no channel" in told(ask.get(f"/api/records/{made[0]}/series?channels=zz"), 400)
+
+
+def test_uploads_are_read_and_kept_and_bad_ones_told_by_name(ask):
+    answer = ask.post(
+        "/api/records/upload",
+        files=[
+            ("files", ("../../third.csv", flight(seed=5).encode())),
+            ("files", ("empty.csv", b"")),
+        ],
+    ).json()
+    (card,) = answer["records"]
+    assert (card["name"], card["path"], card["n_samples"]) == ("third", None, 400)
+    (failed,) = answer["failed"]
+    assert failed["name"] == "empty.csv"
+    assert failed["message"]
+    assert estimated(ask, card["id"], poles="2")
+
+
+def test_a_file_that_is_no_table_is_refused_in_one_line(ask):
+    assert "\n" not in told(ask.post("/api/records", json={"path": "broken.csv"}), 400)
+    assert "no file" in told(ask.post("/api/records", json={"path": "none.csv"}), 400)
+
+
+def test_roles_are_checked(ask):
+    card = opened(ask, "second.csv")
+    path = f"/api/records/{card['id']}"
+    assert "no channel" in told(ask.patch(path, json={"inputs": ["alpha"]}), 400)
+    assert "two roles" in told(ask.patch(path, json={"outputs": ["elevator", "q"]}), 400)
+    late = [{"start": 3.0, "end": 1.0, "use": "identify"}]
+    assert "later end" in told(ask.patch(path, json={"ranges": late}), 400)
+    changed = ask.patch(path, json={"inputs": ["q"], "outputs": ["elevator"]}).json()
+    assert changed["inputs"] == ["q"]
+    ask.delete(path)
+    assert "no record" in told(ask.get(f"{path}/series?channels=q"), 404)
+
+
+def test_advice_and_manoeuvres(ask, made):
+    advice = ask.get(f"/api/records/{made[0]}/advice").json()
+    assert "elevator" in advice["summary"]
+    assert advice["response"][0]["coherence"]
+    found = ask.get(f"/api/records/{made[0]}/manoeuvres").json()
+    assert found
+    assert found[0]["why"]
+
+
+# ------------------------------------------------------------------------------------------ models
+def test_a_model_is_the_one_identify_gives(ask, made, bench):
+    detail = ask.get(f"/api/models/{made[1]}").json()
+    assert detail["structure"] == "2 poles, 1 zero"
+    values = {one["name"]: one for one in detail["parameters"]}
+    assert set(values) == {"a1", "a0", "b1", "b0"}
+    for name, truth in (("a1", 1.6), ("a0", 4.0), ("b1", 2.0), ("b0", 6.0)):
+        assert abs(values[name]["value"] - truth) < 4 * values[name]["std"]
+        assert values[name]["low"] < values[name]["value"] < values[name]["high"]
+    assert 0 < len(detail["numbers"]) <= 4
+    assert "2 poles and 1 zero" in detail["sentence"]
+    lines = {}
+    exec(detail["python"].replace("print(", "str("), lines)
+    assert lines["estimate"].parameters["a0"].value == pytest.approx(
+        values["a0"]["value"], rel=1e-9
+    )
+
+
+def test_every_picture_has_its_numbers(ask, made):
+    path = f"/api/models/{made[1]}/panel"
+    (fit,) = ask.get(f"{path}/fit").json()["outputs"]
+    assert len(fit["time"]) == len(fit["measured"]) == len(fit["model"]) == 400
+    assert np.std(np.subtract(fit["measured"], fit["model"])) < 0.03
+    (residual,) = ask.get(f"{path}/residual").json()["outputs"]
+    assert len(residual["lags"]) == len(residual["autocorrelation"])
+    assert len(residual["crosscorrelation"]["elevator"]) == len(residual["lags"])
+    assert residual["tests"]
+    (bode,) = ask.get(f"{path}/bode").json()["pairs"]
+    k = int(np.argmin(np.abs(np.array(bode["frequency"]) - 2.0)))
+    w = bode["frequency"][k]
+    truth = (2j * w + 6.0) / ((1j * w) ** 2 + 1.6j * w + 4.0)
+    assert bode["magnitude_db"][k] == pytest.approx(20 * np.log10(abs(truth)), abs=0.3)
+    assert bode["phase_deg"][k] == pytest.approx(np.degrees(np.angle(truth)), abs=3.0)
+    assert bode["magnitude_low"][k] < bode["magnitude_db"][k] < bode["magnitude_high"][k]
+    assert len(bode["measured"]["coherence"]) == len(bode["measured"]["frequency"])
+    (step,) = ask.get(f"{path}/step").json()["pairs"]
+    assert step["value"][0] == pytest.approx(0.0, abs=1e-9)
+    assert step["value"][-1] == pytest.approx(1.5, abs=0.1)
+    poles = ask.get(f"{path}/poles").json()
+    assert sorted(one["frequency"] for one in poles["poles"]) == pytest.approx([2.0, 2.0], abs=0.1)
+    assert poles["pairs"][0]["zeros"][0]["re"] == pytest.approx(-3.0, abs=0.5)
+    assert "no picture" in told(ask.get(f"{path}/nyquist"), 404)
+
+
+def test_models_are_compared_on_another_record(ask, made):
+    other = opened(ask, "second.csv")["id"]
+    simple = estimated(ask, made[0], poles="1", zeros="0")
+    found = ask.post("/api/compare", json={"models": [made[1], simple], "record": other}).json()
+    assert found["outputs"] == ["q"]
+    assert found["fits"][0][0] > 95 > found["fits"][1][0]
+    assert found["summary"].startswith("Model")
+    assert "compare(" in found["python"]
+
+
+def test_a_model_on_the_range_for_validation(ask):
+    card = opened(ask)
+    ranges = [
+        {"start": 0.0, "end": 12.0, "use": "identify"},
+        {"start": 12.0, "end": 19.0, "use": "validate"},
+    ]
+    ask.patch(f"/api/records/{card['id']}", json={"ranges": ranges})
+    model = estimated(ask, card["id"])
+    detail = ask.get(f"/api/models/{model}").json()
+    assert detail["validation_fit"][0] > 95
+    assert ".slice(0.0, 12.0)" in detail["python"]
+    assert "--stop 12.0" in detail["command_line"]
+    (fit,) = ask.get(f"/api/models/{model}/panel/fit").json()["outputs"]
+    assert fit["time"][-1] == pytest.approx(12.0)
+
+
+def test_bad_samples_are_left_out(ask):
+    card = opened(ask)
+    bad = [{"start": 5.0, "end": 6.0}]
+    ask.patch(f"/api/records/{card['id']}", json={"bad": bad})
+    model = estimated(ask, card["id"])
+    (fit,) = ask.get(f"/api/models/{model}/panel/fit").json()["outputs"]
+    missing = [t for t, y in zip(fit["time"], fit["measured"], strict=True) if y is None]
+    assert (missing[0], missing[-1]) == (pytest.approx(5.0), pytest.approx(6.0))
+
+
+def test_knowledge_and_physical_maps(ask, made):
+    model = estimated(ask, made[0], fixed="a0=4", noise="white")
+    rows = {one["name"]: one for one in ask.get(f"/api/models/{model}").json()["parameters"]}
+    assert (rows["a0"]["value"], rows["a0"]["status"]) == (4.0, "fixed")
+    mapped = estimated(ask, made[0], zeros="0", physical="mass-spring-damper")
+    detail = ask.get(f"/api/models/{mapped}").json()
+    assert detail["physical"] or "gives nothing" in detail["sentence"]
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"poles": "99"}, "expected one of"),
+        ({"colour": "red"}, "expected one of"),
+        ({"delay": "soon"}, "expected seconds"),
+        ({"fixed": "a0:4"}, "such as a0=12"),
+        ({"noise": "ar", "method": "svf-least-squares"}, "three-model"),
+        ({"poles": "1", "zeros": "3"}, "zeros"),
+    ],
+)
+def test_options_that_make_no_estimate_are_refused(ask, made, options, words):
+    body = {"record": made[0], "options": options}
+    assert words in told(ask.post("/api/models", json=body), 400)
+
+
+def test_an_input_that_does_not_move_is_told(ask):
+    record = opened(ask, "still.csv")
+    body = {"record": record["id"], "options": {}}
+    ask.patch(f"/api/records/{record['id']}", json={"inputs": ["elevator"], "outputs": ["q"]})
+    job = ended(ask, ask.post("/api/models", json=body).json()["job"])
+    assert job["state"] == "failed"
+    assert "elevator does not move" in job["error"]["message"]
+
+
+def test_without_an_input_nothing_is_estimated(ask):
+    record = opened(ask)
+    ask.patch(f"/api/records/{record['id']}", json={"inputs": []})
+    body = {"record": record["id"], "options": {}}
+    assert "no input" in told(ask.post("/api/models", json=body), 400)
+
+
+def test_an_estimate_is_cancelled_and_the_next_one_is_made(ask, made):
+    body = {"record": made[0], "options": {"poles": "auto"}}
+    job = ask.post("/api/models", json=body).json()
+    assert ask.delete(f"/api/jobs/{job['job']}").status_code == 200
+    assert ended(ask, job["job"])["state"] == "cancelled"
+    assert estimated(ask, made[0])
+    assert job["model"] not in [one["id"] for one in ask.get("/api/session").json()["models"]]
+    assert ask.get("/api/jobs/j999").status_code == 404
+
+
+@pytest.mark.parametrize(
+    ("kind", "ending"),
+    [("json", ".json"), ("matlab", ".m"), ("c", ".h"), ("control", ".py"), ("figure", ".svg"),
+     ("table", ".csv"), ("report", ".html")],
+)  # fmt: skip
+def test_a_model_leaves_as_a_file(ask, made, kind, ending, tmp_path):
+    answer = ask.get(f"/api/models/{made[1]}/export/{kind}")
+    assert answer.status_code == 200, answer.text
+    name = answer.headers["content-disposition"].split('"')[1]
+    assert name.endswith(ending)
+    path = tmp_path / name
+    path.write_bytes(answer.content)
+    if kind == "json":
+        assert Estimate.load(path).names == ("a1", "a0", "b1", "b0")
+    elif kind == "control":
+        control = pytest.importorskip("control")
+        place = {}
+        exec(path.read_text(), place)
+        assert isinstance(place["model"], control.TransferFunction)
+        assert np.abs(place["model"].poles()) == pytest.approx([2.0, 2.0], abs=0.1)
+    else:
+        assert path.stat().st_size > 100
+
+
+def test_an_unknown_file_is_refused(ask, made):
+    assert "expected one of" in told(ask.get(f"/api/models/{made[1]}/export/exe"), 400)
+
+
+def test_models_are_renamed_ticked_and_removed(ask, made):
+    model = estimated(ask, made[0])
+    assert ask.patch(f"/api/models/{model}", json={"shown": False}).json()["shown"] is False
+    assert ask.patch(f"/api/models/{model}", json={"name": "best"}).json()["name"] == "best"
+    ask.delete(f"/api/models/{model}")
+    assert "no model" in told(ask.patch(f"/api/models/{model}", json={"shown": True}), 404)
+    undone = ask.post("/api/undo").json()
+    assert "best" in [one["name"] for one in undone["models"]]
+    assert undone["can_redo"]
+    again = ask.post("/api/redo").json()
+    assert "best" not in [one["name"] for one in again["models"]]
+
+
+def test_options_are_listed_with_their_words(ask):
+    found = {one["name"]: one for one in ask.get("/api/options").json()}
+    assert {"poles", "zeros", "delay", "noise", "method", "fixed", "physical"} <= set(found)
+    for one in found.values():
+        assert one["help"]
+        assert one["type"] == "text" or one["default"] in one["choices"]
+
+
+# ----------------------------------------------------------------------------------------- session
+def test_a_session_comes_back_after_its_process_was_killed(folder, tmp_path):
+    """The file is opened a second time while the first process never said good-bye."""
+    first = Bench(Session(tmp_path / "s.sqlite"), folder)
+    token = first.session.token
+    app = create(first, Settings(TOKEN, PORT))
+    with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
+        card = opened(client)
+        ranges = [{"start": 1.0, "end": 15.0, "use": "identify"}]
+        client.patch(f"/api/records/{card['id']}", json={"ranges": ranges})
+        model = estimated(client, card["id"])
+        before = client.get("/api/session").json()
+        sentence = client.get(f"/api/models/{model}").json()["sentence"]
+    copy = tmp_path / "copy.sqlite"
+    for path in tmp_path.glob("s.sqlite*"):
+        (tmp_path / path.name.replace("s.", "copy.", 1)).write_bytes(path.read_bytes())
+    second = Bench(Session(copy), folder)
+    app = create(second, Settings(TOKEN, PORT))
+    with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
+        after = client.get("/api/session").json()
+        assert after == before
+        assert client.get(f"/api/models/{model}").json()["sentence"] == sentence
+        assert second.session.token == token
+        assert estimated(client, card["id"]) != model
+    for bench in (first, second):
+        bench.stop()
+
+
+def test_a_file_that_is_gone_is_told_and_its_models_stay(tmp_path):
+    (tmp_path / "log.csv").write_text(flight())
+    bench = Bench(Session(tmp_path / "s.sqlite"), tmp_path)
+    app = create(bench, Settings(TOKEN, PORT))
+    with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
+        card = opened(client, "log.csv")
+        model = estimated(client, card["id"])
+        os.rename(tmp_path / "log.csv", tmp_path / "moved.csv")
+        assert client.get("/api/session").json()["records"][0]["missing_file"]
+        assert client.get(f"/api/models/{model}").status_code == 200
+        body = {"record": card["id"], "options": {}}
+        job = ended(client, client.post("/api/models", json=body).json()["job"])
+        assert "put it back" in json.dumps(job["error"]).lower()
+    bench.stop()
+
+
+def test_another_file_is_no_session(tmp_path):
+    from tridentify.errors import UnreadableFileError
+
+    path = Path(tmp_path, "s.sqlite")
+    path.write_bytes(b"this is a letter, not a data base" * 100)
+    with pytest.raises(UnreadableFileError, match="no session"):
+        Session(path)
+    assert path.read_bytes().startswith(b"this is a letter")
