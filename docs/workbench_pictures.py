@@ -103,10 +103,6 @@ def take(page: Page, folder: Path) -> None:
     page.get_by_text("Files of the folder").click()
     page.get_by_role("button", name="short_period.csv", exact=True).click()
     page.locator(".card.record.current .channels").wait_for()
-    for name in ("alpha", "alpha_true", "q_true"):
-        select = page.get_by_label(f"{name} is used as", exact=True)
-        if select.count():
-            select.select_option("unused")
     page.locator('[data-key="mode validate"]').click()
     drag(page, 0.8, 0.98)
     page.locator('[data-key="mode identify"]').click()
@@ -137,9 +133,11 @@ def main() -> None:
         sys.exit("found no Chromium; expected one on the path; run: make browser")
     record = files("tridentify.data").joinpath("short_period.csv")
     with tempfile.TemporaryDirectory() as place, sync_playwright() as play:
-        shutil.copy(str(record), place)
+        flights = Path(place, "flights")
+        flights.mkdir()
+        shutil.copy(str(record), flights)
         browser = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
-        with workbench(Path(place)) as address:
+        with workbench(flights) as address:
             page = browser.new_page(viewport=SIZE)
             page.goto(address)
             take(page, out)

@@ -19,6 +19,7 @@ from tridentify import (
     simulate,
     validate,
 )
+from tridentify.data import short_period
 from tridentify.errors import (
     ChannelCountError,
     DataError,
@@ -451,3 +452,12 @@ def test_what_is_no_record_is_refused(estimate):
         validate(estimate, ["flight.csv"])
     with pytest.raises(SampleTypeError, match="found nothing"):
         validate(estimate, [])
+
+
+def test_another_piece_in_which_nothing_moves_tells_nothing_of_the_coefficients():
+    whole = short_period()
+    low = identify(whole.slice(0.5, 7.8), (1, 0), throw=False)
+    checked = validate(low, whole.slice(8.0, 9.8))
+    assert checked.transfer is not None
+    assert np.isnan(checked.transfer.coefficients_p_value)
+    assert np.all(np.isfinite(checked.fit))

@@ -23,6 +23,8 @@ INPUT = re.compile(
     r"power.*|motor.*|act.*|actuator.*|drive.*|load.*|q1|q2)$|(_|\b)(cmd|command|input|in)$",
     re.I,
 )
+KNOWN = re.compile(r"(_|\b)(true|truth|exact|noise_?free)$", re.I)
+"""Names of what a simulation knows and nobody measures."""
 FEW_LEVELS = 0.02
 """Different values of a channel, as a share of its samples, below which it is made rather than
 measured: a sequence of steps."""
@@ -58,6 +60,8 @@ def guessed(channels: Sequence[Series]) -> list[Role]:
 
 def _by_name(name: str) -> Role:
     bare = name.rsplit(".", 1)[-1].strip()
+    if KNOWN.search(bare):
+        return "unused"
     if REFERENCE.search(bare):
         return "reference"
     return "input" if INPUT.search(bare) else "output"

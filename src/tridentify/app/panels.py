@@ -26,6 +26,9 @@ FREQUENCIES, INSTANTS = 200, 240
 SETTLED = 6.0
 """Slowest time constants that a step response is shown for."""
 LEVEL = 0.95
+FARTHEST_ZERO = 20.0
+"""Size of a zero over that of the fastest pole, beyond which it is far out of the band: drawn, it
+would leave no room for the rest."""
 LONGEST_TESTED = 20_000
 """Samples that are tested while one waits: a second."""
 
@@ -168,7 +171,9 @@ def bode(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) 
     found = []
     for i, output in enumerate(estimate.output_names):
         for j, name in enumerate(estimate.input_names):
-            own = None if seen is None else _measured(seen, i, j, band, omega)
+            phase = band.phase[:, i, j]
+            turn = _turn(float(phase[0]))
+            own = None if seen is None else _measured(seen, i, j, phase + turn, omega)
             found.append(
                 {
                     "output": output,
@@ -177,13 +182,21 @@ def bode(estimate: Estimate, records: Sequence[Record], pixels: int, t0: float) 
                     "magnitude_db": _decibels(band.magnitude[:, i, j]),
                     "magnitude_low": _decibels(band.magnitude_low[:, i, j]),
                     "magnitude_high": _decibels(band.magnitude_high[:, i, j]),
-                    "phase_deg": listed(np.degrees(band.phase[:, i, j])),
-                    "phase_low": listed(np.degrees(band.phase_low[:, i, j])),
-                    "phase_high": listed(np.degrees(band.phase_high[:, i, j])),
+                    "phase_deg": listed(np.degrees(phase + turn)),
+                    "phase_low": listed(np.degrees(band.phase_low[:, i, j] + turn)),
+                    "phase_high": listed(np.degrees(band.phase_high[:, i, j] + turn)),
                     "measured": own,
                 }
             )
     return {"pairs": found}
+
+
+def _turn(first: float) -> float:
+    """Whole turns that bring the phase at the lowest frequency into -190 to 170 degrees.
+
+    A gain that is negative begins at -180 degrees then, whichever way rounding falls.
+    """
+    return -2.0 * np.pi * np.floor((first + np.radians(190.0)) / (2.0 * np.pi))
 
 
 def _decibels(size: Array) -> list[float | None]:
@@ -204,7 +217,7 @@ def _frequencies(estimate: Estimate, records: Sequence[Record]) -> Array:
 
 
 def _measured(
-    seen: FrequencyResponse, i: int, j: int, band: Any, omega: Array
+    seen: FrequencyResponse, i: int, j: int, phase: Array, omega: Array
 ) -> dict[str, Any] | None:
     """The measured response on the branch of the model's phase."""
     kept = np.isfinite(seen.response[:, i, j]) & (np.abs(seen.response[:, i, j]) > 0.0)
@@ -212,13 +225,13 @@ def _measured(
         return None
     response = seen.response[kept, i, j]
     at = seen.omega[kept]
-    near = np.interp(np.log(at), np.log(omega), band.phase[:, i, j])
-    phase = np.angle(response)
-    phase = phase + 2.0 * np.pi * np.round((near - phase) / (2.0 * np.pi))
+    near = np.interp(np.log(at), np.log(omega), phase)
+    angle = np.angle(response)
+    angle = angle + 2.0 * np.pi * np.round((near - angle) / (2.0 * np.pi))
     return {
         "frequency": listed(at),
         "magnitude_db": _decibels(np.abs(response)),
-        "phase_deg": listed(np.degrees(phase)),
+        "phase_deg": listed(np.degrees(angle)),
         "coherence": listed(seen.coherence[kept, i, j]),
     }
 
@@ -281,7 +294,9 @@ def poles_and_zeros(
 
 def _zeros(estimate: Estimate, i: int, j: int) -> list[dict[str, Any]]:
     try:
-        return _roots(zeros(estimate, i, j).roots)
+        found = zeros(estimate, i, j).roots
+        nearby = FARTHEST_ZERO * float(np.max(np.abs(poles(estimate, i, j).roots), initial=0.0))
+        return _roots(found[np.abs(found) <= nearby])
     except TridentifyError:
         return []
 

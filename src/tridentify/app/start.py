@@ -91,7 +91,7 @@ def start(
     server = uvicorn.Server(
         uvicorn.Config(
             create(bench, Settings(secret, number, most_uploaded)),
-            log_level="warning",
+            log_level="critical",
             timeout_graceful_shutdown=GRACE,
         )
     )

@@ -113,8 +113,14 @@ async function opened(ask, what) {
 
 /** Changes a record; the page shows what the server then holds. */
 export async function changeRecord(id, changes) {
+  // a second change may follow before the first is answered: it starts from this one
+  const own = recordOf(id);
+  if (own) Object.assign(own, changes);
   return attempt(async () => {
-    const card = await patch(`/records/${id}`, changes);
+    const card = await patch(`/records/${id}`, changes).catch(async (error) => {
+      if (error.code !== "gone") await loadSession();
+      throw error;
+    });
     state.session.records = state.session.records.map((old) => (old.id === id ? card : old));
     forget();
     tell("records", "record");

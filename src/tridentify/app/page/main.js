@@ -49,7 +49,9 @@ function startUndo() {
   listen(["session", "online"], () => {
     byId("undo").disabled = !state.session.can_undo || state.gone;
     byId("redo").disabled = !state.session.can_redo || state.gone;
-    byId("folder").textContent = state.session.folder ?? "";
+    const folder = state.session.folder ?? "";
+    byId("folder").textContent = folder.split(/[\\/]/).pop();
+    byId("folder").title = folder;
   });
 }
 

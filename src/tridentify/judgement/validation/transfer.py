@@ -60,8 +60,9 @@ def carried_over(view: View, estimate: Estimate, noises: list[Array]) -> Transfe
         kept = d > 1e-9 * d[0]
         along = u.T @ np.concatenate(residuals)
         statistic = float(np.sum((along**2 / (1.0 + d**2))[kept]))
+        # no coefficient moves anything where the input rests and the start is free
         k = int(kept.sum())
-        p_value = float(fdtrc(k, freedom, statistic / k))
+        p_value = float(fdtrc(k, freedom, statistic / k)) if k else np.nan
     return Transfer(expected, ratio, p_size, p_value)
 
 
