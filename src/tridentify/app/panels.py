@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any
@@ -196,7 +197,7 @@ def _turn(first: float) -> float:
 
     A gain that is negative begins at -180 degrees then, whichever way rounding falls.
     """
-    return -2.0 * np.pi * np.floor((first + np.radians(190.0)) / (2.0 * np.pi))
+    return -2.0 * np.pi * math.floor((first + math.radians(190.0)) / (2.0 * np.pi))
 
 
 def _decibels(size: Array) -> list[float | None]:

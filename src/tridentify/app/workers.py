@@ -44,12 +44,10 @@ def serve(end: Connection) -> None:
         os.environ.setdefault(name, "1")
     from tridentify.app import tasks
 
-    while True:
-        try:
+    with contextlib.suppress(EOFError, OSError):
+        while True:
             name, arguments = end.recv()
-        except (EOFError, OSError):
-            return
-        end.send(_done(getattr(tasks, name), arguments, end))
+            end.send(_done(getattr(tasks, name), arguments, end))
 
 
 def _done(task: Callable[..., Any], arguments: dict[str, Any], end: Connection) -> Any:
@@ -62,6 +60,8 @@ def _done(task: Callable[..., Any], arguments: dict[str, Any], end: Connection) 
         return ("refused", type(error).__name__, str(error))
     except MemoryError:
         return ("refused", "MemoryError", "the memory of this machine does not hold this record")
+    except BrokenPipeError:
+        raise
     except Exception as error:
         words = f"a fault of this program: {type(error).__name__}: {error}"
         return ("refused", "Fault", words)
