@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tridentify.judgement.selection.paired import LIMIT, Unseen, contrasts, without
+from tridentify.judgement.selection.paired import GROUPS, Unseen, contrasts, without
 from tridentify.judgement.selection.rule import Trial, recommend
 
 N = 400
@@ -34,9 +34,25 @@ def manoeuvre():
 def test_what_is_wrong_during_a_short_manoeuvre_is_wrong():
     # over blocks of equal length all of the difference lies in one, and looks like scatter
     raw, fair = contrasts(unseen(noise(0) + 0.1 * manoeuvre()), unseen(noise(0)))
-    assert raw.t > LIMIT
+    assert raw.groups == GROUPS
     assert not raw.as_good
     assert not fair.as_good
+
+
+def test_what_is_wrong_in_a_few_samples_is_wrong():
+    # an output that jumps: the difference lies in samples that no group can share
+    jumps = np.zeros(N)
+    jumps[[50, 130, 160, 333]] = 1.0, 0.3, 0.8, 0.5
+    raw, fair = contrasts(unseen(noise(5) + 0.1 * jumps), unseen(noise(5, 0.002)))
+    assert raw.other < 0.01 * raw.own
+    assert not raw.as_good
+    assert not fair.as_good
+
+
+def test_one_sample_alone_says_nothing():
+    once = np.zeros(N)
+    once[200] = 0.1
+    assert contrasts(unseen(noise(5, 1e-9) + once), unseen(noise(5, 1e-9)))[0].as_good
 
 
 def test_what_follows_chance_is_no_better():

@@ -112,6 +112,10 @@ def checked_candidates(given: Any) -> tuple[Structure, ...]:
     return tuple(kept)
 
 
+INTEGRATOR = {"a0": 0.0}
+"""What is held of a structure with a pole at zero."""
+
+
 def order_label(structure: Structure) -> str:
     """Poles and zeros as text, ``"2, 1"``; nested ones with their brackets.
 
@@ -121,6 +125,8 @@ def order_label(structure: Structure) -> str:
     ('2, 1', '2, [[1], [0]]')
     >>> order_label(Structure(1, 0, delay="free"))
     '1, 0, free delay'
+    >>> order_label(Structure(2, 0, fixed={"a0": 0}))
+    '2, 0, integrator'
     """
 
     def plain(value: Any) -> str:
@@ -129,4 +135,18 @@ def order_label(structure: Structure) -> str:
     label = f"{plain(structure.poles)}, {plain(structure.zeros)}"
     if structure.delay == "free":
         label += ", free delay"
+    if is_integrator(structure):
+        return f"{label}, integrator"
     return label + (", constrained" if structure.constrained else "")
+
+
+def is_integrator(structure: Structure) -> bool:
+    """Whether all that is known of a structure is one pole at zero.
+
+    Examples
+    --------
+    >>> is_integrator(Structure(2, 0, fixed={"a0": 0})), is_integrator(Structure(2, 0))
+    (True, False)
+    """
+    more = structure.bounds or structure.equalities or structure.priors
+    return dict(structure.fixed or {}) == INTEGRATOR and not more

@@ -10,7 +10,9 @@ of the record only; over blocks of equal length nearly all of a difference falls
 which then looks like scatter. Here the samples are divided, along the time, into a few groups in
 each of which the two predictions differ equally much (the sum of squares of their difference). If
 one candidate is right where the other is wrong, it wins all of the groups alike; if the larger one
-has only followed what happened by chance, it wins some and loses others.
+has only followed what happened by chance, it wins some and loses others. Where a few samples hold
+most of the difference (an output that jumps), groups cannot be equal: each counts by what is won in
+it over how much the two differ there, and those without a sample do not count.
 
 *Few groups.* The groups are long, so their sums depend on each other little, and may have different
 variances: Student's t over their mean is then conservative (Ibragimov & Mueller, Journal of
@@ -79,19 +81,19 @@ class Contrast:
     own: float
     other: float
     t: float
+    groups: int = GROUPS
 
     @property
     def as_good(self) -> bool:
         """Whether the first one predicts no worse than the second, within the scatter."""
-        return self.own <= self.other or self.t <= LIMIT
+        if self.own <= self.other or self.groups < 2:
+            return True
+        return self.t <= float(stdtrit(self.groups - 1, 1.0 - LEVEL))
 
     @property
     def points(self) -> float:
         """How far the fit of the first lies below that of the second [percent]."""
         return 100.0 * (math.sqrt(self.own) - math.sqrt(self.other))
-
-
-LIMIT = float(stdtrit(GROUPS - 1, 1.0 - LEVEL))
 
 
 def contrasts(own: Unseen, other: Unseen) -> tuple[Contrast, Contrast]:
@@ -132,11 +134,15 @@ def _contrast(
     if total == 0:
         return Contrast(*losses, 0.0)
     places = ((np.cumsum(apart) - 0.5 * apart) * (GROUPS / total)).astype(np.intp)
-    sums = np.bincount(np.minimum(places, GROUPS - 1), weights=excess, minlength=GROUPS)
-    scatter = float(np.std(sums, ddof=1)) * math.sqrt(GROUPS)
-    difference = float(sums.sum())
-    t = difference / scatter if scatter > 0 else math.copysign(math.inf, difference)
-    return Contrast(*losses, t)
+    places = np.minimum(places, GROUPS - 1)
+    sizes = np.bincount(places, weights=apart, minlength=GROUPS)
+    won = np.bincount(places, weights=excess, minlength=GROUPS)[sizes > 0] / sizes[sizes > 0]
+    if won.size < 2:
+        return Contrast(*losses, 0.0, 1)
+    scatter = float(np.std(won, ddof=1)) / math.sqrt(won.size)
+    mean = float(won.mean())
+    t = mean / scatter if scatter > 0 else math.copysign(math.inf, mean)
+    return Contrast(*losses, t, won.size)
 
 
 def _series(errors: Sequence[Array], noise: Sequence[Array]) -> Array:

@@ -41,7 +41,8 @@ from tridentify.judgement.selection.finish_candidates import (
     with_nuisances,
 )
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
-from tridentify.judgement.selection.held_out import HeldEstimate, cross_fit
+from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
+from tridentify.judgement.selection.integrators import integrators
 from tridentify.judgement.selection.orders import (
     checked_candidates,
     default_candidates,
@@ -79,7 +80,8 @@ def select_structure(
         One or several experiments on the same system.
     candidates : sequence of Structure or of pairs of int, optional
         ``(2, 1)`` or ``[2, 1]`` stands for ``Structure(2, 1)``. Default `default_candidates`: 1 to
-        4 poles with every relative degree from 1 on.
+        4 poles with every relative degree from 1 on, and where one of these ends with a time
+        constant longer than the record, the same with a pole at zero (`integrators`).
     method : Method, optional
         Default ``ThreeModel()``. With another method every candidate is identified by it and
         nothing is shared.
@@ -134,7 +136,8 @@ def select_structure(
     say = progress or (lambda _: None)
     with one_blas_thread():
         settled = _settled(given, unseen, structures, chosen, say)
-        work = _Work(settled.records, chosen, executor, say, settled.identified)
+        free = candidates is None
+        work = _Work(settled.records, chosen, executor, say, settled.identified, free)
         opened = work.opened(structures)
         other = _resettled(given, unseen, settled, opened.table)
         if other is not None:
@@ -245,13 +248,14 @@ class _Opened:
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What all stages need."""
+    """What all stages need; ``free`` says that no candidates were named, so that more may join."""
 
     records: tuple[Record, ...]
     method: Method
     executor: Executor | None
     say: Progress
     identified: tuple[Structure, Estimate] | None = None
+    free: bool = False
 
     def run(self, function: Any, tasks: Iterable[Any], said: str) -> list[Any]:
         """All tasks, in their order."""
@@ -283,16 +287,9 @@ class _Work:
         told: tuple[str, ...],
     ) -> Selection:
         """What follows the contest: whole searches, held-out samples, the recommendation."""
-        tasks, table = opened.tasks, opened.table
-        whole = self._identified(tasks, table)
-        held = self.counted(
-            cross_fit,
-            [
-                HeldEstimate(e.estimate, self.records, unseen, asked)
-                for e, asked in zip(whole, structures, strict=True)
-            ],
-            "fits on samples that were left out",
-        )
+        table = opened.table
+        whole = self._identified(opened.tasks, table)
+        held = self._held_out(whole, structures, unseen)
         evidence = OrderEvidence(
             self.records,
             unseen or self.records,
@@ -301,6 +298,9 @@ class _Work:
             tuple(whole),
             tuple(held),
         )
+        if self.free:
+            evidence = self._with_integrators(evidence, unseen)
+        whole, table = list(evidence.whole), evidence.table
         found = decide(evidence)
         rows, verdict = list(found.rows), found.verdict
         place = verdict.place
@@ -311,6 +311,33 @@ class _Work:
         reason = in_words(rows, found.contenders, verdict, missed)
         notes = (*told, *_notes(table, unseen))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, notes)
+
+    def _held_out(
+        self, whole: Sequence[Entry], asked: Sequence[Structure], unseen: tuple[Record, ...]
+    ) -> list[HeldOut]:
+        tasks = [
+            HeldEstimate(e.estimate, self.records, unseen, one)
+            for e, one in zip(whole, asked, strict=True)
+        ]
+        return self.counted(cross_fit, tasks, "fits on samples that were left out")
+
+    def _with_integrators(self, known: OrderEvidence, unseen: tuple[Record, ...]) -> OrderEvidence:
+        """The same with rows that have a pole at zero, where the rows ask for it."""
+        asked = integrators(known.rows(), self.records)
+        tasks = [CandidateTask(self.records, one, self.method, shared=False) for one in asked]
+        tried = self.counted(run_task, tasks, "candidates with a pole at zero")
+        entries = [entry for entry in tried if entry.estimate is not None]
+        if not entries:
+            return known
+        asked = [entry.structure for entry in entries]
+        orders = next((tuple(a.size for a in one) for one in known.table.noise if one), ())
+        return replace(
+            known,
+            structures=(*known.structures, *asked),
+            table=table_of((*known.table.entries, *entries), self.records, orders),
+            whole=(*known.whole, *entries),
+            held=(*known.held, *self._held_out(entries, asked, unseen)),
+        )
 
     def _judged(self, row: SelectionRow) -> SelectionRow:
         """The row with all that `identify` says of its estimate."""

@@ -23,6 +23,8 @@ from tridentify.record.record import Record
 CANCELS = "a pole and a zero cancel within their errors"
 """Said by a covariance; the likelihood may refute it (`rule.refuted`)."""
 
+AT_ORIGIN = "a pole at the origin"
+
 VAGUE, KNOWN_TO = "poles not determined", " known to "
 
 HALF = 0.5
@@ -77,13 +79,16 @@ def slowest(estimate: Estimate, longest: float) -> str:
     """A time constant that the record cannot have shown, in words; not of poles that are held."""
     if estimate.structure.constrained:
         return ""
-    rates = np.concatenate([np.abs(np.roots(den)) for row in estimate.model.den for den in row])
-    rate = float(np.min(rates, initial=np.inf))
-    if rate * longest >= 1.0 / MANY_RECORDS:
+    decay = slowest_decay(estimate, longest)
+    if decay >= 1.0 / MANY_RECORDS:
         return ""
-    if rate * longest < 1e-6:
-        return "a pole at the origin"
-    return f"a time constant {1.0 / (rate * longest):.2g} times the record"
+    return f"a time constant {1.0 / decay:.2g} times the record" if decay >= 1e-6 else AT_ORIGIN
+
+
+def slowest_decay(estimate: Estimate, longest: float) -> float:
+    """What the slowest pole moves over the record: its magnitude times the duration."""
+    rates = np.concatenate([np.abs(np.roots(den)) for row in estimate.model.den for den in row])
+    return float(np.min(rates, initial=np.inf)) * longest
 
 
 def undetermined(estimate: Estimate, longest: float) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from tridentify.judgement.selection.numbers import percent, share
-from tridentify.judgement.selection.orders import order_label
+from tridentify.judgement.selection.orders import is_integrator, order_label
 from tridentify.judgement.selection.result import SelectionRow
 from tridentify.judgement.selection.rule import POINT, Contender, Verdict, needed
 from tridentify.structure import Structure
@@ -156,13 +156,20 @@ def named(structure: Structure) -> str:
     --------
     >>> named(Structure(2, 1)), named(Structure(1, 0)), named(Structure(2, [[1], [0]]))
     ('2 poles and 1 zero', '1 pole and no zero', 'poles, zeros = 2, [[1], [0]]')
+    >>> named(Structure(2, 1, fixed={"a0": 0}))
+    '2 poles, one of them at zero, and 1 zero'
     """
     n, m = structure.poles, structure.zeros
-    if not isinstance(n, int) or not isinstance(m, int) or structure.constrained:
+    at_zero = is_integrator(structure)
+    if not isinstance(n, int) or not isinstance(m, int) or (structure.constrained and not at_zero):
         return f"poles, zeros = {order_label(structure)}"
     zeros = "no zero" if m == 0 else "1 zero" if m == 1 else f"{m} zeros"
     delay = " and a free delay" if structure.delay == "free" else ""
-    return f"{n} pole{'s' if n > 1 else ''} and {zeros}{delay}"
+    if at_zero:
+        poles = "1 pole, at zero," if n == 1 else f"{n} poles, one of them at zero,"
+    else:
+        poles = f"{n} pole{'s' if n > 1 else ''}"
+    return f"{poles} and {zeros}{delay}"
 
 
 def _against_larger(

@@ -1,0 +1,67 @@
+"""Candidates with one pole at zero, where a pole is too slow for the record.
+
+A tank, a servo's angle and a battery's charge integrate. Seen for a while, their slowest pole lies
+anywhere from nothing to a fraction of one over the record's length; wherever it ends, nothing of it
+is determined, and no candidate that contains it can be recommended. The same structure with that
+pole held at zero has one unknown less and says what the record does show.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+from tridentify.errors import TridentifyError
+from tridentify.judgement.selection.orders import INTEGRATOR
+from tridentify.judgement.selection.result import SelectionRow
+from tridentify.judgement.selection.soundness import slowest_decay
+from tridentify.record.record import Record
+from tridentify.structure import Structure
+
+MOST = 2
+"""Rows that are added: each costs a search of its own."""
+LENGTHS = 1.0
+"""Decay over the record [nepers] of a pole that may stand for an integrator: its time constant is
+longer than the record."""
+
+
+def integrators(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list[Structure]:
+    """Structures worth a row of their own, the smallest first.
+
+    Parameters
+    ----------
+    rows : sequence of SelectionRow
+    records : sequence of Record
+        Those that were identified.
+
+    Returns
+    -------
+    list of Structure
+        Those of the rows that have a time constant longer than the record and predict held-out
+        samples no worse than the best row that nothing speaks against; at most `MOST` of them.
+    """
+    longest = max(record.duration for record in records)
+    sound = [_held_out(row) for row in rows if row.estimate is not None and not row.doubts]
+    enough = max(sound, default=-math.inf)
+    found = []
+    for row in rows:
+        able = row.estimate is not None and row.structure.shared and not row.structure.constrained
+        if not able or _held_out(row) < enough:
+            continue
+        assert row.estimate is not None
+        if slowest_decay(row.estimate, longest) < LENGTHS:
+            found.append(_at_zero(row.structure))
+    kept = [one for one in found if one is not None]
+    return sorted(kept, key=lambda one: (one.common_poles, str(one.zeros)))[:MOST]
+
+
+def _held_out(row: SelectionRow) -> float:
+    return float(row.cross_fit.min(initial=math.inf)) if row.cross_fit.size else -math.inf
+
+
+def _at_zero(structure: Structure) -> Structure | None:
+    try:
+        return replace(structure, fixed=dict(INTEGRATOR))
+    except TridentifyError:
+        return None
