@@ -20,7 +20,8 @@ def charged_battery(seed: int) -> Record:
 
 @pytest.fixture(scope="module")
 def battery():
-    return select_structure(charged_battery(1))
+    asked = [Structure(2, 2), Structure(3, 3)]
+    return select_structure(charged_battery(1), asked, integrators=True)
 
 
 def test_a_charge_is_an_integrator(battery):
@@ -41,3 +42,32 @@ def test_rows_that_were_asked_for_stay_alone():
     asked = [Structure(2, 2), Structure(3, 3)]
     found = select_structure(charged_battery(2), asked)
     assert [row.structure for row in found.rows] == asked
+
+
+def level(seed: int, rate: float) -> Record:
+    """A tank that is filled and emptied, with a leak of ``rate``."""
+    rng = default_rng(seed)
+    flow = np.repeat(rng.choice([-1.0, 1.0], 30), 10)
+    height = by_exponential([0.02], [1.0, rate], flow, 1.0)
+    return Record(flow, height + 0.02 * rng.standard_normal(flow.size), dt=1.0, intersample="zoh")
+
+
+def test_a_level_has_a_pole_at_zero():
+    found = select_structure(level(0, 0.0), [Structure(1, 0)], integrators=True)
+    assert [row.label for row in found.rows] == ["1, 0", "1, 0, integrator"]
+    assert found.recommended.label == "1, 0, integrator"
+    assert found.recommended.estimate.parameters["b0"].value == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_leak_that_the_record_shows_stays():
+    # a time constant of 400 s in 300 s, seen well
+    record = level(0, 0.0025)
+    found = select_structure(record, [Structure(1, 0)], integrators=True)
+    if len(found.rows) > 1:
+        assert found.rows[1].label == "1, 0, integrator"
+    assert found.recommended.label == "1, 0"
+
+
+def test_rows_with_a_pole_at_zero_may_be_refused():
+    found = select_structure(level(0, 0.0), [Structure(1, 0)], integrators=False)
+    assert [row.label for row in found.rows] == ["1, 0"]

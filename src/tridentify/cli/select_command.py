@@ -38,7 +38,8 @@ Zeros = Annotated[
     options.model_option(
         metavar="A:B",
         help="Numbers of zeros to try: a range, one number, or all (every number below that of "
-        "the poles). A range takes in as many zeros as poles where it reaches so far.",
+        "the poles; as many, too, where the output jumps with the input, and a pole at zero where "
+        "it integrates). A range takes in as many zeros as poles where it reaches so far.",
     ),
 ]
 Jobs = Annotated[
@@ -99,7 +100,10 @@ def select(
         activity = stack.enter_context(Activity())
         records, *unseen = (load(source, activity) for source in sources)
         load_sample_loop(activity)
-        selection = _selected(records, unseen, candidates, chosen, jobs, activity)
+        every = zeros.strip() == "all"
+        if every:
+            candidates = _with_direct_part(records, candidates, template)
+        selection = _selected(records, unseen, candidates, chosen, jobs, activity, every)
         if results is not None:
             _write(selection, records, results.draft, activity)
             written = results.publish()
@@ -146,6 +150,19 @@ def candidates_from(poles: str, zeros: str, template: Structure) -> list[Structu
     return found
 
 
+def _with_direct_part(
+    records: Sequence[Record], candidates: Sequence[Structure], template: Structure
+) -> list[Structure]:
+    """The candidates and, where the output jumps with an input, as many zeros as poles."""
+    from tridentify.judgement.selection import default_candidates
+
+    orders = {one.poles for one in candidates}
+    most = max(n for n in orders if isinstance(n, int))
+    tried = default_candidates(records, template, most)
+    direct = [one for one in tried if one.zeros == one.poles and one.poles in orders]
+    return sorted([*candidates, *direct], key=lambda one: (one.common_poles, str(one.zeros)))
+
+
 def _range(option: str, text: str) -> tuple[int, int]:
     match = re.fullmatch(r"\s*(\d{1,3})\s*(?::\s*(\d{1,3})\s*)?", text)
     if match is None:
@@ -164,6 +181,7 @@ def _selected(
     method: Any,
     jobs: int,
     activity: Activity,
+    every: bool,
 ) -> Selection:
     """Select; with several processes if that is asked for."""
     from tridentify.judgement.selection import select_structure
@@ -175,6 +193,7 @@ def _selected(
             candidates,
             method=method,
             validation=unseen[0] if unseen else None,
+            integrators=every,
             executor=pool,
             progress=activity.stage,
         )

@@ -26,7 +26,7 @@ LENGTHS = 1.0
 longer than the record."""
 
 
-def integrators(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list[Structure]:
+def integrating(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list[Structure]:
     """Structures worth a row of their own, the smallest first.
 
     Parameters

@@ -42,7 +42,7 @@ from tridentify.judgement.selection.finish_candidates import (
 )
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
-from tridentify.judgement.selection.integrators import integrators
+from tridentify.judgement.selection.integrators import integrating
 from tridentify.judgement.selection.orders import (
     checked_candidates,
     default_candidates,
@@ -69,6 +69,7 @@ def select_structure(
     method: Method | None = None,
     validation: Record | Sequence[Record] | None = None,
     template: Structure | None = None,
+    integrators: bool | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Selection:
@@ -80,8 +81,7 @@ def select_structure(
         One or several experiments on the same system.
     candidates : sequence of Structure or of pairs of int, optional
         ``(2, 1)`` or ``[2, 1]`` stands for ``Structure(2, 1)``. Default `default_candidates`: 1 to
-        4 poles with every relative degree from 1 on, and where one of these ends with a time
-        constant longer than the record, the same with a pole at zero (`integrators`).
+        4 poles with every relative degree from 1 on.
     method : Method, optional
         Default ``ThreeModel()``. With another method every candidate is identified by it and
         nothing is shared.
@@ -89,6 +89,9 @@ def select_structure(
         Records to judge the fit on; default: blocks of ``records`` that are left out in turn.
     template : Structure, optional
         Where `candidates` are left out: what offset, drift, initial state and delay they have.
+    integrators : bool, optional
+        Whether a row with a pole at zero joins the candidates where one of them ends with a time
+        constant longer than the record. Default: where `candidates` are left out.
     executor : executor of concurrent.futures, optional
         Runs the candidates side by side. The result does not depend on it.
     progress : callable, optional
@@ -136,7 +139,7 @@ def select_structure(
     say = progress or (lambda _: None)
     with one_blas_thread():
         settled = _settled(given, unseen, structures, chosen, say)
-        free = candidates is None
+        free = candidates is None if integrators is None else integrators
         work = _Work(settled.records, chosen, executor, say, settled.identified, free)
         opened = work.opened(structures)
         other = _resettled(given, unseen, settled, opened.table)
@@ -248,7 +251,7 @@ class _Opened:
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What all stages need; ``free`` says that no candidates were named, so that more may join."""
+    """What all stages need; ``free`` says that rows with a pole at zero may join."""
 
     records: tuple[Record, ...]
     method: Method
@@ -323,7 +326,7 @@ class _Work:
 
     def _with_integrators(self, known: OrderEvidence, unseen: tuple[Record, ...]) -> OrderEvidence:
         """The same with rows that have a pole at zero, where the rows ask for it."""
-        asked = integrators(known.rows(), self.records)
+        asked = integrating(known.rows(), self.records)
         tasks = [CandidateTask(self.records, one, self.method, shared=False) for one in asked]
         tried = self.counted(run_task, tasks, "candidates with a pole at zero")
         entries = [entry for entry in tried if entry.estimate is not None]
