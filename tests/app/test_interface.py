@@ -224,6 +224,26 @@ def test_uploads_are_read_and_kept_and_bad_ones_told_by_name(ask):
     assert estimated(ask, card["id"], poles="2")
 
 
+def test_a_file_without_time_is_read_with_a_stated_step(ask, folder):
+    rows = flight().splitlines()
+    (folder / "timeless.csv").write_text("\n".join(row.partition(",")[2] for row in rows))
+    said = told(ask.post("/api/records", json={"path": "timeless.csv"}), 400)
+    assert "dt" in said
+    stated = ask.post("/api/records", json={"path": "timeless.csv", "dt": 0.02})
+    card = stated.json()["records"][0]
+    assert card["dt"] == pytest.approx(0.02)
+    assert "dt=0.02" in card["python"]
+    model = ask.get(f"/api/models/{estimated(ask, card['id'])}").json()
+    assert model["fit"][0] > 50
+    for dt in (0, -1, "no"):
+        assert told(ask.post("/api/records", json={"path": "timeless.csv", "dt": dt}), 422)
+    content = (folder / "timeless.csv").read_bytes()
+    sent = ask.post(
+        "/api/records/upload", files=[("files", ("up.csv", content))], data={"dt": "0.05"}
+    )
+    assert sent.json()["records"][0]["dt"] == pytest.approx(0.05)
+
+
 def test_a_file_that_is_no_table_is_refused_in_one_line(ask):
     assert "\n" not in told(ask.post("/api/records", json={"path": "broken.csv"}), 400)
     assert "no file" in told(ask.post("/api/records", json={"path": "none.csv"}), 400)

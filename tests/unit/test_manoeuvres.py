@@ -85,3 +85,20 @@ def test_a_gap_of_ones_own():
     (both,) = find_manoeuvres(record, gap=8.0)
     assert both.start < 1000 * DT
     assert both.stop > 1230 * DT
+
+
+@pytest.mark.parametrize("hold", [30, 60, 100])
+def test_steps_of_one_manoeuvre_stay_together(hold):
+    moves, at = [], 2000
+    for count, size in ((3, 1.0), (2, -1.0), (1, 1.0), (1, -1.0)):
+        moves.append((at, at + count * hold, size))
+        at += count * hold
+    found = places(log(moves))
+    assert len(found) == 1
+    assert found[0][0] == pytest.approx(2000, abs=80)
+    assert found[0][1] == pytest.approx(at, abs=80)
+
+
+def test_what_is_held_for_long_is_another_level():
+    found = places(log([(1000, 2800, 1.0)]))
+    assert len(found) == 2

@@ -136,17 +136,17 @@ class Bench:
             (self.session.overwrite if quietly else self.session.write)(state)
 
     # -------------------------------------------------------------------------------- the records
-    def open_file(self, name: str) -> Card:
-        """Open a file of the folder."""
+    def open_file(self, name: str, dt: float | None = None) -> Card:
+        """Open a file of the folder; ``dt`` [s] where it has no time of its own."""
         path = inside(self.folder, name)
-        source = {"path": str(path), "upload": None, "session": str(self.session.path)}
+        source = {"path": str(path), "upload": None, "session": str(self.session.path), "dt": dt}
         return self._opened(source, name)
 
-    def open_upload(self, name: str, content: bytes) -> Card:
+    def open_upload(self, name: str, content: bytes, dt: float | None = None) -> Card:
         """Open what was uploaded; its bytes stay in the session."""
         bare = name.replace("\\", "/").rsplit("/", 1)[-1] or "upload"
         number = self.session.keep_upload(bare, content)
-        source = {"path": None, "upload": number, "session": str(self.session.path)}
+        source = {"path": None, "upload": number, "session": str(self.session.path), "dt": dt}
         return self._opened(source, bare)
 
     def _opened(self, source: dict[str, Any], name: str) -> Card:
@@ -157,6 +157,7 @@ class Bench:
             "file": name,
             "path": source["path"],
             "source": source,
+            "given_dt": source["dt"],
             "intersample": "auto",
             "ranges": [],
             "bad": [],
@@ -388,7 +389,7 @@ def _plain(record: Card) -> Card:
         "name", "path", "file", "t0", "inputs", "outputs", "references", "intersample", "ranges",
         "bad",
     )  # fmt: skip
-    return {name: record[name] for name in names}
+    return {name: record[name] for name in names} | {"given_dt": record.get("given_dt")}
 
 
 def _found(cards: Sequence[Card], name: str, kind: str) -> Card:

@@ -14,13 +14,17 @@ from tridentify.record.formats.series import Series
 Role = Literal["input", "output", "reference", "unused"]
 
 REFERENCE = re.compile(
-    r"^(r|ref|reference|set_?point|sp|target|desired|demand)\b|(_|\b)(ref|sp|cmd_?ref|setpoint|target|desired|des)$",
+    r"^(r\d*|ref|reference|set_?point|sp|target|desired|demand)(_|\b)|"
+    r"(_|\b)(ref|sp|cmd_?ref|setpoint|target|desired|des)$",
     re.I,
 )
+OUTPUT = re.compile(r"^y(\d+|_|$)", re.I)
+"""What is called y is an output, whatever follows: y_current."""
 INPUT = re.compile(
     r"^(u\d*|input\d*|in\d*|x_?in|cmd|command|delta.*|elev.*|ail.*|rud.*|thr.*|stick.*|flap.*|canard.*|"
-    r"volt.*|v_?in|pwm.*|duty.*|torque.*|force.*|current.*|heater.*|q\d+_?heater|valve.*|pump.*|"
-    r"power.*|motor.*|act.*|actuator.*|drive.*|load.*|q1|q2)$|(_|\b)(cmd|command|input|in)$",
+    r"volt.*|v_?in|pwm.*|duty.*|torque.*|force.*|current.*|heat.*|q\d+_?heater|valve.*|pump.*|"
+    r"power.*|motor.*|act.*|actuator.*|drive.*|load.*|steer.*|fuel.*|q1|q2)$|^u_|"
+    r"(_|\b)(cmd|command|input|in|valve|heater|pump|pwm|duty)\d*$",
     re.I,
 )
 KNOWN = re.compile(r"(_|\b)(true|truth|exact|noise_?free)$", re.I)
@@ -28,6 +32,8 @@ KNOWN = re.compile(r"(_|\b)(true|truth|exact|noise_?free)$", re.I)
 FEW_LEVELS = 0.02
 """Different values of a channel, as a share of its samples, below which it is made rather than
 measured: a sequence of steps."""
+MOST_OUTPUTS = 2
+"""Outputs that are all taken at first."""
 LARGEST_SHARE = 10_000
 """Samples that are looked at."""
 
@@ -50,12 +56,32 @@ def guessed(channels: Sequence[Series]) -> list[Role]:
         made = [
             k for k, one in enumerate(channels) if roles[k] == "output" and _is_made(one.values)
         ]
-        chosen = made or [k for k, role in enumerate(roles) if role == "output"]
-        if chosen and roles.count("output") > 1:
-            roles[chosen[0]] = "input"
+        possible = [k for k, role in enumerate(roles) if role == "output"]
+        chosen = made if 0 < len(made) < len(possible) else possible[:1]
+        for k in chosen if len(possible) > 1 else ():
+            roles[k] = "input"
     if "output" not in roles and roles.count("input") > 1:
         roles[len(roles) - 1 - roles[::-1].index("input")] = "output"
-    return roles
+    return _few_outputs(roles, [one.channel.name for one in channels])
+
+
+def _few_outputs(roles: Sequence[Role], names: Sequence[str]) -> list[Role]:
+    """Of many outputs the first alone, with those that are numbered like it.
+
+    A model of all that was recorded at once is seldom what is asked for first.
+    """
+    outputs = [k for k, role in enumerate(roles) if role == "output"]
+    if len(outputs) <= MOST_OUTPUTS:
+        return list(roles)
+    stem = _stem(names[outputs[0]])
+    kept = {outputs[0], *(k for k in outputs if stem and _stem(names[k]) == stem)}
+    return ["unused" if k in outputs and k not in kept else role for k, role in enumerate(roles)]
+
+
+def _stem(name: str) -> str:
+    """A name without the number that it ends with; empty where there is none."""
+    match = re.fullmatch(r"(.*?\D)\d+", name)
+    return match[1] if match else ""
 
 
 def _by_name(name: str) -> Role:
@@ -64,6 +90,8 @@ def _by_name(name: str) -> Role:
         return "unused"
     if REFERENCE.search(bare):
         return "reference"
+    if OUTPUT.search(bare):
+        return "output"
     return "input" if INPUT.search(bare) else "output"
 
 

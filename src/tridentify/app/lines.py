@@ -22,7 +22,8 @@ def record_in_python(card: Mapping[str, Any]) -> str:
     """Lines that make the records which a card describes."""
     between = {} if card["intersample"] == "auto" else {"intersample": card["intersample"]}
     references = {"references": card["references"]} if card["references"] else {}
-    asked = {"inputs": card["inputs"], "outputs": card["outputs"], **references, **between}
+    step = {"dt": card["given_dt"]} if card.get("given_dt") else {}
+    asked = {"inputs": card["inputs"], "outputs": card["outputs"], **references, **between, **step}
     lines = [
         "from tridentify import read_record",
         "",
@@ -58,6 +59,8 @@ def _source(card: Mapping[str, Any]) -> list[str]:
             words += [option, name]
     if card["intersample"] != "auto":
         words += ["--intersample", card["intersample"]]
+    if card.get("given_dt"):
+        words += ["--dt", repr(card["given_dt"])]
     ranges = [one for one in card["ranges"] if one["use"] == "identify"]
     if len(ranges) == 1:
         words += ["--start", repr(card["t0"] + ranges[0]["start"])]

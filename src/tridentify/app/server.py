@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import plotly
-from fastapi import APIRouter, FastAPI, File, Request, UploadFile
+from fastapi import APIRouter, FastAPI, File, Form, Request, UploadFile
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, Response, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
@@ -60,6 +60,7 @@ class Opening(Strict):
     """Which file of the folder is opened."""
 
     path: str = Field(min_length=1, max_length=1000)
+    dt: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
 
 
 class Range(Strict):
@@ -264,15 +265,18 @@ def records(bench: Bench) -> APIRouter:
 
     @router.post("/records")
     def opened(body: Opening) -> dict[str, Any]:
-        return {"records": [bench.open_file(body.path)], "failed": []}
+        return {"records": [bench.open_file(body.path, body.dt)], "failed": []}
 
     @router.post("/records/upload")
-    def uploaded(files: Annotated[list[UploadFile], File()]) -> dict[str, Any]:
+    def uploaded(
+        files: Annotated[list[UploadFile], File()],
+        dt: Annotated[float | None, Form(gt=0.0, allow_inf_nan=False)] = None,
+    ) -> dict[str, Any]:
         done, failed = [], []
         for one in files:
             name = one.filename or "upload"
             try:
-                done.append(bench.open_upload(name, one.file.read()))
+                done.append(bench.open_upload(name, one.file.read(), dt))
             except TridentifyError as error:
                 failed.append({"name": name, **refusal(error)})
         return {"records": done, "failed": failed}

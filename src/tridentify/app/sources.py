@@ -42,7 +42,7 @@ def stamp(source: Mapping[str, Any]) -> tuple[object, ...]:
         The file is gone.
     """
     if source["upload"] is not None:
-        return ("upload", source["session"], source["upload"])
+        return ("upload", source["session"], source["upload"], source.get("dt"))
     path = Path(source["path"])
     try:
         seen = path.stat()
@@ -51,7 +51,7 @@ def stamp(source: Mapping[str, Any]) -> tuple[object, ...]:
             f"found no file {shown(path.name)}; expected it where it was opened; put it back or "
             "open it again"
         ) from None
-    return ("file", str(path), seen.st_mtime_ns, seen.st_size)
+    return ("file", str(path), seen.st_mtime_ns, seen.st_size, source.get("dt"))
 
 
 def content(source: Mapping[str, Any]) -> str | bytes:
@@ -71,7 +71,9 @@ def content(source: Mapping[str, Any]) -> str | bytes:
 
 def series(source: Mapping[str, Any]) -> tuple[Series, ...]:
     """All channels of a source over time."""
-    return remembered("series", stamp(source), lambda: read_series(content(source)))
+    return remembered(
+        "series", stamp(source), lambda: read_series(content(source), dt=source.get("dt"))
+    )
 
 
 def whole(source: Mapping[str, Any], card: Mapping[str, Any]) -> Record:
@@ -91,6 +93,7 @@ def _read(
         outputs=tuple(card["outputs"]),
         references=tuple(card["references"]),
         intersample=card["intersample"],
+        dt=source.get("dt"),
     )
     since = record.t - card["t0"]
     left_out = np.zeros(record.n_samples, dtype=bool)

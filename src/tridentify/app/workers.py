@@ -155,7 +155,7 @@ class Worker:
                 if answer[0] != "progress":
                     break
                 say(answer[1], answer[2])
-        except (EOFError, OSError):
+        except (EOFError, OSError, TypeError):  # the last of a pipe that is closed meanwhile
             if self._cancelled:
                 raise CancelledError("Cancelled", "cancelled") from None
             raise TaskError(

@@ -137,6 +137,9 @@ def trust_of(estimate: Estimate, findings: Sequence[Finding], tested: bool = Tru
         return ""
     doubts = [finding for finding in findings if finding.matters]
     said = []
+    if headline := unusable(estimate, findings):
+        others = [CODES[one.code] for one in doubts if CODES[one.code] not in headline]
+        return f"Besides: {'; '.join(list(dict.fromkeys(others))[:2])}." if others else ""
     if estimate.status is not Status.CONVERGED:
         said.append(_sentence(estimate.status.message))
     if doubts:

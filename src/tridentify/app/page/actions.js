@@ -91,9 +91,9 @@ export function lookAt(id) {
   tell("record", "records");
 }
 
-export const openFile = (path) => opened(() => post("/records", { path }), path);
-export const uploadFiles = (files) =>
-  opened(() => upload(files), files.length === 1 ? files[0].name : `${files.length} files`);
+export const openFile = (path, dt) => opened(() => post("/records", { path, dt }), path);
+export const uploadFiles = (files, dt) =>
+  opened(() => upload(files, dt), files.length === 1 ? files[0].name : `${files.length} files`);
 
 async function opened(ask, what) {
   note(`Reading ${what} ...`);

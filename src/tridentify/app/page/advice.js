@@ -14,7 +14,8 @@ export async function advise(record, place) {
     note("");
     fill(place, make("div", { class: "row" }, make("h3", {}, "What the record says"),
       button("\u00d7", () => fill(place), { class: "quiet", "aria-label": "Close the advice" })),
-    ...summary.split("\n").filter(Boolean).map((text) => make("p", {}, text)),
-    findingList(findings));
+    findingList(findings),
+    // the findings stand above as a list: of the text, what comes after them
+    ...summary.split("\n\n").at(-1).split("\n").filter(Boolean).map((text) => make("p", {}, text)));
   });
 }

@@ -68,9 +68,10 @@ export const patch = withBody("PATCH");
 export const remove = (path) => json(path, { method: "DELETE" });
 
 /** Files chosen or dropped, several in one request. */
-export function upload(files) {
+export function upload(files, dt) {
   const body = new FormData();
   for (const file of files) body.append("files", file, file.name);
+  if (dt) body.append("dt", String(dt));
   return json("/records/upload", { method: "POST", body });
 }
 

@@ -34,11 +34,19 @@ function adder() {
     on: { change: () => { take(input.files); input.value = ""; } } });
   return make("div", { class: "adder" },
     button("Open files \u2026", () => input.click(), { class: "primary" }), input,
-    make("p", { class: "soft" }, "or drop them on the page"));
+    make("p", { class: "soft" }, "or drop them on the page"),
+    make("label", { class: "soft step" }, "no time in the file: one sample every ",
+      make("span", {}, make("input", { type: "text", id: "step", inputmode: "decimal", size: "5",
+        "aria-label": "Seconds between the samples of files without a column of time" }), " s")));
+}
+
+function stated() {
+  const given = Number(byId("step").value.trim().replace(",", "."));
+  return given > 0 ? given : null;
 }
 
 function take(list) {
-  if (list.length) act.uploadFiles([...list]);
+  if (list.length) act.uploadFiles([...list], stated());
 }
 
 function dropAnywhere() {
@@ -64,7 +72,7 @@ function folderFiles() {
   folderFiles.show = () => {
     box.hidden = !files.length;
     fill(list, files.map((file) => make("li", {},
-      button(file.name, () => act.openFile(file.name),
+      button(file.name, () => act.openFile(file.name, stated()),
         { class: "link", disabled: !file.readable, "data-key": `file ${file.name}`,
           title: file.readable ? `Open ${file.name}` : "Not a format that is read" }),
       make("span", { class: "soft" }, ` ${size(file.bytes)}`))));

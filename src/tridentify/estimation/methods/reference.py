@@ -224,7 +224,9 @@ def _with_noise_model(
     found = root(loops, structure, first, lambda _: method, say)
     found = replace(found, passes=found.passes + white.passes)
     fitted = all(isinstance(one.driven, Driven) for one in loops)
-    if loops[0].sampling == "sampled" or not fitted:
+    # at a limit of stability there is no root to come to, and each pass costs a whole estimate
+    at_limit = found.estimate.status is Status.AT_STABILITY_LIMIT
+    if loops[0].sampling == "sampled" or not fitted or at_limit:
         return found
     return _renewed(found, structure, lambda _: method, say)
 

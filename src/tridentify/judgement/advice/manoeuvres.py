@@ -2,8 +2,9 @@
 
 *Activity.* The level of an input is what it holds while nothing is done. A sample is active where
 some input departs from its level, the median of a window around it, or changes, by more than its
-own noise and a small share of its range. Active samples closer than one gap belong to the same
-manoeuvre.
+own noise and a small share of its range. Active samples closer than two gaps belong to the same
+manoeuvre, and so do those between which an input is held for a while off its usual level: the steps
+of a doublet or a 3-2-1-1.
 
 *Quiet before, answer after.* A piece begins one gap before its first active sample, where the plant
 was at rest, and ends one gap after the last, so that the free response is in it. It is offered
@@ -34,6 +35,10 @@ ANSWERED = 3.0
 """Range of an output within a manoeuvre over the usual one in quiet from which it is an answer."""
 SHORTEST_GAP, GAPS_IN_A_RECORD = 20, 100
 """Samples at least, and part of the record, that separate two manoeuvres."""
+LONGEST_HOLD = 10
+"""Gaps for which an input may be held off its usual level within a manoeuvre: what is held for
+longer is another level, at which the plant is at rest."""
+HALF = 0.5
 MOST_OFFERED = 50
 """The best ones."""
 LONGEST_MEASURED = 20_000
@@ -102,7 +107,9 @@ def find_manoeuvres(record: Record, gap: float | None = None) -> tuple[Manoeuvre
         width = max(round(gap / step), 1)
     moves = np.column_stack([_moves(record.u[:, j], width) for j in range(record.n_inputs)])
     active = np.asarray(moves.any(axis=1))
-    pieces = _pieces(active, width)
+    away = np.column_stack([_away(record.u[:, j]) for j in range(record.n_inputs)])
+    held = np.asarray(away.any(axis=1))
+    pieces = _pieces(active, held, width)
     covered = sum(last - first + 2 * width for first, last in pieces)
     if covered > MOSTLY * record.n_samples or any(_restless(u) for u in record.u.T):
         return _whole(record)
@@ -125,6 +132,13 @@ def _moves(u: Array, width: int) -> NDArray[np.bool_]:
     active = window > max(SHARE_OF_RANGE * span, ABOVE_NOISE * noise)
     # and a single step in all windows but one that hold both its sides
     return np.asarray(minimum_filter1d(active.astype(np.int8), size - 2, mode="nearest") > 0)
+
+
+def _away(u: Array) -> NDArray[np.bool_]:
+    """Where an input is off the level that it has most of the time."""
+    seen = np.nan_to_num(u, nan=float(np.nanmedian(u)))
+    least = max(SHARE_OF_RANGE * float(np.ptp(seen)), ABOVE_NOISE * _noise(u))
+    return np.asarray(np.abs(seen - np.median(seen)) > least)
 
 
 def _noise(u: Array) -> float:
@@ -157,12 +171,22 @@ def _whole(record: Record) -> tuple[Manoeuvre, ...]:
     return (Manoeuvre(*ends, share, f"{why} frequencies it holds"),)
 
 
-def _pieces(active: NDArray[np.bool_], width: int) -> list[tuple[int, int]]:
-    """First and last active sample of runs that are more than a gap apart."""
+def _pieces(
+    active: NDArray[np.bool_], held: NDArray[np.bool_], width: int
+) -> list[tuple[int, int]]:
+    """First and last active sample of runs with quiet between them."""
     at = np.flatnonzero(active)
     if not at.size:
         return []
-    cuts = np.flatnonzero(np.diff(at) > 2 * width)
+    apart = np.flatnonzero(np.diff(at) > 2 * width)
+    cuts = np.array(
+        [
+            k
+            for k in apart
+            if at[k + 1] - at[k] > LONGEST_HOLD * width or np.mean(held[at[k] : at[k + 1]]) < HALF
+        ],
+        dtype=np.intp,
+    )
     firsts, lasts = at[np.append(0, cuts + 1)], at[np.append(cuts, at.size - 1)]
     return [(int(a), int(b)) for a, b in zip(firsts, lasts, strict=True)]
 

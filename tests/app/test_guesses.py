@@ -1,0 +1,68 @@
+"""What each channel of a file is taken for at first."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("fastapi", reason="the extra app is not installed")
+
+from tridentify.app.guesses import guessed
+from tridentify.record.formats.channels import Channel
+from tridentify.record.formats.series import Series
+
+N = 400
+
+
+def steps(seed):
+    return np.repeat(np.random.default_rng(seed).choice([-1.0, 1.0], N // 20), 20)
+
+
+def wave(seed):
+    return np.cumsum(np.random.default_rng(seed).standard_normal(N))
+
+
+def roles(**channels):
+    t = 0.1 * np.arange(N)
+    found = guessed([Series(Channel(name, name), t, values) for name, values in channels.items()])
+    return dict(zip(channels, found, strict=True))
+
+
+def alike(kind, *names):
+    return {name: kind(seed) for seed, name in enumerate(names)}
+
+
+@pytest.mark.parametrize(
+    ("names", "inputs", "outputs", "references"),
+    [
+        (("u_elevator", "y_q", "y_alpha", "y_theta", "y_V"), ["u_elevator"], ["y_q"], []),
+        (("u1", "u2", "r1", "r2", "y1", "y2"), ["u1", "u2"], ["y1", "y2"], ["r1", "r2"]),
+        (("u_volt", "y_pos", "r_pos"), ["u_volt"], ["y_pos"], ["r_pos"]),
+        (("u_heater1", "u_heater2", "y_T1", "y_T2"), ["u_heater1", "u_heater2"],
+         ["y_T1", "y_T2"], []),
+        (("steam_valve", "load", "pressure", "speed"), ["steam_valve", "load"],
+         ["pressure", "speed"], []),
+        (("current", "voltage"), ["current"], ["voltage"], []),
+        (("iq_ref", "iq_cmd", "theta_m", "omega_m", "theta_l"), ["iq_cmd"], ["theta_m"],
+         ["iq_ref"]),
+        (("u", "y_current"), ["u"], ["y_current"], []),
+    ],
+)  # fmt: skip
+def test_names_tell(names, inputs, outputs, references):
+    found = roles(**alike(wave, *names))
+    for role, wanted in (("input", inputs), ("output", outputs), ("reference", references)):
+        assert [name for name in names if found[name] == role] == wanted
+
+
+def test_without_names_what_moves_in_steps_is_an_input():
+    channels = {"a": steps(1), "b": wave(2), "c": steps(3), "d": wave(4)}
+    assert roles(**channels) == {"a": "input", "b": "output", "c": "input", "d": "output"}
+
+
+def test_where_all_are_alike_the_first_is_the_input():
+    assert roles(**alike(wave, "a", "b")) == {"a": "input", "b": "output"}
+    assert roles(**alike(steps, "a", "b")) == {"a": "input", "b": "output"}
+
+
+def test_what_stands_still_is_not_used():
+    assert roles(u=steps(1), y=wave(2), spare=np.ones(N))["spare"] == "unused"
