@@ -18,8 +18,10 @@ pytest.importorskip("httpx2", reason="httpx2, which asks the server in tests, is
 from fastapi.testclient import TestClient
 
 from tridentify.app.bench import Bench
+from tridentify.app.guesses import guessed
 from tridentify.app.server import Settings, create
 from tridentify.app.session import Session
+from tridentify.record.formats.series import read_series
 
 TOKEN, PORT = "token-of-the-tests", 8123
 HEADERS = {"Authorization": f"Bearer {TOKEN}"}
@@ -503,3 +505,21 @@ def test_another_file_is_no_session(tmp_path):
     with pytest.raises(UnreadableFileError, match="no session"):
         Session(path)
     assert path.read_bytes().startswith(b"this is a letter")
+
+
+@pytest.mark.parametrize(
+    ("names", "roles"),
+    [
+        ("u_heater1,u_heater2,y_T1,y_T2", "input input output output"),
+        ("u1,u2,r1,r2,y1,y2", "input input reference reference output output"),
+        ("u_volt,y_pos,r_pos,u_pulse", "input output reference input"),
+        ("rudder,p,r,phi", "input output output output"),
+        ("elevator,u_m_s,w_m_s,q", "input output output output"),
+        ("iq_ref,iq,theta_m", "reference input output"),
+    ],
+)
+def test_roles_are_guessed_from_names_and_their_company(names, roles):
+    rng = np.random.default_rng(6)
+    rows = np.column_stack([0.1 * np.arange(80), rng.standard_normal((80, names.count(",") + 1))])
+    text = f"t,{names}\n" + "\n".join(",".join(map(repr, row)) for row in rows.tolist())
+    assert guessed(read_series(text.encode())) == roles.split()

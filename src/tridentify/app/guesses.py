@@ -27,6 +27,11 @@ INPUT = re.compile(
     r"(_|\b)(cmd|command|input|in|valve|heater|pump|pwm|duty)\d*$",
     re.I,
 )
+LETTER_INPUT = re.compile(r"^u(\d|_(?!m_?s|mps|m/s|kt|kn|ft))", re.I)
+"""A name that begins as the inputs of textbooks do, and is no speed along the body axis."""
+LETTER_OUTPUT = re.compile(r"^y(\d|_|$)", re.I)
+LETTER_REFERENCE = re.compile(r"^r(\d|_|$)", re.I)
+"""A set point beside outputs that are called y; alone, r is as often a yaw rate."""
 KNOWN = re.compile(r"(_|\b)(true|truth|exact|noise_?free)$", re.I)
 """Names of what a simulation knows and nobody measures."""
 FEW_LEVELS = 0.02
@@ -49,7 +54,9 @@ def guessed(channels: Sequence[Series]) -> list[Role]:
     -------
     list of {"input", "output", "reference", "unused"}
     """
-    roles: list[Role] = [_by_name(one.channel.name) for one in channels]
+    names = [_bare(one.channel.name) for one in channels]
+    lettered = any(LETTER_OUTPUT.search(name) for name in names)
+    roles: list[Role] = [_by_name(name, lettered) for name in names]
     moving = [_moves(one.values) for one in channels]
     roles = [role if moves else "unused" for role, moves in zip(roles, moving, strict=True)]
     if "input" not in roles:
@@ -84,11 +91,14 @@ def _stem(name: str) -> str:
     return match[1] if match else ""
 
 
-def _by_name(name: str) -> Role:
-    bare = name.rsplit(".", 1)[-1].strip()
+def _bare(name: str) -> str:
+    return name.rsplit(".", 1)[-1].strip()
+
+
+def _by_name(bare: str, lettered: bool) -> Role:
     if KNOWN.search(bare):
         return "unused"
-    if REFERENCE.search(bare):
+    if REFERENCE.search(bare) or (lettered and LETTER_REFERENCE.search(bare)):
         return "reference"
     if OUTPUT.search(bare):
         return "output"
