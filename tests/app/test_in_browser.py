@@ -383,6 +383,62 @@ def test_mistakes_lead_to_one_sentence_each(browser, server):
         expect(seen.page.locator("#messages .message")).to_have_count(0)
 
 
+def test_the_fit_of_each_of_several_outputs_has_its_name(seen):
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.drag(0.12, 0.62))
+    legend = seen.page.locator("#result .legend")
+    expect(legend).to_have_text(re.compile(r"fit q \d+\.\d\s%, alpha \d+\.\d\s%$"))
+
+
+def test_a_doubt_about_several_outputs_stands_once(seen):
+    found = seen.page.evaluate(DOUBTS)
+    assert found == [["caution: The noise of q", "The noise of alpha", "Cut it"], ["note: Else"]]
+
+
+DOUBTS = """async () => {
+  const { findingList } = await import("/page/findings.js");
+  const noise = { code: "noise", severity: "warning", remedy: "Cut it" };
+  const list = findingList([{ ...noise, message: "The noise of q" },
+    { code: "other", severity: "info", message: "Else", remedy: "" },
+    { ...noise, message: "The noise of alpha" }]);
+  return [...list.children].map((item) => [...item.children].map((one) => one.textContent));
+}"""
+
+
+def test_a_comparison_of_many_outputs_is_not_cut(seen):
+    seen.open("second.csv")
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.drag(0.14, 0.64))
+    answer = {"outputs": ["roll rate", "pitch rate", "yaw rate"], "fits": [[91.0, 82.0, 73.0]],
+              "summary": ""}  # fmt: skip
+    seen.page.route("**/api/compare", lambda route: route.fulfill(json=answer))
+    seen.key("compare").click()
+    rows = seen.page.get_by_role("table", name="Fits on the other record").locator("tbody tr")
+    expect(rows).to_have_count(3)
+    expect(rows.nth(1)).to_have_text(re.compile(r"pitch rate.*82\.0"))
+    seen.page.unroute("**/api/compare")
+
+
+def test_small_coefficients_are_not_cut(seen):
+    row = {"value": -2.2412e-5, "std": 1.2e-6, "low": -2.476e-5, "high": -2.006e-5,
+           "unit": "1/s^2", "status": "free"}  # fmt: skip
+
+    def small(route):
+        answer = route.fetch()
+        body = answer.json()
+        if "parameters" in body:
+            body["parameters"] = [{**row, "name": "b0[y_T2,u_heater1]"}]
+        route.fulfill(response=answer, json=body)
+
+    seen.open("first.csv")
+    seen.page.route("**/api/models/*", small)
+    seen.estimated(lambda: seen.drag(0.16, 0.66))
+    scroll = seen.page.locator("#result .scroll").first
+    expect(scroll).to_contain_text("e\u22125")
+    assert scroll.evaluate("(node) => node.scrollWidth - node.clientWidth") <= 0
+    seen.page.unroute("**/api/models/*")
+
+
 def test_two_tabs_show_the_same(browser, server, seen):
     with tab(browser, server) as other:
         seen.open("second.csv")

@@ -13,10 +13,22 @@ const severityOf = ({ severity }) => {
 export const worst = (findings) =>
   SEVERITIES.find((one) => (findings ?? []).some((finding) => severityOf(finding) === one)) ?? "fine";
 
-const item = (finding) => make("li", { class: severityOf(finding) },
-  make("p", {}, make("span", { class: "offscreen" }, `${severityOf(finding)}: `), finding.message),
-  finding.remedy ? make("p", { class: "remedy" }, finding.remedy) : null);
+const kindOf = (finding) => [finding.code, severityOf(finding), finding.remedy].join("\n");
+
+/** Findings of one kind together, such as one an output, where the first of them stands. */
+function grouped(findings) {
+  const groups = new Map();
+  for (const finding of findings) {
+    groups.set(kindOf(finding), [...(groups.get(kindOf(finding)) ?? []), finding]);
+  }
+  return [...groups.values()];
+}
+
+const item = (alike) => make("li", { class: severityOf(alike[0]) },
+  alike.map(({ message }, at) => make("p", {},
+    at ? null : make("span", { class: "offscreen" }, `${severityOf(alike[0])}: `), message)),
+  alike[0].remedy ? make("p", { class: "remedy" }, alike[0].remedy) : null);
 
 /** An ordered list of findings, or null where there is none. */
 export const findingList = (findings) =>
-  (findings?.length ? make("ol", { class: "findings" }, findings.map(item)) : null);
+  (findings?.length ? make("ol", { class: "findings" }, grouped(findings).map(item)) : null);

@@ -11,6 +11,8 @@ import { percent, withError, withUnit } from "./numbers.js";
 import { listen, recordOf, shownModels, state, tell } from "./state.js";
 
 const HEIGHT = 300; // pixels of a picture
+const MOST_BESIDE = 2; // outputs that fit side by side into the narrowest panel
+const FITS = { "aria-label": "Fits on the other record" };
 const PANELS = [
   ["fit", "Fit", drawFit],
   ["residual", "Residual", drawResidual],
@@ -69,11 +71,16 @@ async function refresh() {
     await choosePair(models);
     fillHead(models);
     fillBeside(models, details);
+    for (const place of cards.values()) {
+      if (!place.plot.data) told(place, make("p", { class: "soft" }, "Being computed \u2026"));
+    }
     for (const [name, , drawing] of PANELS) {
+      const place = cards.get(name);
       const found = await Promise.all(models.map((model) =>
         panelOf(model.id, name, recordFor(model))));
       if (now !== turn) return;
-      await drawing(cards.get(name), models.map((model, at) => ({ model, data: found[at] })));
+      told(place);
+      await drawing(place, models.map((model, at) => ({ model, data: found[at] })));
     }
   });
 }
@@ -323,7 +330,7 @@ function fillBeside(models, details) {
     if (!row) return "\u2013";
     const [value, std] = withError(row.value, row.std);
     const unit = units(name).length > 1 ? ` ${row.unit}` : "";
-    return (std ? `${value} \u00b1 ${std}` : value) + unit;
+    return (std ? `${value} \u00b1\u00a0${std}` : value) + unit;
   };
   const fits = make("div", { "aria-live": "polite" });
   beside.classList.toggle("wide", models.length > 2);
@@ -345,9 +352,13 @@ const target = (models) =>
 async function compare(models, record, place) {
   await attempt(async () => {
     const found = await post("/compare", { models: models.map((one) => one.id), record });
-    fill(place, table(["", ...found.outputs.map((name) => `fit ${name}`)],
-      models.map((model, at) => [model.name, ...found.fits[at].map(percent)]),
-      { "aria-label": "Fits on the other record" }),
+    const upright = found.outputs.length <= MOST_BESIDE;
+    fill(place, upright
+      ? table(["", ...found.outputs.map((name) => `fit ${name}`)],
+        models.map((model, at) => [model.name, ...found.fits[at].map(percent)]), FITS)
+      : table(["fit of", ...models.map((model) => model.name)],
+        found.outputs.map((name, at) => [breakable(name),
+          ...found.fits.map((fits) => percent(fits[at]))]), FITS),
     make("p", {}, found.summary ?? ""));
     state.compared = { models: models.map((one) => one.id), record, ...found };
     tell("compared");

@@ -94,7 +94,7 @@ function parameters(title, rows) {
   return table(["coefficient [unit]", "value \u00b1 std error", "95 % from", "to"], rows.map((row) => {
     const [value, std] = withError(row.value, row.std);
     const status = USUAL.includes(row.status ?? "free") ? "" : `, ${row.status}`;
-    return [breakable(withUnit(row.name, row.unit) + status), std ? `${value} \u00b1 ${std}` : value,
+    return [breakable(withUnit(row.name, row.unit) + status), std ? `${value} \u00b1\u00a0${std}` : value,
       limit(row, row.low), limit(row, row.high)];
   }), { "aria-label": title, class: "coefficients" });
 }
@@ -130,5 +130,12 @@ async function drawFit(model, { outputs }) {
     return node;
   };
   fill(legend, swatch(colour("measured")), "measured ", swatch(modelColour(model)), "model ",
-    (model.fit ?? []).length ? `fit ${model.fit.map(percent).join(", ")}` : "");
+    fitsOf(outputs.map((one) => one.name), model.fit ?? []));
+}
+
+/** The fit of each output, by name where there are several. */
+function fitsOf(names, fits) {
+  if (!fits.length) return "";
+  const told = fits.map((fit, at) => (fits.length > 1 ? `${names[at]} ` : "") + percent(fit));
+  return `fit ${told.join(", ")}`;
 }

@@ -75,7 +75,7 @@ function folderFiles() {
       button(file.name, () => act.openFile(file.name, stated()),
         { class: "link", disabled: !file.readable, "data-key": `file ${file.name}`,
           title: file.readable ? `Open ${file.name}` : "Not a format that is read" }),
-      make("span", { class: "soft" }, ` ${size(file.bytes)}`))));
+      make("span", { class: "soft size" }, ` ${size(file.bytes)}`))));
   };
   return box;
 }
