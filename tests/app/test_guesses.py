@@ -46,6 +46,7 @@ def alike(kind, *names):
         (("iq_ref", "iq_cmd", "theta_m", "omega_m", "theta_l"), ["iq_cmd"], ["theta_m"],
          ["iq_ref"]),
         (("u", "y_current"), ["u"], ["y_current"], []),
+        (("rudder", "r", "u_m_s"), ["rudder"], ["r", "u_m_s"], []),
     ],
 )  # fmt: skip
 def test_names_tell(names, inputs, outputs, references):

@@ -513,8 +513,8 @@ def test_another_file_is_no_session(tmp_path):
         ("u_heater1,u_heater2,y_T1,y_T2", "input input output output"),
         ("u1,u2,r1,r2,y1,y2", "input input reference reference output output"),
         ("u_volt,y_pos,r_pos,u_pulse", "input output reference input"),
-        ("rudder,p,r,phi", "input output output output"),
-        ("elevator,u_m_s,w_m_s,q", "input output output output"),
+        ("rudder,p,r,phi", "input output unused unused"),
+        ("elevator,u_m_s,w_m_s,q", "input output unused unused"),
         ("iq_ref,iq,theta_m", "reference input output"),
     ],
 )

@@ -14,16 +14,14 @@ from tridentify.record.formats.series import Series
 Role = Literal["input", "output", "reference", "unused"]
 
 REFERENCE = re.compile(
-    r"^(r\d*|ref|reference|set_?point|sp|target|desired|demand)(_|\b)|"
+    r"^(ref|reference|set_?point|sp|target|desired|demand)(_|\b)|"
     r"(_|\b)(ref|sp|cmd_?ref|setpoint|target|desired|des)$",
     re.I,
 )
-OUTPUT = re.compile(r"^y(\d+|_|$)", re.I)
-"""What is called y is an output, whatever follows: y_current."""
 INPUT = re.compile(
-    r"^(u\d*|input\d*|in\d*|x_?in|cmd|command|delta.*|elev.*|ail.*|rud.*|thr.*|stick.*|flap.*|canard.*|"
+    r"^(u|input\d*|in\d*|x_?in|cmd|command|delta.*|elev.*|ail.*|rud.*|thr.*|stick.*|flap.*|canard.*|"
     r"volt.*|v_?in|pwm.*|duty.*|torque.*|force.*|current.*|heat.*|q\d+_?heater|valve.*|pump.*|"
-    r"power.*|motor.*|act.*|actuator.*|drive.*|load.*|steer.*|fuel.*|q1|q2)$|^u_|"
+    r"power.*|motor.*|act.*|actuator.*|drive.*|load.*|steer.*|fuel.*|q1|q2)$|"
     r"(_|\b)(cmd|command|input|in|valve|heater|pump|pwm|duty)\d*$",
     re.I,
 )
@@ -100,9 +98,9 @@ def _by_name(bare: str, lettered: bool) -> Role:
         return "unused"
     if REFERENCE.search(bare) or (lettered and LETTER_REFERENCE.search(bare)):
         return "reference"
-    if OUTPUT.search(bare):
+    if LETTER_OUTPUT.search(bare):
         return "output"
-    return "input" if INPUT.search(bare) else "output"
+    return "input" if INPUT.search(bare) or LETTER_INPUT.search(bare) else "output"
 
 
 def _moves(values: Array) -> bool:
