@@ -325,6 +325,10 @@ def test_models_are_compared_on_another_record(ask, made):
     assert found["fits"][0][0] > 95 > found["fits"][1][0]
     assert found["summary"].startswith("Model")
     assert "compare(" in found["python"]
+    ranges = [{"start": 2.0, "end": 6.0, "use": "validate"}]
+    ask.patch(f"/api/records/{other}", json={"ranges": ranges})
+    again = ask.post("/api/compare", json={"models": [made[1], simple], "record": other}).json()
+    assert again["summary"].startswith("On its range for validation, 2 to 6 s: Model")
 
 
 def test_a_model_on_the_range_for_validation(ask):

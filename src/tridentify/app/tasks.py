@@ -261,17 +261,27 @@ def compared(
     return {
         "outputs": list(found.output_names),
         "fits": [[number(fit) for fit in row] for row in panels.mean_fits(found)],
-        "summary": _summary(found, names),
+        "summary": _summary(found, names, _stretches(card)),
     }
 
 
-def _summary(found: Any, names: Sequence[str]) -> str:
+def _stretches(card: Card) -> str:
+    """What of a record is compared, in words."""
+    for use, said in (("validate", "for validation"), ("identify", "to identify")):
+        chosen = [one for one in card["ranges"] if one["use"] == use]
+        if chosen:
+            pieces = " and ".join(f"{one['start']:.5g} to {one['end']:.5g} s" for one in chosen)
+            return f"On its {'range' if len(chosen) == 1 else 'ranges'} {said}, {pieces}: "
+    return ""
+
+
+def _summary(found: Any, names: Sequence[str], where: str) -> str:
     rows = [float(np.mean(row)) for row in panels.mean_fits(found)]
     best = int(np.argmax(rows))
     if len(rows) == 1:
-        return f"{names[0]} follows this record to {rows[0]:.1f} %."
+        return f"{where}{names[0]} follows this record to {rows[0]:.1f} %."
     others = ", ".join(f"{names[k]} {fit:.1f} %" for k, fit in enumerate(rows) if k != best)
-    return f"{names[best]} follows this record best, to {rows[best]:.1f} %; {others}."
+    return f"{where}{names[best]} follows this record best, to {rows[best]:.1f} %; {others}."
 
 
 def export(
