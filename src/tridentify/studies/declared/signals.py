@@ -9,7 +9,6 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import scipy.signal
 
 from tridentify.errors import OptionError, TridentifyError
 from tridentify.excitation import Excitation, chirp, doublet, multisine, prbs, three_two_one_one
@@ -111,7 +110,9 @@ def drawn(noise: DeclaredNoise, rng: np.random.Generator, n_samples: int) -> Arr
     ar, ma = polynomials(noise)
     response = _impulse_response(noise)
     e = rng.standard_normal(n_samples + response.size)
-    v = scipy.signal.lfilter(ma, ar, e)[response.size :]
+    from scipy.signal import lfilter
+
+    v = lfilter(ma, ar, e)[response.size :]
     return np.asarray(v / np.sqrt(response @ response))
 
 
@@ -134,7 +135,9 @@ def autocorrelation(noise: DeclaredNoise, n_samples: int) -> Array:
     array([1.  , 0.5 , 0.25])
     """
     response = _impulse_response(noise)
-    both = scipy.signal.fftconvolve(response, response[::-1])[response.size - 1 :]
+    from scipy.signal import fftconvolve
+
+    both = fftconvolve(response, response[::-1])[response.size - 1 :]
     row = np.zeros(n_samples)
     size = min(n_samples, both.size)
     row[:size] = both[:size] / both[0]
@@ -164,4 +167,6 @@ def _impulse_response(noise: DeclaredNoise) -> Array:
             f"[noises.{noise.name}]: found ar with a root of size {slowest:.8g}; expected one that "
             f"is forgotten within {LONGEST_BURN_IN} samples; choose faster noise"
         )
-    return np.asarray(scipy.signal.lfilter(ma, ar, np.eye(1, size)[0]))
+    from scipy.signal import lfilter
+
+    return np.asarray(lfilter(ma, ar, np.eye(1, size)[0]))
