@@ -267,6 +267,8 @@ def test_roles_are_checked(ask):
 def test_advice_and_manoeuvres(ask, made):
     advice = ask.get(f"/api/records/{made[0]}/advice").json()
     assert "elevator" in advice["summary"]
+    assert dict(advice["facts"])["record"].startswith("400 samples")
+    assert isinstance(advice["notes"], list)
     assert advice["response"][0]["coherence"]
     found = ask.get(f"/api/records/{made[0]}/manoeuvres").json()
     assert found

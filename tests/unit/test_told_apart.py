@@ -11,6 +11,7 @@ import pytest
 from tridentify import Record, identify
 from tridentify.estimation.answer.trust import unusable
 from tridentify.judgement.causes.told_apart import laws, told_apart
+from tridentify.report.first_screen import headline_of, trust_of
 
 
 @cache
@@ -52,6 +53,9 @@ def test_a_plant_of_more_poles_than_the_controller_remembers_is_not_told():
     assert finding.severity == "error"
     assert "cannot tell a plant of 2 poles" in finding.message
     assert unusable(estimate, estimate.findings).startswith("Not usable")
+    headline, trust = (one(estimate, estimate.findings) for one in (headline_of, trust_of))
+    said = headline.removeprefix("Not usable: ").rstrip(".")
+    assert said not in trust
 
 
 def test_a_controller_with_memory_enough_is_a_warning():

@@ -67,7 +67,7 @@ def guessed(channels: Sequence[Series]) -> list[Role]:
             roles[k] = "input"
     if "output" not in roles and roles.count("input") > 1:
         roles[len(roles) - 1 - roles[::-1].index("input")] = "output"
-    return _few_outputs(roles, [one.channel.name for one in channels])
+    return _few_outputs(roles, names)
 
 
 def _few_outputs(roles: Sequence[Role], names: Sequence[str]) -> list[Role]:

@@ -157,6 +157,8 @@ def advice(say: Say, source: Source, card: Card) -> dict[str, Any]:
     found = advise(records)
     return {
         "summary": found.summary(),
+        "facts": [list(pair) for pair in found.facts()],
+        "notes": list(found.notes),
         "findings": findings(found.findings),
         "response": panels.measured(frequency_response(records)),
     }

@@ -10,12 +10,14 @@ import { note } from "./messages.js";
 export async function advise(record, place) {
   note("Looking at the record ...");
   await attempt(async () => {
-    const { summary, findings } = await get(`/records/${record.id}/advice`);
+    const { facts, notes, findings } = await get(`/records/${record.id}/advice`);
     note("");
     fill(place, make("div", { class: "row" }, make("h3", {}, "What the record says"),
       button("\u00d7", () => fill(place), { class: "quiet", "aria-label": "Close the advice" })),
-    findingList(findings),
-    // the findings stand above as a list: of the text, what comes after them
-    ...summary.split("\n\n").at(-1).split("\n").filter(Boolean).map((text) => make("p", {}, text)));
+    findingList(findings) ?? make("p", {}, "Nothing stands in the way of an estimate."),
+    make("div", { class: "scroll" }, make("table", { "aria-label": "What the record shows" },
+      make("tbody", {}, facts.map((pair) => make("tr", {},
+        pair.map((text) => make("td", {}, text))))))),
+    ...notes.map((text) => make("p", { class: "soft" }, text)));
   });
 }

@@ -38,7 +38,9 @@ SHORTEST_GAP, GAPS_IN_A_RECORD = 20, 100
 LONGEST_HOLD = 10
 """Gaps for which an input may be held off its usual level within a manoeuvre: what is held for
 longer is another level, at which the plant is at rest."""
-HALF = 0.5
+MOSTLY_HELD = 0.5
+"""Part of the samples between two moves that are off that level, from which it is held: more of
+them are than not."""
 MOST_OFFERED = 50
 """The best ones."""
 LONGEST_MEASURED = 20_000
@@ -183,7 +185,8 @@ def _pieces(
         [
             k
             for k in apart
-            if at[k + 1] - at[k] > LONGEST_HOLD * width or np.mean(held[at[k] : at[k + 1]]) < HALF
+            if at[k + 1] - at[k] > LONGEST_HOLD * width
+            or np.mean(held[at[k] : at[k + 1]]) < MOSTLY_HELD
         ],
         dtype=np.intp,
     )

@@ -23,8 +23,6 @@ from tridentify.record.record import Record
 CANCELS = "a pole and a zero cancel within their errors"
 """Said by a covariance; the likelihood may refute it (`rule.refuted`)."""
 
-AT_ORIGIN = "a pole at the origin"
-
 VAGUE, KNOWN_TO = "poles not determined", " known to "
 
 HALF = 0.5
@@ -82,11 +80,13 @@ def slowest(estimate: Estimate, longest: float) -> str:
     decay = slowest_decay(estimate, longest)
     if decay >= 1.0 / MANY_RECORDS:
         return ""
-    return f"a time constant {1.0 / decay:.2g} times the record" if decay >= 1e-6 else AT_ORIGIN
+    if decay < 1e-6:
+        return "a pole at the origin"
+    return f"a time constant {1.0 / decay:.2g} times the record"
 
 
 def slowest_decay(estimate: Estimate, longest: float) -> float:
-    """What the slowest pole moves over the record: its magnitude times the duration."""
+    """Magnitude of the slowest pole [rad/s] times the duration ``longest`` [s] of the record."""
     rates = np.concatenate([np.abs(np.roots(den)) for row in estimate.model.den for den in row])
     return float(np.min(rates, initial=np.inf)) * longest
 

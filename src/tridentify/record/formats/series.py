@@ -36,6 +36,12 @@ class Thinned(NamedTuple):
     thinned: bool
 
 
+CLOCK_NAMES = frozenset({"t", "time", "timestamp"})
+"""What logs call their own clock where they list it as a channel."""
+SAME_INSTANT = 1e-6
+"""Part of the record by which a clock may differ from the instants that were read from it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Series:
     """One channel over time.
@@ -151,7 +157,7 @@ def read_series(path: Contents, *, dt: float | None = None) -> tuple[Series, ...
             if channel in clocks or len(values) < 2:
                 continue
             t = _instants(source, channel, clocks, numbers, dt)
-            if t is not None and len(t) == len(values):
+            if t is not None and len(t) == len(values) and not _is_clock(channel, t, values):
                 found.append(Series(channel, t, values))
     if not found:
         raise SamplingError(
@@ -159,6 +165,15 @@ def read_series(path: Contents, *, dt: float | None = None) -> tuple[Series, ...
             "time, a clock in the file, or dt; name the column of time t, or give dt [s]"
         )
     return tuple(found)
+
+
+def _is_clock(channel: Channel, t: Array, values: Array) -> bool:
+    """Whether a channel with a clock is that clock itself, in whatever unit it counts."""
+    name = channel.name.rpartition(".")[2].casefold()
+    if not channel.clock or name not in CLOCK_NAMES:
+        return False
+    since, own = t - t[0], values - values[0]
+    return bool(own[-1] > 0.0 and np.allclose(own / own[-1], since / since[-1], atol=SAME_INSTANT))
 
 
 def _instants(

@@ -102,6 +102,8 @@ def drawn(noise: DeclaredNoise, rng: np.random.Generator, n_samples: int) -> Arr
     >>> drawn(noise, np.random.default_rng(0), 4).shape
     (4,)
     """
+    from scipy.signal import lfilter
+
     if noise.kind == WHITE:
         return rng.standard_normal(n_samples)
     if noise.kind == STUDENT:
@@ -110,8 +112,6 @@ def drawn(noise: DeclaredNoise, rng: np.random.Generator, n_samples: int) -> Arr
     ar, ma = polynomials(noise)
     response = _impulse_response(noise)
     e = rng.standard_normal(n_samples + response.size)
-    from scipy.signal import lfilter
-
     v = lfilter(ma, ar, e)[response.size :]
     return np.asarray(v / np.sqrt(response @ response))
 
@@ -134,9 +134,9 @@ def autocorrelation(noise: DeclaredNoise, n_samples: int) -> Array:
     >>> autocorrelation(noise, 3)
     array([1.  , 0.5 , 0.25])
     """
-    response = _impulse_response(noise)
     from scipy.signal import fftconvolve
 
+    response = _impulse_response(noise)
     both = fftconvolve(response, response[::-1])[response.size - 1 :]
     row = np.zeros(n_samples)
     size = min(n_samples, both.size)
@@ -153,6 +153,8 @@ def polynomials(noise: DeclaredNoise) -> tuple[Array, Array]:
 @cache
 def _impulse_response(noise: DeclaredNoise) -> Array:
     """Until it is forgotten."""
+    from scipy.signal import lfilter
+
     ar, ma = polynomials(noise)
     slowest = float(np.max(np.abs(np.roots(ar)), initial=0.0))
     if slowest >= 1.0:
@@ -167,6 +169,4 @@ def _impulse_response(noise: DeclaredNoise) -> Array:
             f"[noises.{noise.name}]: found ar with a root of size {slowest:.8g}; expected one that "
             f"is forgotten within {LONGEST_BURN_IN} samples; choose faster noise"
         )
-    from scipy.signal import lfilter
-
     return np.asarray(lfilter(ma, ar, np.eye(1, size)[0]))
