@@ -67,8 +67,10 @@ if TYPE_CHECKING:
     from tridentify.judgement.comparison import Comparison, compare
     from tridentify.judgement.selection import Selection, select_structure
     from tridentify.judgement.validation import Validation, validate
+    from tridentify.options import from_options, list_options
     from tridentify.record.formats.frames import frame_from_record, record_from_frame
     from tridentify.record.formats.read import list_channels, read_record, read_records
+    from tridentify.record.formats.roles import guess_roles
     from tridentify.record.formats.series import read_series
     from tridentify.record.long_record import LongRecord, open_record
     from tridentify.record.record import Record
@@ -121,8 +123,11 @@ __all__ = [
     "fleet",
     "frame_from_record",
     "frequency_response",
+    "from_options",
+    "guess_roles",
     "identify",
     "list_channels",
+    "list_options",
     "online",
     "open_record",
     "physical",
@@ -177,8 +182,11 @@ _HOME = {
     "compare": "judgement.comparison",
     "frame_from_record": "record.formats.frames",
     "frequency_response": "judgement.advice",
+    "from_options": "options",
+    "guess_roles": "record.formats.roles",
     "identify": "identify",
     "list_channels": "record.formats.read",
+    "list_options": "options",
     "open_record": "record.long_record",
     "read_record": "record.formats.read",
     "read_records": "record.formats.read",

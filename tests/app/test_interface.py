@@ -18,9 +18,9 @@ pytest.importorskip("httpx2", reason="httpx2, which asks the server in tests, is
 from fastapi.testclient import TestClient
 
 from tridentify.app.bench import Bench
-from tridentify.app.guesses import guessed
 from tridentify.app.server import Settings, create
 from tridentify.app.session import Session
+from tridentify.record.formats.roles import guess_roles
 from tridentify.record.formats.series import read_series
 
 TOKEN, PORT = "token-of-the-tests", 8123
@@ -344,7 +344,7 @@ def test_a_model_on_the_range_for_validation(ask):
     detail = ask.get(f"/api/models/{model}").json()
     assert detail["validation_fit"][0] > 95
     assert ".slice(0.0, 12.0)" in detail["python"]
-    assert "--stop 12.0" in detail["command_line"]
+    assert "--to 12.0" in detail["command_line"]
     (fit,) = ask.get(f"/api/models/{model}/panel/fit").json()["outputs"]
     assert fit["time"][-1] == pytest.approx(12.0)
 
@@ -528,4 +528,6 @@ def test_roles_are_guessed_from_names_and_their_company(names, roles):
     rng = np.random.default_rng(6)
     rows = np.column_stack([0.1 * np.arange(80), rng.standard_normal((80, names.count(",") + 1))])
     text = f"t,{names}\n" + "\n".join(",".join(map(repr, row)) for row in rows.tolist())
-    assert guessed(read_series(text.encode())) == roles.split()
+    found = read_series(text.encode())
+    guessed = guess_roles([one.channel.name for one in found], [one.values for one in found])
+    assert guessed == roles.split()

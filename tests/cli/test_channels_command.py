@@ -41,7 +41,7 @@ def test_channels_are_listed(run, file: Path) -> None:
     outcome = run("channels", file)
     assert outcome.code == 0
     rows = [line.split() for line in outcome.out.splitlines()]
-    assert ["u", "[deg]", "deg", "-1", "1", "0", "0"] in rows
+    assert ["u", "[deg]", "deg", "-1", "1", "0", "0", "input"] in rows
     assert outcome.out.startswith(f"{file.name}: 200 samples, 0 to 9.95 s, every 0.05 s")
 
 
@@ -52,8 +52,8 @@ def test_what_is_missing_uneven_or_no_number_is_told(run, tmp_path: Path) -> Non
     assert "unevenly: steps of 1 to 2 s" in " ".join(outcome.out.split())
     rows = {line.split()[0]: line.split()[1:] for line in outcome.out.splitlines() if line.strip()}
     assert rows["mode"] == ["no", "numbers"]
-    assert rows["u"] == ["1", "2", "1.5", "2"]
-    assert rows["y"] == ["[deg]", "deg", "-3", "7", "2", "1"]
+    assert rows["u"] == ["1", "2", "1.5", "2", "input"]
+    assert rows["y"] == ["[deg]", "deg", "-3", "7", "2", "1", "output"]
     document = json.loads(run("channels", path, "--json").out)
     assert document["clocks"][0] == {
         "clock": "", "samples": 4, "start": 0.0, "stop": 4.0, "shortest": 1.0, "longest": 2.0,
@@ -114,6 +114,8 @@ def test_channels_as_json(run, file: Path, columns) -> None:
         "minimum": pytest.approx(float(columns["y [deg/s]"].min()), abs=1e-9),
         "maximum": pytest.approx(float(columns["y [deg/s]"].max()), abs=1e-9),
         "mean": pytest.approx(float(columns["y [deg/s]"].mean()), abs=1e-9),
+        "std": pytest.approx(float(columns["y [deg/s]"].std()), abs=1e-9),
+        "role": "output",
         "rate": pytest.approx(20.0),
     }
 
@@ -185,3 +187,13 @@ def test_a_name_cannot_steer_the_terminal(run, tmp_path: Path) -> None:
     assert outcome.code == 0
     assert "\x1b[31m" not in outcome.out
     assert "x1b[31mred" in outcome.out
+
+
+def test_without_channels_the_likely_ones_are_named(run, file: Path) -> None:
+    for command in ("identify", "select", "advise"):
+        outcome = run(command, file)
+        assert outcome.code == 2
+        assert "found no --input and no --output" in outcome.err
+        assert "perhaps --input u --output y;" in " ".join(outcome.err.split())
+    outcome = run("identify", file, "--input", "u", "--poles", 1)
+    assert "found no --output; expected" in outcome.err

@@ -26,7 +26,13 @@ def model(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "begins"),
-    [("plant.m", b"%"), ("plant.mat", b"MATLAB 5.0"), ("copy.json", b"{"), ("plant.h", b"/*")],
+    [
+        ("plant.m", b"%"),
+        ("plant.mat", b"MATLAB 5.0"),
+        ("copy.json", b"{"),
+        ("plant.h", b"/*"),
+        ("plant.py", b'"""A continuous'),
+    ],
 )
 def test_every_kind_of_file_is_written(run, model, tmp_path, name, begins):
     options = ["--dt", 0.01] if name.endswith(".h") else []
@@ -34,6 +40,18 @@ def test_every_kind_of_file_is_written(run, model, tmp_path, name, begins):
     assert outcome.code == 0, outcome.err
     assert (tmp_path / "out" / name).read_bytes().startswith(begins)
     assert name in outcome.out
+
+
+def test_a_table_is_of_an_estimate(run, model, noisy, tmp_path):
+    refused = run("export", model, tmp_path / "plant.csv")
+    assert refused.code == 2
+    assert "found a model without standard errors" in refused.err
+    record = read_record(noisy, time="t", inputs=["elevator"], outputs=["q"])
+    estimate = identify(record, Structure(2, 1, initial_state="rest"), OutputError())
+    saved = estimate.save(tmp_path / "model.json")
+    assert run("export", saved, tmp_path / "plant.csv").code == 0
+    rows = (tmp_path / "plant.csv").read_text().splitlines()
+    assert [row.split(",")[0] for row in rows[1:]] == list(estimate.names)
 
 
 def test_an_estimate_becomes_c(run, noisy, tmp_path):
@@ -54,8 +72,8 @@ def test_an_estimate_becomes_c(run, noisy, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["plant.json", "plant.txt"], ".mat, .m, .h or .json"),
-        (["plant.json", "plant.c"], ".mat, .m, .h or .json"),
+        (["plant.json", "plant.txt"], ".mat, .m, .h, .py, .csv or .json"),
+        (["plant.json", "plant.c"], ".mat, .m, .h, .py, .csv or .json"),
         (["plant.json", "plant.h"], "--dt"),
         (["plant.json", "plant.mat", "--dt", "0.1"], "leave it out"),
         (["nothing.json", "plant.m"], "nothing.json"),

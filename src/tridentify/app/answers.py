@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.app.lines import model_in_python, model_in_shell, record_in_python
-from tridentify.app.options import MAPS, known_parameters, method_of
+from tridentify.app.lines import columns_of, model_in_python, model_in_shell
 from tridentify.app.plain import findings, number
 from tridentify.app.sources import pieces
 from tridentify.errors import TridentifyError
@@ -17,7 +16,8 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.parameter import Parameter
 from tridentify.judgement.comparison import compare
 from tridentify.judgement.validation import validate
-from tridentify.physical import PhysicalModel, estimate_physical
+from tridentify.options import known_parameters, method_of
+from tridentify.physical import MODELS, estimate_physical
 from tridentify.record.record import Record
 from tridentify.report.first_screen import NUMBERS, headline_of, trust_of
 from tridentify.uncertainty import derived
@@ -53,7 +53,7 @@ def described(
         "parameters": [_row(one) for one in estimate.parameters.values()],
         "derived": [_row(one) for one in derived(estimate)],
         "physical": physical,
-        "python": f"{record_in_python(card)}\n\n{model_in_python(card, chosen)}",
+        "python": model_in_python(card, chosen),
         "command_line": model_in_shell(card, chosen),
         "judging": False,
         "validation_fit": fits,
@@ -116,14 +116,14 @@ def _physical(
     """Parameters of the map that is asked for, and why where there are none."""
     if chosen["physical"] == "none" or record is None:
         return None, ""
-    model = MAPS[chosen["physical"]]()
+    model = MODELS[chosen["physical"]]()
     try:
         found = estimate_physical(
             model,
             pieces(record, card, "identify"),
             method_of({**chosen, "loss": "squared"}),
             known=known_parameters(chosen),
-            channels=_channels(model, record),
+            channels=columns_of(model, record.input_names, record.output_names),
         )
     except TridentifyError as error:
         return None, f"The map {chosen['physical']} gives nothing: {error}."
@@ -143,16 +143,3 @@ def _physical_row(one: Parameter) -> dict[str, Any]:
         return _row(one)
     none = dict.fromkeys(("value", "std", "low", "high"))
     return {"name": one.name, **none, "unit": one.unit, "status": "not determined"}
-
-
-def _channels(model: PhysicalModel, record: Record) -> dict[str, str]:
-    """Channels of a map by their own name where the record has it, the others in order."""
-    found: dict[str, str] = {}
-    for ours, theirs in (
-        (model.input_names, record.input_names),
-        (model.output_names, record.output_names),
-    ):
-        named = [name for name in ours if name in theirs]
-        rest = iter([name for name in theirs if name not in named])
-        found |= {name: name if name in named else next(rest, name) for name in ours}
-    return found

@@ -11,11 +11,11 @@ from typing import Any
 
 from tridentify.app import lines
 from tridentify.app.jobs import Job, Jobs
-from tridentify.app.options import checked, method_of, structure_of, words_of
 from tridentify.app.safety import inside
 from tridentify.app.session import Session, State
 from tridentify.app.workers import TaskError, Worker
 from tridentify.errors import DataError, OptionError, TridentifyError, shown
+from tridentify.options import checked, method_of, structure_of, words_of
 from tridentify.structure import AutoStructure
 
 Card = dict[str, Any]

@@ -1,10 +1,12 @@
-"""A model as files of other programs, made in a folder of their own and handed over as bytes."""
+"""A model as a file that the browser saves: its name, its media type, its bytes."""
 
 from __future__ import annotations
 
+import io
 import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 
@@ -13,12 +15,13 @@ import numpy as np
 from tridentify.checks.samples import typical_step
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.export import write_c_header, write_matlab
+from tridentify.export import to_bytes
 from tridentify.record.record import Record
 from tridentify.report import write_report
 from tridentify.uncertainty import poles
 
 Records = Sequence[Record] | None
+Content = Callable[[Estimate, Records, str], bytes]
 PER_MODE = 20.0
 """Steps of a filter in C per time constant of the fastest pole, where no record tells a step."""
 
@@ -49,55 +52,26 @@ def exported(estimate: Estimate, records: Records, kind: str, name: str) -> tupl
         raise OptionError(
             f"found the file {shown(kind)}; expected one of {', '.join(KINDS)}; choose one"
         )
-    ending, media, write = KINDS[kind]
+    ending, media, content = KINDS[kind]
     file = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_") or "model"
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder, f"{file}{ending}")
-        write(estimate, records, path)
-        return path.name, media, path.read_bytes()
+    return f"{file}{ending}", media, content(estimate, records, file)
 
 
-def _json(estimate: Estimate, records: Records, path: Path) -> None:
-    estimate.save(path)
+def _written(ending: str, estimate: Estimate, records: Records, name: str) -> bytes:
+    return to_bytes(estimate, ending, dt=_step(estimate, records), name=name)
 
 
-def _matlab(estimate: Estimate, records: Records, path: Path) -> None:
-    write_matlab(estimate, path)
-
-
-def _c(estimate: Estimate, records: Records, path: Path) -> None:
+def _step(estimate: Estimate, records: Records) -> float:
     fastest = float(np.max(np.abs(poles(estimate).roots), initial=1.0))
-    dt = typical_step(records[0].t) if records else 1.0 / (PER_MODE * fastest)
-    write_c_header(estimate, dt, path)
+    return typical_step(records[0].t) if records else 1.0 / (PER_MODE * fastest)
 
 
-def _control(estimate: Estimate, records: Records, path: Path) -> None:
-    model = estimate.model
-    num, den = (
-        [[list(map(float, cell)) for cell in row] for row in of] for of in (model.num, model.den)
-    )
-    delays = [[float(value) for value in row] for row in np.asarray(model.delay)]
-    lines = [
-        '"""A model for python-control."""',
-        "",
-        "import control",
-        "",
-        f"num = {num!r}",
-        f"den = {den!r}",
-        f"delay = {delays!r}  # seconds, not part of the transfer function",
-        "model = control.TransferFunction(num, den)",
-        f"model.input_labels = {list(estimate.input_names)!r}",
-        f"model.output_labels = {list(estimate.output_names)!r}",
-        "",
-    ]
-    path.write_text("\n".join(lines), encoding="utf-8")
+def _report(estimate: Estimate, records: Records, name: str) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        return write_report(estimate, list(records or ()), Path(folder, "report.html")).read_bytes()
 
 
-def _report(estimate: Estimate, records: Records, path: Path) -> None:
-    write_report(estimate, list(records or ()), path)
-
-
-def _figure(estimate: Estimate, records: Records, path: Path) -> None:
+def _figure(estimate: Estimate, records: Records, name: str) -> bytes:
     import matplotlib as mpl
 
     mpl.use("Agg")
@@ -107,29 +81,21 @@ def _figure(estimate: Estimate, records: Records, path: Path) -> None:
 
     figure = plot_fit(estimate, (records or ())[0])[0].get_figure(root=True)
     assert figure is not None
-    figure.savefig(path, format="svg")
+    content = io.BytesIO()
+    figure.savefig(content, format="svg")
     plt.close("all")
+    return content.getvalue()
 
 
-def _table(estimate: Estimate, records: Records, path: Path) -> None:
-    rows = ["name,value,standard error,95 % from,to,unit"]
-    for one in estimate.parameters.values():
-        low, high = one.interval(0.95)
-        rows.append(f"{one.name},{one.value!r},{one.std!r},{low!r},{high!r},{one.unit}")
-    path.write_text("\n".join(rows) + "\n", encoding="utf-8")
-
-
-Write = Callable[[Estimate, Records, Path], None]
-
-KINDS: Mapping[str, tuple[str, str, Write]] = MappingProxyType(
+KINDS: Mapping[str, tuple[str, str, Content]] = MappingProxyType(
     {
-        "json": (".json", "application/json", _json),
-        "matlab": (".m", "text/plain", _matlab),
-        "c": (".h", "text/plain", _c),
-        "control": (".py", "text/x-python", _control),
+        "json": (".json", "application/json", partial(_written, ".json")),
+        "matlab": (".m", "text/plain", partial(_written, ".m")),
+        "c": (".h", "text/plain", partial(_written, ".h")),
+        "control": (".py", "text/x-python", partial(_written, ".py")),
         "report": (".html", "text/html", _report),
         "figure": (".svg", "image/svg+xml", _figure),
-        "table": (".csv", "text/csv", _table),
+        "table": (".csv", "text/csv", partial(_written, ".csv")),
     }
 )
-"""What a model can leave as: ending, media type, writer."""
+"""What a model can leave as: ending, media type, content."""

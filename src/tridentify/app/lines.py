@@ -2,12 +2,27 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tridentify.app.options import DEFAULTS, checked, method_of, structure_of
-from tridentify.structure import AutoStructure
+from tridentify.options import (
+    DEFAULTS,
+    GIVEN_TO_METHOD,
+    checked,
+    known_parameters,
+    list_options,
+    method_of,
+    structure_of,
+)
+from tridentify.physical import MODELS, PhysicalModel
+from tridentify.structure import AutoStructure, Structure
+
+SWITCHES = {one.name: one.switch for one in list_options()}
+PLAIN_TERMS = ("delay", "offset", "drift", "initial_state")
+KNOWLEDGE = ("fixed", "bounds", "priors")
+IN_STRUCTURE = (*PLAIN_TERMS, *KNOWLEDGE)
 
 
 def _arguments(values: Mapping[str, Any]) -> str:
@@ -20,14 +35,14 @@ def _path(card: Mapping[str, Any]) -> str:
 
 def record_in_python(card: Mapping[str, Any]) -> str:
     """Lines that make the records which a card describes."""
-    between = {} if card["intersample"] == "auto" else {"intersample": card["intersample"]}
+    behaviour = {} if card["intersample"] == "auto" else {"intersample": card["intersample"]}
     references = {"references": card["references"]} if card["references"] else {}
     step = {"dt": card["given_dt"]} if card.get("given_dt") else {}
-    asked = {"inputs": card["inputs"], "outputs": card["outputs"], **references, **between, **step}
+    roles = {"inputs": card["inputs"], "outputs": card["outputs"], **references}
     lines = [
         "from tridentify import read_record",
         "",
-        f"record = read_record({_path(card)!r}, {_arguments(asked)})",
+        f"record = read_record({_path(card)!r}, {_arguments({**roles, **behaviour, **step})})",
     ]
     for one in card["bad"]:
         start, end = (card["t0"] + one[side] for side in ("start", "end"))
@@ -49,6 +64,7 @@ def record_in_shell(card: Mapping[str, Any]) -> str:
 
 
 def _source(card: Mapping[str, Any]) -> list[str]:
+    """Files, channels and the range of a command; several ranges are several commands' work."""
     words = [_path(card)]
     for option, role in (
         ("--input", "inputs"),
@@ -57,62 +73,135 @@ def _source(card: Mapping[str, Any]) -> list[str]:
     ):
         for name in card[role]:
             words += [option, name]
+    return words + _sampling(card)
+
+
+def _sampling(card: Mapping[str, Any]) -> list[str]:
+    words: list[str] = []
     if card["intersample"] != "auto":
         words += ["--intersample", card["intersample"]]
     if card.get("given_dt"):
         words += ["--dt", repr(card["given_dt"])]
-    ranges = [one for one in card["ranges"] if one["use"] == "identify"]
+    ranges = _identified(card)
     if len(ranges) == 1:
-        words += ["--start", repr(card["t0"] + ranges[0]["start"])]
-        words += ["--stop", repr(card["t0"] + ranges[0]["end"])]
+        words += ["--from", repr(card["t0"] + ranges[0]["start"])]
+        words += ["--to", repr(card["t0"] + ranges[0]["end"])]
     return words
 
 
+def _identified(card: Mapping[str, Any]) -> list[Any]:
+    return [one for one in card["ranges"] if one["use"] == "identify"]
+
+
+def between(card: Mapping[str, Any], chosen: Mapping[str, str]) -> Mapping[str, Any]:
+    """The card with what an estimate takes the input for between its samples."""
+    if chosen["intersample"] == "as the record":
+        return card
+    return {**card, "intersample": chosen["intersample"]}
+
+
 def model_in_python(card: Mapping[str, Any], options: Mapping[str, Any]) -> str:
-    """Lines that estimate the model again."""
+    """Lines that read the record and estimate the model again, with its physical map."""
     chosen = checked(options)
     structure, method = structure_of(chosen), method_of(chosen)
     if isinstance(structure, AutoStructure):
-        asked = "Structure.auto()"
+        asked = f"Structure.auto({_arguments(_terms(structure.template, chosen))})"
     else:
-        terms = {
-            name: getattr(structure, name)
-            for name in ("delay", "offset", "drift", "initial_state", "fixed", "bounds", "priors")
-            if chosen[name] != DEFAULTS[name]
-        }
-        plain = {k: dict(v) if isinstance(v, Mapping) else v for k, v in terms.items()}
         orders = {"poles": structure.poles, "zeros": structure.zeros}
-        asked = f"Structure({_arguments({**orders, **plain})})"
-    of = "pieces" if any(one["use"] == "identify" for one in card["ranges"]) else "record"
+        asked = f"Structure({_arguments({**orders, **_terms(structure, chosen)})})"
+    of = "pieces" if _identified(card) else "record"
     name = type(method).__name__
-    given = {key: chosen[key] for key in ("noise", "loss", "route") if chosen[key] != DEFAULTS[key]}
-    return "\n".join(
-        [
-            f"from tridentify import Structure, {name}, identify",
+    given = {key: chosen[key] for key in GIVEN_TO_METHOD if chosen[key] != DEFAULTS[key]}
+    lines = [
+        record_in_python(between(card, chosen)),
+        "",
+        f"from tridentify import Structure, {name}, identify",
+        "",
+        f"estimate = identify({of}, {asked}, {name}({_arguments(given)}))",
+        "print(estimate.summary())",
+    ]
+    if chosen["physical"] != "none":
+        lines += [
             "",
-            f"estimate = identify({of}, {asked}, {name}({_arguments(given)}))",
-            "print(estimate.summary())",
+            "from tridentify.physical import MODELS, estimate_physical",
+            "",
+            f"model = MODELS[{chosen['physical']!r}]()",
+            f"known = {known_parameters(chosen)!r}",
+            f"channels = {_columns(chosen['physical'], card)!r}",
+            f"print(estimate_physical(model, {of}, known=known, channels=channels).summary())",
         ]
-    )
+    return "\n".join(lines)
+
+
+def _terms(structure: Structure, chosen: Mapping[str, str]) -> dict[str, Any]:
+    terms = {name: getattr(structure, name) for name in IN_STRUCTURE if _differs(chosen, name)}
+    return {name: dict(one) if isinstance(one, Mapping) else one for name, one in terms.items()}
+
+
+def _differs(chosen: Mapping[str, str], name: str) -> bool:
+    return chosen[name] != DEFAULTS[name]
 
 
 def model_in_shell(card: Mapping[str, Any], options: Mapping[str, Any]) -> str:
-    """A command line that estimates the model again; several ranges are several commands' work."""
+    """A command line that estimates the model again, and one for its physical map."""
     chosen = checked(options)
-    words = ["tridentify", "identify", *_source(card)]
+    own = between(card, chosen)
+    words = ["tridentify", "identify", *_source(own)]
     if chosen["poles"] != "auto":
         zeros = int(chosen["poles"]) - 1 if chosen["zeros"] == "auto" else int(chosen["zeros"])
         words += ["--poles", chosen["poles"], "--zeros", str(zeros)]
-    names = {"initial_state": "--initial-state"}
-    for name in ("delay", "offset", "drift", "initial_state", "noise", "loss", "method", "route"):
-        if chosen[name] != DEFAULTS[name]:
-            words += [names.get(name, f"--{name}"), chosen[name]]
-    for name, option in (("fixed", "--fix"), ("bounds", "--bound"), ("priors", "--prior")):
-        for part in filter(None, (one.strip() for one in chosen[name].split(","))):
-            words += [option, part]
-    line = shlex.join(words)
-    several = len([one for one in card["ranges"] if one["use"] == "identify"]) > 1
-    return f"# several ranges: one file each, then\n{line}" if several else line
+    for name in (*PLAIN_TERMS, *GIVEN_TO_METHOD, "method"):
+        if _differs(chosen, name):
+            words += [SWITCHES[name], chosen[name]]
+    for name in KNOWLEDGE:
+        words += _each(name, chosen)
+    lines = [shlex.join(words)]
+    if chosen["physical"] != "none":
+        lines.append(_physical_in_shell(own, chosen))
+    return "\n".join([*_left_out(card), *lines])
+
+
+def _each(name: str, chosen: Mapping[str, str]) -> list[str]:
+    """A switch before every part of a text that names several."""
+    parts = filter(None, (one.strip() for one in re.split(r"[,;]", chosen[name])))
+    return [word for part in parts for word in (SWITCHES[name], part.replace(" ", ""))]
+
+
+def _left_out(card: Mapping[str, Any]) -> list[str]:
+    """What of the record a command line cannot say, as comments."""
+    said = []
+    if len(_identified(card)) > 1:
+        said.append("# several ranges are experiments of their own: in Python, or a file each")
+    if card["bad"]:
+        said.append("# the bad samples are left out in Python only")
+    return said
+
+
+def _physical_in_shell(card: Mapping[str, Any], chosen: Mapping[str, str]) -> str:
+    model = MODELS[chosen["physical"]]()
+    columns = _columns(chosen["physical"], card)
+    words = ["tridentify", "physical", _path(card), "--model", chosen["physical"]]
+    for option, names in (("--input", model.input_names), ("--output", model.output_names)):
+        for name in names:
+            words += [option, f"{name}={columns[name]}"]
+    return shlex.join([*words, *_sampling(card), *_each("known", chosen)])
+
+
+def _columns(name: str, card: Mapping[str, Any]) -> dict[str, str]:
+    """Columns of the channels of a map; see `columns_of`."""
+    return columns_of(MODELS[name](), card["inputs"], card["outputs"])
+
+
+def columns_of(
+    model: PhysicalModel, inputs: Sequence[str], outputs: Sequence[str]
+) -> dict[str, str]:
+    """Channels of a map by their own name where the record has it, the others in order."""
+    found: dict[str, str] = {}
+    for ours, theirs in ((model.input_names, inputs), (model.output_names, outputs)):
+        named = [name for name in ours if name in theirs]
+        rest = iter([name for name in theirs if name not in named])
+        found |= {name: name if name in named else next(rest, name) for name in ours}
+    return found
 
 
 def compare_in_python(cards: Sequence[Mapping[str, Any]], record: Mapping[str, Any]) -> str:

@@ -17,10 +17,10 @@ from fastapi.responses import FileResponse, Response, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
 from tridentify.app.bench import Bench, MissingError, refusal
-from tridentify.app.options import OPTIONS
 from tridentify.app.panels import PANELS
 from tridentify.app.safety import Guard, problem
 from tridentify.errors import TridentifyError
+from tridentify.options import OPTIONS
 
 TICK = 0.3
 """Seconds between two looks for what another tab changed."""
@@ -212,7 +212,7 @@ def session(bench: Bench) -> APIRouter:
 
     @router.get("/options")
     def options() -> list[dict[str, Any]]:
-        return [one.document() for one in OPTIONS]
+        return [one.to_dict() for one in OPTIONS]
 
     @router.post("/undo")
     def undo() -> dict[str, Any]:

@@ -14,8 +14,7 @@ import numpy as np
 from tridentify.app import panels, sources
 from tridentify.app.answers import described
 from tridentify.app.exports import exported
-from tridentify.app.guesses import guessed
-from tridentify.app.options import checked, method_of, structure_of, words_of
+from tridentify.app.lines import between
 from tridentify.app.plain import findings, listed, number
 from tridentify.errors import ConstantInputError, DataError, EmptyRangeError, UnreadableFileError
 from tridentify.estimation.answer.encoding.values import encode
@@ -23,7 +22,9 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.identify import identify
 from tridentify.judgement.advice import advise, find_manoeuvres, frequency_response
 from tridentify.judgement.comparison import compare
+from tridentify.options import checked, method_of, structure_of, words_of
 from tridentify.record.formats.read import list_channels
+from tridentify.record.formats.roles import guess_roles
 from tridentify.record.formats.series import Series
 
 Say = Callable[[float, str], None]
@@ -47,7 +48,7 @@ def opened(say: Say, source: Source) -> dict[str, Any]:
             "found no channel of numbers; expected at least two; choose another file"
         )
     longest = max(found, key=lambda one: one.t.size)
-    roles = guessed(found)
+    roles = guess_roles([one.channel.name for one in found], [one.values for one in found])
     names = _told_apart(found)
     return {
         "n_samples": int(longest.t.size),
@@ -75,17 +76,12 @@ def _told_apart(found: Sequence[Series]) -> list[str]:
 
 
 def _channel(name: str, one: Series, role: str) -> dict[str, Any]:
-    seen = one.values[np.isfinite(one.values)]
-    numbers = (
-        {"minimum": seen.min(), "maximum": seen.max(), "mean": seen.mean(), "std": seen.std()}
-        if seen.size
-        else dict.fromkeys(("minimum", "maximum", "mean", "std"), float("nan"))
-    )
+    found = one.summary()
     return {
         "name": name,
         "unit": one.channel.unit,
-        **{key: number(float(value)) for key, value in numbers.items()},
-        "missing": one.missing,
+        **{key: number(getattr(found, key)) for key in ("minimum", "maximum", "mean", "std")},
+        "missing": found.missing,
         "guess": role,
     }
 
@@ -168,7 +164,7 @@ def estimated(say: Say, source: Source, card: Card, options: Mapping[str, Any]) 
     """An estimate of the ranges of a record that are identified."""
     chosen = checked(options)
     structure, method = structure_of(chosen), method_of(chosen)
-    record = sources.whole(source, _between(card, chosen))
+    record = sources.whole(source, between(card, chosen))
     records = sources.pieces(record, card, "identify")
     for one in records:
         _check_moved(one)
@@ -180,12 +176,6 @@ def estimated(say: Say, source: Source, card: Card, options: Mapping[str, Any]) 
         "structure": words_of(found.structure),
         "fit": [number(fit) for fit in found.fit.tolist()],
     }
-
-
-def _between(card: Card, chosen: Mapping[str, str]) -> Card:
-    if chosen["intersample"] == "as the record":
-        return card
-    return {**card, "intersample": chosen["intersample"]}
 
 
 def _check_moved(record: Any) -> None:
@@ -221,7 +211,7 @@ def model(
     chosen = checked(options)
     estimate = _estimate(document)
     try:
-        record = sources.whole(source, _between(card, chosen))
+        record = sources.whole(source, between(card, chosen))
     except DataError:
         record = None
     return described(estimate, record, card, chosen)
@@ -294,6 +284,6 @@ def export(
     estimate = _estimate(document)
     records = None
     if kind in ("report", "figure"):
-        record = sources.whole(source, _between(card, checked(options)))
+        record = sources.whole(source, between(card, checked(options)))
         records = sources.pieces(record, card, "identify")
     return exported(estimate, records, kind, name)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tridentify.cli import options
 from tridentify.cli.groups import Reading
-from tridentify.cli.load import load
+from tridentify.cli.load import asked_channels, load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records
@@ -30,8 +30,9 @@ Out = Annotated[
 
 def advise(
     files: options.Files,
-    inputs: options.Inputs,
-    outputs: options.Outputs,
+    inputs: options.NamedInputs = None,
+    outputs: options.NamedOutputs = None,
+    *,
     reading: Reading,
     out: Out = None,
     as_json: options.AsJson = False,
@@ -40,6 +41,7 @@ def advise(
 
     Example: tridentify advise flight.csv --input elevator --output q
     """
+    inputs, outputs = asked_channels(files, inputs, outputs)
     source = reading.source(files, inputs, outputs)
     written: Sequence[Path] = ()
     with ExitStack() as stack:

@@ -28,7 +28,7 @@ from tridentify.writing.layout import short
 MANY = 2000
 """Channels beyond which they are only listed: to read and draw 80,000 of them takes minutes."""
 
-TITLES = ("channel", "unit", "lowest", "highest", "mean", "missing")
+TITLES = ("channel", "unit", "lowest", "highest", "mean", "missing", "taken for")
 
 
 def channels(
@@ -41,6 +41,8 @@ def channels(
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """List the channels of a file: time and its steps, units, ranges, means, missing samples.
+
+    What each is taken for is a guess by its name and by how it moves; --input and --output decide.
 
     Example: tridentify channels flight.ulg
     """
@@ -123,7 +125,8 @@ def _row(item: ChannelSummary, counted: bool) -> tuple[str, ...]:
         numbers[0] = "no numbers" if item.tried else "not read"
     missing = "" if item.missing is None else f"{item.missing:,}"
     samples = ["" if item.samples is None else f"{item.samples:,}"] if counted else []
-    return (_plain(item.channel.header), _plain(item.channel.unit), *numbers, missing, *samples)
+    head = (_plain(item.channel.header), _plain(item.channel.unit))
+    return (*head, *numbers, missing, item.role, *samples)
 
 
 def _plain_table(rows: Sequence[tuple[str, ...]]) -> str:

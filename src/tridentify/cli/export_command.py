@@ -1,10 +1,11 @@
-"""``tridentify export``: a saved model for MATLAB, C, or as plain JSON."""
+"""``tridentify export``: a saved model for MATLAB, C, python-control, a spreadsheet, or as JSON."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -35,7 +36,8 @@ def export(
         Path,
         typer.Argument(
             metavar="FILE",
-            help="What to write: .mat or .m (MATLAB, Octave), .h (a filter in C99), .json.",
+            help="What to write: .mat or .m (MATLAB, Octave), .h (a filter in C99), .py "
+            "(python-control), .csv (coefficients with their errors), .json.",
         ),
     ],
     dt: Annotated[
@@ -63,42 +65,70 @@ def export(
 
     Example: tridentify export result/model.json short_period.h --dt 0.01
     """
-    from tridentify.export import read_json, write_c_header, write_json, write_matlab
+    from tridentify.export import read_json
 
     model = model_file(model, "tridentify export result/model.json short_period.h", [file])
+    writers = _writers()
     suffix = file.suffix.lower()
-    if suffix not in (".mat", ".m", ".h", ".json"):
+    if suffix != ".h" and suffix not in writers:
         raise OptionError(
-            f"found the file name {shown(file.name)}; expected one that ends in .mat, .m, .h or "
-            ".json; rename it"
+            f"found the file name {shown(file.name)}; expected one that ends in .mat, .m, .h, .py, "
+            ".csv or .json; rename it"
         )
     given = {"dt": dt, "method": method, "prewarp": prewarp, "number": number, "name": name}
-    if suffix != ".h":
-        idle = [f"--{key}" for key, value in given.items() if value is not None]
-        if idle:
-            them = "it" if len(idle) == 1 else "them"
-            raise OptionError(
-                f"found {', '.join(idle)} with {shown(file.name)}; expected {them} with a C header "
-                f"only; leave {them} out, or write a file that ends in .h"
-            )
-        found = read_json(model)
-        write_json(found, file) if suffix == ".json" else write_matlab(found, file)
+    if suffix == ".h":
+        _write_filter(model, file, given)
     else:
-        if dt is None:
-            raise OptionError(
-                "found no --dt; expected the sampling interval at which the filter will run; write "
-                "for example --dt 0.01"
-            )
-        write_c_header(
-            read_json(model),
-            dt,
-            file,
-            method="zoh" if method is None else method.value,
-            prewarp=prewarp,
-            number="double" if number is None else number.value,
-            name=name,
-        )
+        _check_idle(file, given)
+        writers[suffix](read_json(model), file)
     if as_json:
         show_json({"files": [str(file)]})
     else:
         show(f"wrote {file}")
+
+
+def _writers() -> Mapping[str, Callable[[Any, Path], Path]]:
+    from tridentify import export
+
+    return {
+        ".mat": export.write_matlab,
+        ".m": export.write_matlab,
+        ".py": export.write_control_script,
+        ".csv": _write_table,
+        ".json": export.write_json,
+    }
+
+
+def _write_table(model: Any, file: Path) -> Path:
+    from tridentify.estimation.answer.estimate import Estimate
+    from tridentify.export import write_table
+
+    if not isinstance(model, Estimate):
+        raise OptionError(
+            f"found a model without standard errors for {shown(file.name)}; expected an estimate, "
+            "as identify --out writes it; write .json instead"
+        )
+    return write_table(model, file)
+
+
+def _check_idle(file: Path, given: Mapping[str, object]) -> None:
+    """Refuse what concerns a filter in C where another file is written."""
+    idle = [f"--{key}" for key, value in given.items() if value is not None]
+    if idle:
+        them = "it" if len(idle) == 1 else "them"
+        raise OptionError(
+            f"found {', '.join(idle)} with {shown(file.name)}; expected {them} with a C header "
+            f"only; leave {them} out, or write a file that ends in .h"
+        )
+
+
+def _write_filter(model: Path, file: Path, given: Mapping[str, Any]) -> None:
+    from tridentify.export import read_json, write_c_header
+
+    if given["dt"] is None:
+        raise OptionError(
+            "found no --dt; expected the sampling interval at which the filter will run; write "
+            "for example --dt 0.01"
+        )
+    options = {key: value for key, value in given.items() if value is not None and key != "dt"}
+    write_c_header(read_json(model), given["dt"], file, **options)

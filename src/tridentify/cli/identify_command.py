@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from tridentify.cli import options, tables
 from tridentify.cli.groups import Along, Known, Late, Reading, Way, asked_structure
-from tridentify.cli.load import RecordSource, load
+from tridentify.cli.load import RecordSource, asked_channels, load
 from tridentify.cli.long_record import answer, long_record
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import estimate_model, load_sample_loop, show_estimate, write_results
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 
 def identify(
     files: options.Files,
-    inputs: options.Inputs,
-    outputs: options.Outputs,
+    inputs: options.NamedInputs = None,
+    outputs: options.NamedOutputs = None,
     *,
     poles: options.PolesOrAuto = None,
     zeros: options.ZerosOrAuto = None,
@@ -45,6 +45,7 @@ def identify(
     Without --poles the orders are chosen. Example: tridentify identify flight.csv --input elevator
     --output q --poles 2 --zeros 1
     """
+    inputs, outputs = asked_channels(files, inputs, outputs)
     structure = asked_structure(
         poles or (), zeros or (), late, along, known, len(outputs), len(inputs)
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import re
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,6 +35,7 @@ from tridentify.record.formats.assemble import (
 )
 from tridentify.record.formats.channels import SECONDS, OpenFile
 from tridentify.record.formats.read import opened
+from tridentify.record.formats.summary import channel_summaries
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 
@@ -158,6 +160,44 @@ def units_from(given: Sequence[str]) -> dict[str, str]:
             )
         found[name] = unit
     return found
+
+
+def asked_channels(
+    files: Sequence[Path], inputs: Sequence[str] | None, outputs: Sequence[str] | None
+) -> tuple[list[str], list[str]]:
+    """The columns that are asked for.
+
+    Parameters
+    ----------
+    files : sequence of Path
+    inputs, outputs : sequence of str or None
+        As ``--input`` and ``--output`` give them.
+
+    Raises
+    ------
+    OptionError
+        There is no input or no output; it says what the columns of the first file may be.
+    UnreadableFileError
+        That file cannot be read.
+    """
+    if inputs and outputs:
+        return list(inputs), list(outputs)
+    missing = " and no ".join(
+        f"--{role}" for role, given in (("input", inputs), ("output", outputs)) if not given
+    )
+    with opened(files[0]) as table:
+        found = channel_summaries(table)
+    likely = {
+        role: given or [item.channel.name for item in found if item.role == role]
+        for role, given in (("input", inputs), ("output", outputs))
+    }
+    guess = " ".join(
+        f"--{role} {shlex.quote(name)}" for role, names in likely.items() for name in names
+    )
+    raise OptionError(
+        f"found no {missing}; expected the columns of {shown(files[0].name)} that were moved and "
+        f"that answered; by their names perhaps {guess}; tridentify channels FILE lists them"
+    )
 
 
 def load(source: RecordSource, activity: Activity) -> list[Record]:

@@ -104,6 +104,16 @@ Outputs = Annotated[
     list[str],
     record_option("--output", metavar="NAME", help="Column of an output; may be repeated."),
 ]
+NamedInputs = Annotated[
+    list[str] | None,
+    record_option("--input", metavar="NAME", help="Column of an input; may be repeated."),
+]
+NamedOutputs = Annotated[
+    list[str] | None,
+    record_option("--output", metavar="NAME", help="Column of an output; may be repeated."),
+]
+"""As `Inputs` and `Outputs`, for commands that say what the file may mean where they are left out
+(`load.asked_channels`)."""
 Time = Annotated[
     str | None,
     record_option(metavar="NAME", help="Column of time; by default the one called t or time."),

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from rich.table import Table
@@ -13,36 +12,11 @@ from tridentify.cli import tables
 from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.terminal import show, show_json
 from tridentify.errors import ChannelCountError, OptionError, UnitMismatchError, shown
-from tridentify.physical import (
-    PhysicalModel,
-    dc_motor,
-    dutch_roll,
-    first_order_dead_time,
-    mass_spring_damper,
-    rc_circuit,
-    rcrc_circuit,
-    short_period,
-)
+from tridentify.physical import MODELS, PhysicalModel
 from tridentify.record.record import Record
 from tridentify.writing.layout import unit_factors, unit_product
 
 Known = dict[str, float | tuple[float, float]]
-
-MODELS: Mapping[str, Callable[[], PhysicalModel]] = {
-    "short-period": short_period,
-    "short-period-free-z-q": partial(short_period, pitch_rate_effect=None),
-    "dutch-roll": dutch_roll,
-    "dutch-roll-aileron": partial(dutch_roll, control="aileron"),
-    "mass-spring-damper": mass_spring_damper,
-    "first-order-dead-time": first_order_dead_time,
-    "rc-circuit": rc_circuit,
-    "rcrc-circuit": rcrc_circuit,
-    "rcrc-circuit-buffered": partial(rcrc_circuit, buffered=True),
-    "dc-motor": dc_motor,
-    "dc-motor-current": partial(dc_motor, "current"),
-    "dc-motor-speed-current": partial(dc_motor, "both"),
-}
-"""Name -> ready-made model, as ``--model`` takes it and ``--list`` shows it."""
 
 SI = {"force": "N", "position": "m", "voltage": "V", "speed": "rad/s", "current": "A"}
 """Units of channels of the models; the other channels of a model need only be alike."""

@@ -13,7 +13,7 @@ import typer
 
 from tridentify.cli import options
 from tridentify.cli.groups import Along, Late, Reading, Way
-from tridentify.cli.load import load
+from tridentify.cli.load import asked_channels, load
 from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import describe_files, load_sample_loop
 from tridentify.cli.tables import describe_records, make_table
@@ -69,8 +69,8 @@ Out = Annotated[
 
 def select(
     files: options.Files,
-    inputs: options.Inputs,
-    outputs: options.Outputs,
+    inputs: options.NamedInputs = None,
+    outputs: options.NamedOutputs = None,
     *,
     poles: Poles = "1:4",
     zeros: Zeros = "all",
@@ -87,6 +87,7 @@ def select(
 
     Example: tridentify select flight.csv --input elevator --output q --poles 1:4
     """
+    inputs, outputs = asked_channels(files, inputs, outputs)
     template = late.template(along, len(outputs), len(inputs))
     candidates = candidates_from(poles, zeros, template)
     chosen = way.chosen()

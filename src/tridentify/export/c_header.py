@@ -93,7 +93,7 @@ def write_c_header(
     ['static inline void actuator_init(actuator_t *s)', ...]
     """
     text = c_header(
-        model, dt, _identifier(name, Path(path)), method=method, prewarp=prewarp, number=number
+        model, dt, identifier(name, Path(path)), method=method, prewarp=prewarp, number=number
     )
     return write_atomically(path, text)
 
@@ -286,7 +286,7 @@ def _powers(coefficients: Array) -> str:
     return " ".join(f"{value:.9g}" for value in coefficients)
 
 
-def _identifier(name: str | None, path: Path) -> str:
+def identifier(name: str | None, path: Path) -> str:
     """What names begin with: a C identifier that is given, or one made of the file's name."""
     if name is None:
         made = re.sub(r"\W+", "_", path.stem, flags=re.ASCII).strip("_") or "model"

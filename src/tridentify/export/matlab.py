@@ -68,20 +68,21 @@ def write_matlab(model: TransferFunction | Estimate, path: str | os.PathLike[str
     """
     target = Path(path)
     if target.suffix.lower() == ".mat":
-        return write_atomically(target, _file(model))
+        return write_atomically(target, matlab_file(model))
     if target.suffix.lower() == ".m":
         if not re.fullmatch(r"[A-Za-z]\w*", target.stem, flags=re.ASCII):
             raise OptionError(
                 f"found a script called {shown(target.name)}; expected letters, digits and "
                 "underscores, a letter first, since MATLAB runs it by this name; rename it"
             )
-        return write_atomically(target, _script(model))
+        return write_atomically(target, matlab_script(model))
     raise OptionError(
         f"found the file name {shown(target.name)}; expected one that ends in .mat or .m; rename it"
     )
 
 
-def _file(model: TransferFunction | Estimate) -> bytes:
+def matlab_file(model: TransferFunction | Estimate) -> bytes:
+    """The content of a version 5 file; the same model gives the same bytes."""
     stream = io.BytesIO()
     writer: Any = scipy.io.savemat  # its stubs know paths only
     writer(stream, {"model": _fields(model)}, format="5", long_field_names=True)
@@ -128,7 +129,8 @@ def _texts(names: tuple[str, ...]) -> NDArray[np.object_]:
     return found
 
 
-def _script(model: TransferFunction | Estimate) -> str:
+def matlab_script(model: TransferFunction | Estimate) -> str:
+    """The text of a script that makes ``model``."""
     plant = model.model if isinstance(model, Estimate) else model
     lines = ["% A continuous-time model, made by tridentify; powers of s descend.", ""]
     if isinstance(model, Estimate):

@@ -7,8 +7,9 @@ import os
 from pathlib import Path
 
 from tridentify.errors import DataError, StructureError, shown
-from tridentify.estimation.answer.encoding import one_line, plain_model
+from tridentify.estimation.answer.encoding import document_text, one_line, plain_model
 from tridentify.estimation.answer.encoding import read_json as read_document
+from tridentify.estimation.answer.estimate import SCHEMA as ESTIMATE_SCHEMA
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.files import write_atomically
@@ -47,10 +48,19 @@ def write_json(model: TransferFunction | Estimate, path: str | os.PathLike[str])
     >>> content["den"]
     [[[1.0, 2.0]]]
     """
+    return (
+        model.save(path)
+        if isinstance(model, Estimate)
+        else write_atomically(path, json_text(model))
+    )
+
+
+def json_text(model: TransferFunction | Estimate) -> str:
+    """The text that `write_json` writes."""
     if isinstance(model, Estimate):
-        return model.save(path)
+        return document_text("schema", ESTIMATE_SCHEMA, model)
     content = {"model_schema": SCHEMA, **model.to_dict()}
-    return write_atomically(path, json.dumps(content, indent=1, allow_nan=False) + "\n")
+    return json.dumps(content, indent=1, allow_nan=False) + "\n"
 
 
 def read_json(path: str | os.PathLike[str]) -> TransferFunction | Estimate:

@@ -14,7 +14,7 @@ from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.formats.contents import Contents
 from tridentify.record.formats.read import opened
-from tridentify.record.formats.summary import read_numbers
+from tridentify.record.formats.summary import ChannelSummary, read_numbers, summed_up
 
 
 class Thinned(NamedTuple):
@@ -68,6 +68,21 @@ class Series:
     def missing(self) -> int:
         """Number of samples that are not there."""
         return int(np.sum(~np.isfinite(self.values)))
+
+    def summary(self) -> ChannelSummary:
+        """Number of samples, how many are missing, their range, mean and standard deviation.
+
+        Returns
+        -------
+        ChannelSummary
+
+        Examples
+        --------
+        >>> one = Series(Channel("q", "q"), np.arange(3.0), np.array([1.0, np.nan, 3.0])).summary()
+        >>> one.missing, one.minimum, one.mean, one.std
+        (1, 1.0, 2.0, 1.0)
+        """
+        return summed_up(self.channel, self.values)
 
     def thinned(self, start: float, stop: float, columns: int) -> Thinned:
         """The stretch from one instant to another in so many columns, least and largest of each.

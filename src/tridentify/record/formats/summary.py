@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,8 +14,16 @@ from tridentify.errors import DataError
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
+from tridentify.record.formats.roles import guess_roles
 
-__all__ = ["ChannelSummary", "ClockSummary", "channel_summaries", "clock_summaries", "read_numbers"]
+__all__ = [
+    "ChannelSummary",
+    "ClockSummary",
+    "channel_summaries",
+    "clock_summaries",
+    "read_numbers",
+    "summed_up",
+]
 
 
 PATIENCE = 20.0
@@ -32,8 +40,10 @@ class ChannelSummary:
     tried : bool
         Whether it was read, or would have been but for what it holds.
     samples, missing : int or None
-    minimum, maximum, mean : float or None
+    minimum, maximum, mean, std : float or None
         Of the samples that are finite.
+    role : {"input", "output", "reference", "unused", "time", ""}
+        What it is taken for at first (`guess_roles`); empty where it was not read.
     """
 
     channel: Channel
@@ -43,6 +53,8 @@ class ChannelSummary:
     minimum: float | None = None
     maximum: float | None = None
     mean: float | None = None
+    std: float | None = None
+    role: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,14 +102,26 @@ def channel_summaries(source: OpenFile, patience: float = PATIENCE) -> list[Chan
     list of ChannelSummary
         In the order of the file; what cannot be read as numbers has none.
     """
-    end = time.monotonic() + patience
-    read = _readable(source, range(len(source.channels)), end)
+    read = _readable(source, range(len(source.channels)), time.monotonic() + patience)
+    roles = _roles(source, read)
     return [
-        _summed_up(channel, read[k])
+        replace(summed_up(channel, read[k]), role=roles.get(k, ""))
         if k in read
         else ChannelSummary(channel, False, channel.samples)
         for k, channel in enumerate(source.channels)
     ]
+
+
+def _roles(source: OpenFile, read: Mapping[int, Array | None]) -> dict[int, str]:
+    clocks = time_channels(source)
+    free = {
+        k: values
+        for k, values in sorted(read.items())
+        if values is not None and source.channels[k] not in clocks
+    }
+    guessed = guess_roles([source.channels[k].name for k in free], list(free.values()))
+    times = {k: "time" for k in read if source.channels[k] in clocks}
+    return times | dict(zip(free, map(str, guessed), strict=True))
 
 
 def read_numbers(source: OpenFile, patience: float = PATIENCE) -> dict[int, Array]:
@@ -135,22 +159,20 @@ def _readable(source: OpenFile, indices: Sequence[int], end: float) -> dict[int,
     return _readable(source, indices[:middle], end) | _readable(source, indices[middle:], end)
 
 
-def _unread(channel: Channel) -> ChannelSummary:
-    return ChannelSummary(channel, samples=channel.samples)
-
-
-def _summed_up(channel: Channel, values: Array | None) -> ChannelSummary:
+def summed_up(channel: Channel, values: Array | None) -> ChannelSummary:
+    """A channel that was read in numbers; `values` is None where it holds none."""
     if values is None:
         return ChannelSummary(channel, True, channel.samples)
     finite = values[np.isfinite(values)]
     missing = len(values) - len(finite)
     if not len(finite):
         return ChannelSummary(channel, True, len(values), missing)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # a sum beyond any float is told as inf
-        mean = float(finite.mean())
+    # a sum beyond any float is told as inf
+    with warnings.catch_warnings(), np.errstate(over="ignore", invalid="ignore"):
+        warnings.simplefilter("ignore", RuntimeWarning)
+        mean, std = float(finite.mean()), float(finite.std())
     low, high = float(finite.min()), float(finite.max())
-    return ChannelSummary(channel, True, len(values), missing, low, high, mean)
+    return ChannelSummary(channel, True, len(values), missing, low, high, mean, std)
 
 
 def clock_summaries(source: OpenFile) -> dict[str, ClockSummary]:

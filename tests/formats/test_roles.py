@@ -5,11 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-pytest.importorskip("fastapi", reason="the extra app is not installed")
-
-from tridentify.app.guesses import guessed
-from tridentify.record.formats.channels import Channel
-from tridentify.record.formats.series import Series
+from tridentify.record.formats.roles import guess_roles
 
 N = 400
 
@@ -23,8 +19,7 @@ def wave(seed):
 
 
 def roles(**channels):
-    t = 0.1 * np.arange(N)
-    found = guessed([Series(Channel(name, name), t, values) for name, values in channels.items()])
+    found = guess_roles(list(channels), list(channels.values()))
     return dict(zip(channels, found, strict=True))
 
 

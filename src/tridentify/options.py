@@ -1,50 +1,26 @@
-"""What can be asked of an estimate: the list that the page shows, and what an answer becomes.
+"""What can be asked of an estimate, as a list for forms, and what the answers become.
 
-The same choices become a `Structure` and a method, lines of Python, and a command line.
+`list_options` names every choice with its type, default, help and switch of the command line;
+`from_options` makes of answers in words the structure and the method that `identify` takes. The
+workbench is built on both.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from types import MappingProxyType
 from typing import Any, Literal
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.methods.base import Method
 from tridentify.judgement.choice import METHODS
-from tridentify.physical import (
-    PhysicalModel,
-    dc_motor,
-    dutch_roll,
-    first_order_dead_time,
-    mass_spring_damper,
-    rc_circuit,
-    rcrc_circuit,
-    short_period,
-)
+from tridentify.physical import MODELS
 from tridentify.structure import AutoStructure, Structure
 
 Kind = Literal["choice", "text"]
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-
-MAPS: Mapping[str, Callable[[], PhysicalModel]] = MappingProxyType(
-    {
-        "short-period": short_period,
-        "dutch-roll": dutch_roll,
-        "mass-spring-damper": mass_spring_damper,
-        "first-order-dead-time": first_order_dead_time,
-        "rc-circuit": rc_circuit,
-        "rcrc-circuit": rcrc_circuit,
-        "rcrc-circuit-buffered": partial(rcrc_circuit, buffered=True),
-        "dc-motor": dc_motor,
-        "dc-motor-current": partial(dc_motor, "current"),
-        "dc-motor-speed-current": partial(dc_motor, "both"),
-    }
-)
-"""Physical parameters behind the coefficients, by the name of their map."""
 
 FLAGS: Mapping[str, str] = MappingProxyType({"auto": "auto", "yes": "yes", "no": "no"})
 
@@ -57,6 +33,8 @@ class Option:
     ----------
     name, label, help, group : str
     type : {"choice", "text"}
+    switch : str
+        Of the command ``tridentify identify``, or of ``tridentify physical`` for a physical map.
     choices : tuple of str
         Of a choice; none of a text.
     default : str
@@ -68,19 +46,27 @@ class Option:
     default: str
     help: str
     group: str
+    switch: str
     choices: tuple[str, ...] = field(default=())
 
-    def document(self) -> dict[str, Any]:
-        """As the page takes it."""
+    def to_dict(self) -> dict[str, Any]:
+        """The same in plain types, as JSON has them."""
         return {**self.__dict__, "choices": list(self.choices)}
 
 
-def _chosen(name: str, label: str, choices: Sequence[str], words: str, group: str) -> Option:
-    return Option(name, label, "choice", choices[0], words, group, tuple(choices))
+def _switch(name: str) -> str:
+    return f"--{name.replace('_', '-')}"
 
 
-def _typed(name: str, label: str, default: str, words: str, group: str) -> Option:
-    return Option(name, label, "text", default, words, group)
+def _chosen(
+    name: str, label: str, choices: Sequence[str], words: str, group: str, switch: str = ""
+) -> Option:
+    own = switch or _switch(name)
+    return Option(name, label, "choice", choices[0], words, group, own, tuple(choices))
+
+
+def _typed(name: str, label: str, default: str, words: str, group: str, switch: str = "") -> Option:
+    return Option(name, label, "text", default, words, group, switch or _switch(name))
 
 
 MODEL, RECORD, NOISE, KNOWN = "Model", "Record", "Noise and method", "What is known"
@@ -89,7 +75,7 @@ OPTIONS: tuple[Option, ...] = (
     Option(
         "poles", "Poles", "choice", "2",
         "Degree of the denominator; auto: chosen for you among several orders.",
-        MODEL, ("auto", "1", "2", "3", "4", "5", "6", "8"),
+        MODEL, "--poles", ("auto", "1", "2", "3", "4", "5", "6", "8"),
     ),
     _chosen(
         "zeros", "Zeros", ("auto", "0", "1", "2", "3", "4", "5"),
@@ -101,8 +87,8 @@ OPTIONS: tuple[Option, ...] = (
         "A constant of each output; auto: where the record asks for it.", RECORD,
     ),
     _chosen(
-        "drift", "Drift", ("as offset", *FLAGS),
-        "A straight line under each output.", RECORD,
+        "drift", "Drift", ("as it comes", *FLAGS),
+        "A straight line under each output; as it comes: only behind an integrator.", RECORD,
     ),
     _chosen(
         "initial_state", "Initial state", ("auto", "rest", "equilibrium", "free"),
@@ -111,6 +97,7 @@ OPTIONS: tuple[Option, ...] = (
     _chosen(
         "intersample", "Between samples", ("as the record", "auto", "zoh", "foh", "band-limited"),
         "What the input does between its samples: held, linear, or without steps.", RECORD,
+        "--intersample",
     ),
     _chosen(
         "noise", "Noise", ("auto", "white", "ar"),
@@ -128,17 +115,75 @@ OPTIONS: tuple[Option, ...] = (
         "route", "Controller", ("auto", "open-loop", "reference", "direct"),
         "What is made of a controller that may have been running.", NOISE,
     ),
-    _typed("fixed", "Fixed", "", "Coefficients that are known: a0=12, b1=0.", KNOWN),
-    _typed("bounds", "Bounds", "", "Limits of coefficients: a1=0:3, b0=0:.", KNOWN),
-    _typed("priors", "Known roughly", "", "Value and standard deviation: a0=12+-0.5.", KNOWN),
     _chosen(
-        "physical", "Physical map", ("none", *MAPS),
-        "Physical parameters behind the coefficients.", KNOWN,
+        "controller", "How it works", ("unknown", "sampled", "continuous"),
+        "How that controller works between the samples, where its reference is recorded.", NOISE,
+    ),
+    _typed("fixed", "Fixed", "", "Coefficients that are known: a0=12, b1=0.", KNOWN, "--fix"),
+    _typed("bounds", "Bounds", "", "Limits of coefficients: a1=0:3, b0=0:.", KNOWN, "--bound"),
+    _typed(
+        "priors", "Known roughly", "", "Value and standard deviation: a0=12+-0.5.", KNOWN,
+        "--prior",
+    ),
+    _chosen(
+        "physical", "Physical map", ("none", *MODELS),
+        "Physical parameters behind the coefficients.", KNOWN, "--model",
     ),
     _typed("known", "Known parameters", "", "Of the physical map: mass=1.2, R=4+-0.1.", KNOWN),
 )  # fmt: skip
 
+GIVEN_TO_METHOD = ("noise", "loss", "route", "controller")
 DEFAULTS: Mapping[str, str] = MappingProxyType({one.name: one.default for one in OPTIONS})
+
+
+def list_options() -> tuple[Option, ...]:
+    """All that can be asked of an estimate, in the order of a form.
+
+    Returns
+    -------
+    tuple of Option
+
+    Examples
+    --------
+    >>> [option.name for option in list_options()][:3]
+    ['poles', 'zeros', 'delay']
+    >>> next(option.choices for option in list_options() if option.name == "noise")
+    ('auto', 'white', 'ar')
+    """
+    return OPTIONS
+
+
+def from_options(options: Mapping[str, Any]) -> tuple[Structure | AutoStructure, Method]:
+    """The structure and the method that answers in words stand for.
+
+    Parameters
+    ----------
+    options : mapping of str to str
+        Name of an `Option` to what is chosen; the others keep their default. What concerns the
+        record (``intersample``) or a physical map is checked, and no part of the result.
+
+    Returns
+    -------
+    structure : Structure or AutoStructure
+        The latter for ``{"poles": "auto"}``: `identify` then chooses the orders.
+    method : Method
+
+    Raises
+    ------
+    OptionError
+        There is no such option or choice, or a text is not a number or knowledge of coefficients.
+    StructureError
+        The orders do not go together.
+
+    Examples
+    --------
+    >>> structure, method = from_options({"poles": 2, "fixed": "a0=4", "noise": "white"})
+    >>> structure.zeros, dict(structure.fixed), method.noise
+    (1, {'a0': 4.0}, 'white')
+    """
+    chosen = checked(options)
+    known_parameters(chosen)
+    return structure_of(chosen), method_of(chosen)
 
 
 def checked(given: Mapping[str, Any]) -> dict[str, str]:
@@ -189,9 +234,20 @@ def structure_of(chosen: Mapping[str, str]) -> Structure | AutoStructure:
     """
     terms = _terms(chosen)
     if chosen["poles"] == "auto":
-        return AutoStructure(template=Structure(1, 0, **terms))
+        _check_open(chosen)
+        return Structure.auto(**terms)
     poles, zeros = _orders(chosen)
     return Structure(poles=poles, zeros=zeros, **terms, **_knowledge(chosen))
+
+
+def _check_open(chosen: Mapping[str, str]) -> None:
+    """Refuse what is said of coefficients whose number is not known yet."""
+    for name in ("zeros", "fixed", "bounds", "priors"):
+        if chosen[name] != DEFAULTS[name]:
+            raise OptionError(
+                f"found {name} = {shown(chosen[name])} with poles = auto; expected a number of "
+                f"poles with it; choose their number, or leave {name} as it comes"
+            )
 
 
 def _orders(chosen: Mapping[str, str]) -> tuple[int, int]:
@@ -203,7 +259,7 @@ def _terms(chosen: Mapping[str, str]) -> dict[str, Any]:
     terms: dict[str, Any] = {}
     if chosen["delay"] not in ("", "0"):
         terms["delay"] = chosen["delay"] if chosen["delay"] == "free" else _seconds(chosen["delay"])
-    for name, by_itself in (("offset", "auto"), ("drift", "as offset")):
+    for name, by_itself in (("offset", "auto"), ("drift", "as it comes")):
         if chosen[name] != by_itself:
             terms[name] = {"yes": True, "no": False}.get(chosen[name], "auto")
     if chosen["initial_state"] != "auto":
@@ -279,9 +335,7 @@ def method_of(chosen: Mapping[str, str]) -> Method:
 
 
 def _method_options(chosen: Mapping[str, str]) -> dict[str, str]:
-    return {
-        name: chosen[name] for name in ("noise", "loss", "route") if chosen[name] != DEFAULTS[name]
-    }
+    return {name: chosen[name] for name in GIVEN_TO_METHOD if chosen[name] != DEFAULTS[name]}
 
 
 def words_of(structure: Structure) -> str:

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.series import Series
 
 Role = Literal["input", "output", "reference", "unused"]
 
@@ -41,33 +41,45 @@ LARGEST_SHARE = 10_000
 """Samples that are looked at."""
 
 
-def guessed(channels: Sequence[Series]) -> list[Role]:
-    """A role for every channel, with an input and an output where there are two channels.
+def guess_roles(names: Sequence[str], samples: Sequence[ArrayLike]) -> list[Role]:
+    """What each channel of a file may be: by its name first, then by how it moves.
+
+    A guess to begin with, for whoever looks at a file of which nothing else is known. Where two
+    channels move, there is an input and an output among them; of many outputs the first is taken,
+    with those that are numbered like it.
 
     Parameters
     ----------
-    channels : sequence of Series
+    names : sequence of str
+    samples : sequence of (n,) array
+        Of each channel; nan where one is missing.
 
     Returns
     -------
     list of {"input", "output", "reference", "unused"}
+
+    Examples
+    --------
+    >>> t = np.arange(100.0)
+    >>> guess_roles(["elevator", "q", "q_true"], [np.sign(np.sin(t)), np.cos(t), np.cos(t)])
+    ['input', 'output', 'unused']
     """
-    names = [_bare(one.channel.name) for one in channels]
-    lettered = any(LETTER_OUTPUT.search(name) for name in names)
-    roles: list[Role] = [_by_name(name, lettered) for name in names]
-    moving = [_moves(one.values) for one in channels]
-    roles = [role if moves else "unused" for role, moves in zip(roles, moving, strict=True)]
+    bare = [name.rsplit(".", 1)[-1].strip() for name in names]
+    values = [np.asarray(own, dtype=float) for own in samples]
+    lettered = any(LETTER_OUTPUT.search(name) for name in bare)
+    roles: list[Role] = [
+        _by_name(name, lettered) if _moves(own) else "unused"
+        for name, own in zip(bare, values, strict=True)
+    ]
     if "input" not in roles:
-        made = [
-            k for k, one in enumerate(channels) if roles[k] == "output" and _is_made(one.values)
-        ]
         possible = [k for k, role in enumerate(roles) if role == "output"]
+        made = [k for k in possible if _is_made(values[k])]
         chosen = made if 0 < len(made) < len(possible) else possible[:1]
         for k in chosen if len(possible) > 1 else ():
             roles[k] = "input"
     if "output" not in roles and roles.count("input") > 1:
         roles[len(roles) - 1 - roles[::-1].index("input")] = "output"
-    return _few_outputs(roles, names)
+    return _few_outputs(roles, bare)
 
 
 def _few_outputs(roles: Sequence[Role], names: Sequence[str]) -> list[Role]:
@@ -87,10 +99,6 @@ def _stem(name: str) -> str:
     """A name without the number that it ends with; empty where there is none."""
     match = re.fullmatch(r"(.*?\D)\d+", name)
     return match[1] if match else ""
-
-
-def _bare(name: str) -> str:
-    return name.rsplit(".", 1)[-1].strip()
 
 
 def _by_name(bare: str, lettered: bool) -> Role:

@@ -1,0 +1,136 @@
+"""Lines to copy do what the page did: both are run, and give its estimate."""
+
+from __future__ import annotations
+
+import json
+import shlex
+from typing import Any
+
+import numpy as np
+import polars as pl
+import pytest
+
+from tridentify import Record, TransferFunction, identify, read_record, simulate
+from tridentify.app import lines
+from tridentify.cli.entry import main
+from tridentify.options import checked, from_options
+
+T0, DT, N = 3.0, 0.05, 400
+RANGE = {"start": 1.0, "end": 14.0, "use": "identify"}
+
+
+@pytest.fixture(scope="module")
+def card(tmp_path_factory) -> dict[str, Any]:
+    rng = np.random.default_rng(8)
+    u = np.repeat(rng.choice([-1.0, 1.0], N // 20), 20)
+    plant = TransferFunction([8.0], [1.0, 1.5, 4.0])
+    y = simulate(plant, Record(u, u, dt=DT))[:, 0] + 0.02 * rng.standard_normal(N)
+    path = tmp_path_factory.mktemp("lines") / "a run.csv"
+    columns = {"t": T0 + DT * np.arange(N), "force": u, "position [m]": y}
+    pl.DataFrame(columns).write_csv(path)
+    return {
+        "path": str(path), "file": path.name, "t0": T0, "name": "run",
+        "inputs": ["force"], "outputs": ["position"], "references": [],
+        "intersample": "auto", "ranges": [], "bad": [], "given_dt": None,
+    }  # fmt: skip
+
+
+def in_python(card: dict[str, Any], options: dict[str, str], capsys) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    exec(lines.model_in_python(card, options), found)
+    assert found["estimate"].summary() in capsys.readouterr().out
+    return found
+
+
+def in_shell(card: dict[str, Any], options: dict[str, str], capsys, which: int = 0) -> Any:
+    told = lines.model_in_shell(card, options).splitlines()
+    written = [line for line in told if not line.startswith("#")]
+    words = shlex.split(written[which])
+    assert words[0] == "tridentify"
+    assert main([*words[1:], "--json"]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+OPTIONS = {
+    "as they come": {},
+    "orders and terms": {
+        "poles": "2", "zeros": "0", "delay": "0.05", "offset": "yes", "drift": "yes",
+        "initial_state": "free", "noise": "white", "intersample": "zoh",
+    },
+    "a robust loss": {"zeros": "0", "loss": "huber", "route": "open-loop"},
+    "what is known": {
+        "zeros": "0", "fixed": "a0=4", "bounds": "a1=0:3; b0=0:", "priors": "b0=8 +- 2",
+    },
+    "another method": {"zeros": "0", "method": "output-error"},
+    "orders chosen": {"poles": "auto", "noise": "white"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("which", OPTIONS)
+def test_both_give_the_estimate_of_the_page(card, which, capsys):
+    options = OPTIONS[which]
+    chosen = checked(options)
+    ranged = {**card, "ranges": [RANGE]}
+    own = lines.between(ranged, chosen)
+    record = read_record(
+        card["path"], inputs=["force"], outputs=["position"], intersample=own["intersample"]
+    )
+    wanted = identify(record.slice(T0 + 1.0, T0 + 14.0), *from_options(options))
+    again = in_python(ranged, options, capsys)["estimate"]
+    np.testing.assert_array_equal(again.theta, wanted.theta)
+    told = in_shell(ranged, options, capsys)
+    values = {one["name"]: one["value"] for one in told["parameters"]}
+    np.testing.assert_allclose([values[name] for name in wanted.names], wanted.theta, rtol=1e-12)
+
+
+def test_bad_samples_and_several_ranges_are_left_out_in_python(card, capsys):
+    ranges = [{"start": 0.0, "end": 8.0, "use": "identify"},
+              {"start": 9.0, "end": 19.0, "use": "identify"}]  # fmt: skip
+    marked = {**card, "ranges": ranges, "bad": [{"start": 2.0, "end": 2.5}]}
+    found = in_python(marked, {"zeros": "0"}, capsys)
+    assert len(found["pieces"]) == 2
+    assert int(np.sum(np.isnan(found["pieces"][0].y))) == 11
+    told = lines.model_in_shell(marked, {"zeros": "0"}).splitlines()
+    assert [line.startswith("#") for line in told] == [True, True, False]
+
+
+def test_a_physical_map_has_lines_of_its_own(card, capsys):
+    options = {"zeros": "0", "physical": "mass-spring-damper", "known": "m=0.125"}
+    found = in_python(card, options, capsys)
+    assert found["channels"] == {"force": "force", "position": "position"}
+    told = in_shell(card, options, capsys, which=1)
+    parameters = {one["name"]: one["value"] for one in told["parameters"]}
+    assert parameters["k"] == pytest.approx(0.5, rel=0.05)
+
+
+@pytest.mark.parametrize("name", ["zeros", "fixed", "bounds", "priors"])
+def test_what_goes_with_known_orders_only_is_refused(name):
+    from tridentify.errors import OptionError
+
+    text = {"zeros": "1", "fixed": "a0=1", "bounds": "a0=0:", "priors": "a0=1+-1"}[name]
+    with pytest.raises(OptionError, match=f"found {name} = .* with poles = auto"):
+        from_options({"poles": "auto", name: text})
+
+
+def test_a_record_has_a_line_that_runs(card, capsys):
+    words = shlex.split(lines.record_in_shell({**card, "ranges": [RANGE]}))
+    assert main([*words[1:], "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["findings"] is not None
+
+
+def test_models_are_compared_by_lines_that_run(card, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    record = read_record(card["path"], inputs=["force"], outputs=["position"])
+    cards = []
+    for name, zeros in (("first", "0"), ("second", "1")):
+        estimate = identify(record, *from_options({"zeros": zeros, "noise": "white"}))
+        estimate.save(tmp_path / f"{name}.json")
+        cards.append({"name": name})
+    found: dict[str, Any] = {}
+    exec(lines.compare_in_python(cards, card), found)
+    said = capsys.readouterr().out
+    assert "position" in said
+    words = shlex.split(lines.compare_in_shell(cards, card))
+    assert main([*words[1:], "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["fits"]
