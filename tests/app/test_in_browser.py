@@ -383,6 +383,80 @@ def test_mistakes_lead_to_one_sentence_each(browser, server):
         expect(seen.page.locator("#messages .message")).to_have_count(0)
 
 
+def test_the_same_range_again_estimates_again(seen):
+    seen.open("second.csv")
+    first = seen.estimated(lambda: seen.drag(0.22, 0.66))
+    ranges = [seen.key(f"{end} 0").input_value() for end in ("start", "end")]
+    again = seen.estimated(lambda: seen.drag(0.22, 0.66))
+    assert again != first
+    assert [seen.key(f"{end} 0").input_value() for end in ("start", "end")] == ranges
+
+
+def test_a_refusal_goes_when_another_record_is_looked_at_or_something_succeeds(browser, server):
+    with tab(browser, server, refused=True) as seen:
+        seen.open("first.csv")
+        seen.open("still.csv")
+        messages = seen.page.locator("#messages .message")
+        seen.key("run").click()
+        expect(messages).to_have_count(1)
+        seen.open("first.csv")
+        expect(messages).to_have_count(0)
+        seen.use("elevator", "unused")
+        seen.key("run").click()
+        seen.told("No channel is an input")
+        seen.use("elevator", "input")
+        expect(messages).to_have_count(0)
+
+
+def test_advice_becomes_an_option_and_a_new_model(seen):
+    doubt = {"code": "delay", "severity": "warning", "message": "It answers late",
+             "remedy": "Have it estimated (delay='free')."}  # fmt: skip
+
+    def late(route):
+        answer = route.fetch()
+        route.fulfill(response=answer, json={**answer.json(), "findings": [doubt]})
+
+    seen.open("first.csv")
+    seen.page.route("**/api/models/*", late)
+    before = seen.estimated(lambda: seen.drag(0.18, 0.68))
+    seen.page.unroute("**/api/models/*")
+    advised = seen.page.get_by_role("button", name="Estimate with Delay [s] = free")
+    assert seen.estimated(advised.click) != before
+    expect(seen.page.locator("#option-delay")).to_have_value("free")
+    expect(seen.page.locator(".card.model.current")).to_contain_text("delay")
+    assert seen.page.evaluate("document.activeElement.closest('#result') !== null")
+    seen.key("reset").click()
+    expect(seen.page.locator("#option-delay")).to_have_value("0")
+
+
+def test_only_exact_advice_becomes_an_option(seen):
+    found = seen.page.evaluate(ADVICE)
+    assert found == [{"intersample": "auto"}, None, {"poles": "auto", "zeros": "auto"},
+                     {"noise": "ar"}, None]  # fmt: skip
+
+
+ADVICE = """async () => {
+  const { optionsOf } = await import("/page/remedies.js");
+  return [["intersample", "State intersample='foh' (--intersample foh), or 'auto'."],
+    ["intersample", "State how the controller works (controller='sampled')."],
+    ["order-low", "Use poles=3 and zeros=2, or compare (select_structure; tridentify select)."],
+    ["drift", "Use a noise model (noise='ar', --noise ar); a drift (drift=True) does not."],
+    ["nonlinear", "Use smaller amplitudes."]].map(([code, remedy]) => optionsOf({ code, remedy }));
+}"""
+
+
+def test_an_axis_has_a_unit_only_where_it_is_known(seen):
+    found = seen.page.evaluate(UNITS)
+    assert found == ["q", "q [K per V]", "q [K]", "q [1 per V]", "q"]
+
+
+UNITS = """async () => {
+  const { ratioOf } = await import("/page/numbers.js");
+  return [["", ""], ["K", "V"], ["K", "-"], ["-", "V"], ["K", ""]]
+    .map(([above, below]) => ratioOf("q", above, below));
+}"""
+
+
 def test_the_fit_of_each_of_several_outputs_has_its_name(seen):
     seen.open("first.csv")
     seen.estimated(lambda: seen.drag(0.12, 0.62))
@@ -538,12 +612,14 @@ READABLE = """({ width, smallest }) => {
     return box.right > innerWidth + 1 || box.left < -1;
   };
   const told = (what) => (node) => `${what}: ${node.tagName} ${node.textContent.slice(0, 60)}`;
+  const flat = (node) => node.querySelector(".main-svg") && node.clientHeight < 100;
   const size = (node) => parseFloat(getComputedStyle(node).fontSize);
   const { scrollWidth } = document.documentElement;
   return [
     ...(scrollWidth > width ? [`the page is ${scrollWidth} pixels wide`] : []),
     ...shown("button, select, input, h2, h3, .plot, .panel, .scroll").filter(beyond)
       .map(told("beyond the window")),
+    ...shown(".panel .plot").filter(flat).map((node) => `flat: ${node.ariaLabel}`),
     ...texts.filter((node) => size(node) < smallest).map(told("small")),
     ...texts.filter((node) => !node.disabled && contrast(node) < 4.5).map(told("faint")),
   ];

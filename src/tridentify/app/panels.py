@@ -16,11 +16,13 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse, frequency_response
 from tridentify.judgement.comparison import Comparison, compare
 from tridentify.judgement.validation import Validation, validate
+from tridentify.judgement.validation.result import Check
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import Channel
 from tridentify.record.formats.series import Series
 from tridentify.record.record import Record
 from tridentify.uncertainty import poles, response_band, step_band, zeros
+from tridentify.writing.layout import p_in_words
 
 FREQUENCIES, INSTANTS = 200, 240
 """Of a curve that is drawn."""
@@ -30,6 +32,19 @@ LEVEL = 0.95
 FARTHEST_ZERO = 20.0
 """Size of a zero over that of the fastest pole, beyond which it is far out of the band: drawn, it
 would leave no room for the rest."""
+ASKED: Mapping[str, str] = MappingProxyType(
+    {
+        "white": "white, not correlated with itself",
+        "past inputs": "not correlated with past inputs",
+        "feedback": "not correlated with later inputs",
+        "level": "its level does not wander",
+        "scale": "its size does not change",
+        "coefficients constant": "the coefficients are constant",
+        "linear": "no powers of the signals in it",
+        "Gaussian": "Gaussian",
+    }
+)
+"""What each test of the residual asks, in words."""
 LONGEST_TESTED = 20_000
 """Samples that are tested while one waits: a second."""
 
@@ -113,7 +128,7 @@ def residual(
                     {
                         "name": test.name,
                         "passed": not test.rejected,
-                        "text": f"{test.name}: p = {test.p_value:.2g}{part}",
+                        "text": f"{_told(test)}{part}",
                     }
                     for test in found.tests
                     if test.output == name
@@ -121,6 +136,11 @@ def residual(
             }
         )
     return {"outputs": outputs}
+
+
+def _told(test: Check) -> str:
+    """What a test asks, and how likely the record is if that is so."""
+    return f"{ASKED.get(test.name, test.name)}: {p_in_words(test.p_value)}"
 
 
 def _stretches(records: Sequence[Record]) -> list[Record]:

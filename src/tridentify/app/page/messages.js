@@ -4,6 +4,7 @@ import { Refusal } from "./api.js";
 import { button, byId, make } from "./dom.js";
 
 const TOLD_FOR = 4000; // milliseconds
+const PASSING = ["error", "estimate", "range"]; // kinds that end with the next success
 
 let clock = 0;
 
@@ -19,7 +20,7 @@ export function note(text) {
 export function warn(text, kind = "error", ...buttons) {
   clear(kind);
   const row = make("div", { class: `message ${kind}`, "data-kind": kind, role: "alert" },
-    make("p", {}, text), buttons,
+    make("div", { class: "said" }, text.split("\n").map((line) => make("p", {}, line))), buttons,
     button("\u00d7", () => row.remove(), { "aria-label": "Close this message" }));
   byId("messages").append(row);
   while (byId("messages").children.length > 3) byId("messages").firstChild.remove();
@@ -29,6 +30,11 @@ export function clear(kind) {
   for (const row of byId("messages").querySelectorAll(`[data-kind="${CSS.escape(kind)}"]`)) {
     row.remove();
   }
+}
+
+/** What was refused before an action that succeeded, or of another record, is no longer said. */
+export function settled() {
+  for (const kind of PASSING) clear(kind);
 }
 
 /** Says what `error` says; what was only interrupted is not an error. */

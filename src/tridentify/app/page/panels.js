@@ -7,7 +7,7 @@ import { band, colour, dots, draw, erase, axis, layout, line, modelColour, model
   from "./charts.js";
 import { detailOf, panelOf } from "./details.js";
 import { breakable, button, byId, choice, fill, make, table } from "./dom.js";
-import { percent, withError, withUnit } from "./numbers.js";
+import { hasUnit, percent, perUnit, ratioOf, withError, withUnit } from "./numbers.js";
 import { listen, recordOf, shownModels, state, tell } from "./state.js";
 
 const HEIGHT = 300; // pixels of a picture
@@ -131,6 +131,12 @@ function told(place, ...lines) {
   fill(place.told, lines.flat().filter(Boolean));
 }
 
+/** The layout of a picture whose place keeps its height when the window changes. */
+function sized(place, height, more = {}) {
+  place.plot.style.height = `${height}px`;
+  return layout({ height, ...more });
+}
+
 // ---------------------------------------------------------------- over time
 async function drawFit(place, all) {
   const rows = all.map(({ model, data }) => ({ model, one: outputOf(data) })).filter(({ one }) => one);
@@ -144,7 +150,7 @@ async function drawFit(place, all) {
     return [...measured, ...band(one.time, one.low, one.high, modelColour(model)),
       line(one.time, one.model, modelColour(model), styled(model))];
   });
-  const made = layout({ height: HEIGHT });
+  const made = sized(place, HEIGHT + 120);
   made.xaxis = axis("time [s]");
   made.yaxis = axis(withUnit(rows[0].one.name, rows[0].one.unit));
   await draw(place.plot, traces, made);
@@ -159,7 +165,7 @@ async function drawResidual(place, all) {
     dots(one.lags, one.autocorrelation, modelColour(model),
       { xaxis: "x2", yaxis: "y2", name: safe(`${model.name}: with itself`) }),
     ...crossed(model, one)]);
-  const made = layout({ height: HEIGHT, shapes: limits(rows) });
+  const made = sized(place, HEIGHT, { shapes: limits(rows) });
   const unit = unitOf(all[0].data, all[0].model);
   made.xaxis = axis("time [s]", { domain: [0, 1], anchor: "y" });
   made.yaxis = axis(withUnit("residual", unit), { domain: [0.6, 1], nticks: 4 });
@@ -229,15 +235,20 @@ async function drawBode(place, all) {
   })];
   const rest = measured ? { magnitude: [0.62, 1], phase: [0.26, 0.57] }
     : { magnitude: [0.54, 1], phase: [0, 0.46] };
-  const made = layout({ height: HEIGHT + 60 });
+  const made = sized(place, HEIGHT + 60);
   made.xaxis = axis("frequency [rad/s]", { type: "log", anchor: measured ? "y3" : "y2",
     dtick: decades(rows), exponentformat: "none" });
-  made.yaxis = axis("magnitude [dB]", { domain: rest.magnitude, nticks: 5 });
+  made.yaxis = axis(magnitude(rows[0].model), { domain: rest.magnitude, nticks: 5 });
   made.yaxis2 = axis("phase [deg]", { domain: rest.phase, nticks: 5 });
   if (measured) {
     made.yaxis3 = axis("coherence [-]", { domain: [0, 0.2], range: [0, 1.05], tickvals: [0, 0.5, 1] });
   }
   await draw(place.plot, traces, made);
+}
+
+function magnitude(model) {
+  const unit = perUnit(...unitsOf(model));
+  return `magnitude [dB${hasUnit(unit) ? ` re ${unit}` : ""}]`;
 }
 
 const decades = (rows) => {
@@ -262,23 +273,24 @@ async function drawStep(place, all) {
   const traces = rows.flatMap(({ model, one }) => [
     ...band(one.time, one.low, one.high, modelColour(model)),
     line(one.time, one.value, modelColour(model), styled(model))]);
-  const made = layout({ height: HEIGHT });
+  const made = sized(place, HEIGHT + 60);
   made.xaxis = axis("time [s]");
-  made.yaxis = axis(perUnit(rows[0].model));
+  made.yaxis = axis(ratioOf(state.output, ...unitsOf(rows[0].model)));
   await draw(place.plot, traces, made);
 }
 
-function perUnit(model) {
+/** Units of the output and the input that are shown. */
+function unitsOf(model) {
   const record = recordOf(model.record);
-  const unit = (name) => record?.channels.find((one) => one.name === name)?.unit || "-";
-  return `${state.output} [${unit(state.output)}] per ${unit(state.input)}`;
+  return [state.output, state.input].map((name) =>
+    record?.channels.find((one) => one.name === name)?.unit);
 }
 
 async function drawPoles(place, all) {
   const traces = all.flatMap(({ model, data }) => [
     roots(data.poles, model, "x-thin", "pole"),
     roots(zerosOf(data), model, "circle-open", "zero")]);
-  const made = layout({ height: HEIGHT });
+  const made = sized(place, HEIGHT);
   const zero = { zeroline: true, zerolinecolor: colour("soft") };
   made.xaxis = axis("real part [1/s]", { ...zero, range: around(traces.flatMap(({ x }) => x)) });
   made.yaxis = axis("imaginary part [rad/s]", { ...zero, range: around(traces.flatMap(({ y }) => y)) });
@@ -313,6 +325,7 @@ function modes(poles) {
 
 function nothing(place) {
   erase(place.plot);
+  place.plot.style.height = "";
   told(place, make("p", { class: "soft" }, "None of the ticked models has this output and input."));
 }
 

@@ -60,7 +60,7 @@ export function startRecordView() {
   listen("view", moved);
   listen("theme", redraw);
   new ResizeObserver(() => { if (series) refetchSoon(); }).observe(plot);
-  fillTools();
+  changed();
 }
 
 // ---------------------------------------------------------------- the parts
@@ -162,9 +162,8 @@ async function store(record, all, estimate) {
   const changes = {};
   if (JSON.stringify(ranges) !== JSON.stringify(record.ranges)) changes.ranges = ranges;
   if (JSON.stringify(bad) !== JSON.stringify(record.bad)) changes.bad = bad;
-  if (!Object.keys(changes).length) return;
-  const card = await act.changeRecord(record.id, changes);
-  if (card && estimate && atOnce) act.estimate();
+  const kept = !Object.keys(changes).length || await act.changeRecord(record.id, changes);
+  if (kept && estimate && atOnce) act.estimate();
 }
 
 // ---------------------------------------------------------------- manoeuvres
