@@ -109,7 +109,7 @@ def residual(
         found = validate(estimate, list(records))
     except TridentifyError as error:
         return {"outputs": [_untested(name, str(error)) for name in estimate.output_names]}
-    part = "" if judged == all_of_them else f" (the first {judged:,} samples)"
+    stretch = "" if judged == all_of_them else f"the first {judged:,} samples"
     outputs = []
     for i, name in enumerate(found.output_names):
         times, values = [], []
@@ -124,11 +124,12 @@ def residual(
                 "time": listed(time),
                 "residual": listed(joined),
                 **_correlations(found, i),
+                "stretch": stretch,
                 "tests": [
                     {
                         "name": test.name,
                         "passed": not test.rejected,
-                        "text": f"{_told(test)}{part}",
+                        "text": _told(test),
                     }
                     for test in found.tests
                     if test.output == name
@@ -155,7 +156,8 @@ def _stretches(records: Sequence[Record]) -> list[Record]:
 def _untested(name: str, why: str) -> dict[str, Any]:
     test = {"name": "tests", "passed": False, "text": f"could not be tested: {why}"}
     none: dict[str, Any] = {key: [] for key in ("time", "residual", "lags", "autocorrelation")}
-    return {"name": name, **none, "correlation_limit": 0.0, "crosscorrelation": {}, "tests": [test]}
+    rest = {"correlation_limit": 0.0, "crosscorrelation": {}, "stretch": "", "tests": [test]}
+    return {"name": name, **none, **rest}
 
 
 def _correlations(found: Validation, i: int) -> dict[str, Any]:

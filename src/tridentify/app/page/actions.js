@@ -35,9 +35,9 @@ export function take(session, ...topics) {
   const looked = state.record;
   if (!recordOf()) look(session.records.at(-1)?.id ?? null);
   if (!modelOf()) state.model = session.models.at(-1)?.id ?? null;
-  for (const record of missing) {
-    warn(`The file of ${record.name} is no longer where it was opened; `
-      + "its models are kept, for new ones put it back or open it again.", "missing");
+  if (missing.length) {
+    warn(missing.map(({ name }) => `The file of ${name} is no longer where it was opened; `
+      + "its models are kept, for new ones put it back or open it again.").join("\n"), "missing");
   }
   const records = sameRecords && looked === state.record ? [] : ["records", "record"];
   tell("session", "models", ...records, ...topics);
@@ -89,7 +89,7 @@ function look(id) {
 }
 
 export function lookAt(id) {
-  if (id !== state.record) settled();
+  if (id !== state.record) settled("missing");
   look(id);
   tell("record", "records");
 }
@@ -175,9 +175,10 @@ function unmoved(record) {
 
 /** Starts an estimate of the record looked at and follows it to its end. */
 export async function estimate() {
+  if (recordOf()?.missing_file) await attempt(loadSession); // it may be back
   const record = recordOf();
   const problem = obstacle(record);
-  if (problem) return warn(problem, "estimate");
+  if (problem) return warn(problem, record?.missing_file ? "missing" : "estimate");
   settled();
   if (state.job) await cancel();
   return attempt(async () => {

@@ -4,6 +4,7 @@ import { Refusal } from "./api.js";
 import { button, byId, make } from "./dom.js";
 
 const TOLD_FOR = 4000; // milliseconds
+const NO_FILE = "Found no file "; // how the server begins where a record's file is lost
 const PASSING = ["error", "estimate", "range"]; // kinds that end with the next success
 
 let clock = 0;
@@ -33,14 +34,19 @@ export function clear(kind) {
 }
 
 /** What was refused before an action that succeeded, or of another record, is no longer said. */
-export function settled() {
-  for (const kind of PASSING) clear(kind);
+export function settled(...others) {
+  for (const kind of [...PASSING, ...others]) clear(kind);
 }
+
+const kindOf = ({ code, message }) => {
+  if (code === "gone") return "gone";
+  return message.startsWith(NO_FILE) ? "missing" : "error"; // a lost file is said once
+};
 
 /** Says what `error` says; what was only interrupted is not an error. */
 export function explain(error) {
   if (error.name === "AbortError") return;
-  if (error instanceof Refusal) warn(error.sentence, error.code === "gone" ? "gone" : "error");
+  if (error instanceof Refusal) warn(error.sentence, kindOf(error));
   else {
     warn(`The page met a fault of its own: ${error.message}. Reload it; the session is kept.`);
   }

@@ -52,6 +52,13 @@ export function perUnit(above, below) {
   return hasUnit(below) ? `${hasUnit(above) ? above : "1"} per ${below}` : above;
 }
 
+/** A name of at most `most` letters, its middle left out where it is longer. */
+export function brief(name, most) {
+  if (name.length <= most) return name;
+  const tail = Math.floor((most - 1) / 2);
+  return `${name.slice(0, most - 1 - tail)}\u2026${name.slice(-tail)}`;
+}
+
 export const ratioOf = (name, above, below) => withUnit(name, perUnit(above, below));
 
 export function count(number, one, many = `${one}s`) {

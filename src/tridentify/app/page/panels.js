@@ -3,11 +3,12 @@
 import { attempt } from "./actions.js";
 import { post } from "./api.js";
 import * as chart from "./charts.js";
-import { band, colour, dots, draw, erase, axis, layout, line, modelColour, modelDash, safe }
+import { band, colour, dots, draw, erase, axis, fitting, layout, line, modelColour, modelDash, safe }
   from "./charts.js";
 import { detailOf, panelOf } from "./details.js";
 import { breakable, button, byId, choice, fill, make, table } from "./dom.js";
-import { hasUnit, percent, perUnit, ratioOf, withError, withUnit } from "./numbers.js";
+import { settled, warn } from "./messages.js";
+import { brief, hasUnit, percent, perUnit, ratioOf, withError, withUnit } from "./numbers.js";
 import { listen, recordOf, shownModels, state, tell } from "./state.js";
 
 const HEIGHT = 300; // pixels of a picture
@@ -69,6 +70,7 @@ async function refresh() {
     const details = await Promise.all(models.map((model) => detailOf(model.id)));
     if (now !== turn) return;
     await choosePair(models);
+    if (chosenRecord && !suits(chosenRecord)) chosenRecord = null;
     fillHead(models);
     fillBeside(models, details);
     for (const place of cards.values()) {
@@ -90,11 +92,24 @@ let pairs = [];
 
 async function choosePair(models) {
   const found = await Promise.all(models.map((model) =>
-    panelOf(model.id, "bode", recordFor(model))));
+    panelOf(model.id, "bode", model.record)));
   pairs = found.flatMap((one) => one.pairs.map(({ output, input }) => ({ output, input })));
   if (!pairs.some((one) => one.output === state.output)) state.output = pairs[0]?.output ?? null;
   const inputs = pairs.filter((one) => one.output === state.output);
   if (!inputs.some((one) => one.input === state.input)) state.input = inputs[0]?.input ?? null;
+}
+
+/** Whether a record has the channels of the ticked models; which it lacks is said. */
+function suits(id) {
+  const record = recordOf(id);
+  const own = new Set(record.channels.map((one) => one.name));
+  const lacking = distinct(pairs.flatMap(({ output, input }) => [input, output]))
+    .filter((name) => !own.has(name));
+  if (lacking.length) {
+    warn(`${record.name} has no channel ${lacking.join(", ")}, which the ticked models describe; `
+      + "choose a record with the same channels.");
+  }
+  return !lacking.length;
 }
 
 const distinct = (names) => [...new Set(names)];
@@ -152,7 +167,7 @@ async function drawFit(place, all) {
   });
   const made = sized(place, HEIGHT + 120);
   made.xaxis = axis("time [s]");
-  made.yaxis = axis(withUnit(rows[0].one.name, rows[0].one.unit));
+  made.yaxis = axis(withUnit(brief(rows[0].one.name, fitting(HEIGHT)), rows[0].one.unit));
   await draw(place.plot, traces, made);
   link(place.plot, ["residual"]);
 }
@@ -168,14 +183,15 @@ async function drawResidual(place, all) {
   const made = sized(place, HEIGHT, { shapes: limits(rows) });
   const unit = unitOf(all[0].data, all[0].model);
   made.xaxis = axis("time [s]", { domain: [0, 1], anchor: "y" });
-  made.yaxis = axis(withUnit("residual", unit), { domain: [0.6, 1], nticks: 4 });
+  made.yaxis = axis(withUnit("residual", unit), { domain: [0.6, 1], nticks: 5 });
   made.xaxis2 = axis("lag [s]", { domain: [0, 1], anchor: "y2" });
   made.yaxis2 = axis("correlation [-]", { domain: [0, 0.36], nticks: 4, range: [-1, 1],
     autorange: true });
   await draw(place.plot, traces, made);
   link(place.plot, ["fit"]);
-  told(place, rows.flatMap(({ model, one }) => [
-    rows.length > 1 ? make("p", { class: "soft" }, model.name) : null, tests(model, one)]));
+  const { stretch } = rows[0].one;
+  told(place, rows.length > 1 ? testsOf(rows) : tests(rows[0].model, rows[0].one),
+    stretch ? make("p", { class: "soft" }, `Tested on ${stretch}.`) : null);
 }
 
 const unitOf = (data) =>
@@ -199,6 +215,26 @@ function tests(model, one) {
   return make("ul", { class: "tests", "aria-label": `Tests of ${model.name}` },
     (one.tests ?? []).map((test) => make("li", { class: test.passed ? "passed" : "failed" },
       make("strong", {}, test.passed ? "passed" : "failed"), ` ${test.text || test.name}`)));
+}
+
+const unbroken = (text) => text.replace(/ /g, "\u00a0");
+
+/** Tests of several models side by side, a failed one in words. */
+function testsOf(rows) {
+  const parts = ({ text, name }) => {
+    const at = text ? text.lastIndexOf(": ") : -1;
+    return at < 0 ? [text || name, ""] : [text.slice(0, at), text.slice(at + 2)];
+  };
+  const asked = distinct(rows.flatMap(({ one }) => one.tests.map((test) => parts(test)[0])));
+  const cell = ({ one }, text) => {
+    const test = one.tests.find((other) => parts(other)[0] === text);
+    if (!test) return "\u2013";
+    return test.passed ? unbroken(parts(test)[1])
+      : make("span", { class: "failed" }, make("strong", {}, "failed"), `\u00a0${unbroken(parts(test)[1])}`);
+  };
+  return table(["test of the residual", ...rows.map(({ model }) => model.name)],
+    asked.map((text) => [text, ...rows.map((row) => cell(row, text))]),
+    { "aria-label": "Tests of the residuals", class: "coefficients" });
 }
 
 /** Zooming one picture over time zooms the others. */
@@ -238,17 +274,14 @@ async function drawBode(place, all) {
   const made = sized(place, HEIGHT + 60);
   made.xaxis = axis("frequency [rad/s]", { type: "log", anchor: measured ? "y3" : "y2",
     dtick: decades(rows), exponentformat: "none" });
-  made.yaxis = axis(magnitude(rows[0].model), { domain: rest.magnitude, nticks: 5 });
+  made.yaxis = axis("magnitude [dB]", { domain: rest.magnitude, nticks: 5 });
   made.yaxis2 = axis("phase [deg]", { domain: rest.phase, nticks: 5 });
   if (measured) {
     made.yaxis3 = axis("coherence [-]", { domain: [0, 0.2], range: [0, 1.05], tickvals: [0, 0.5, 1] });
   }
   await draw(place.plot, traces, made);
-}
-
-function magnitude(model) {
-  const unit = perUnit(...unitsOf(model));
-  return `magnitude [dB${hasUnit(unit) ? ` re ${unit}` : ""}]`;
+  const unit = perUnit(...unitsOf(rows[0].model));
+  told(place, hasUnit(unit) ? make("p", { class: "soft" }, `0 dB is 1 ${unit}`) : []);
 }
 
 const decades = (rows) => {
@@ -275,7 +308,7 @@ async function drawStep(place, all) {
     line(one.time, one.value, modelColour(model), styled(model))]);
   const made = sized(place, HEIGHT + 60);
   made.xaxis = axis("time [s]");
-  made.yaxis = axis(ratioOf(state.output, ...unitsOf(rows[0].model)));
+  made.yaxis = axis(ratioOf(brief(state.output, fitting(HEIGHT)), ...unitsOf(rows[0].model)));
   await draw(place.plot, traces, made);
 }
 
@@ -363,8 +396,10 @@ const target = (models) =>
   recordOf(compared)?.id ?? state.record ?? models[0].record;
 
 async function compare(models, record, place) {
+  if (!suits(record)) return;
   await attempt(async () => {
     const found = await post("/compare", { models: models.map((one) => one.id), record });
+    settled();
     const upright = found.outputs.length <= MOST_BESIDE;
     fill(place, upright
       ? table(["", ...found.outputs.map((name) => `fit ${name}`)],

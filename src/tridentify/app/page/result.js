@@ -1,12 +1,12 @@
 // Right: one sentence, measured against model, the numbers that matter, doubts, coefficients.
 
 import { attempt } from "./actions.js";
-import { band, colour, draw, erase, axis, FIXED, layout, line, modelColour, safe }
+import { band, colour, draw, erase, axis, fitting, FIXED, layout, line, modelColour, safe }
   from "./charts.js";
 import { detailOf, panelOf } from "./details.js";
 import { breakable, byId, fill, make, table } from "./dom.js";
 import { findingList, worst } from "./findings.js";
-import { hasUnit, percent, plain, withError, withUnit } from "./numbers.js";
+import { brief, hasUnit, percent, plain, withError, withUnit } from "./numbers.js";
 import { isDone, listen, modelOf, recordOf, state } from "./state.js";
 
 const HEIGHT = 190; // pixels of measured against model, one output
@@ -66,7 +66,8 @@ function numbers({ numbers: four }) {
   return make("dl", { class: "numbers" }, four.map((one) => {
     const [value, std] = withError(one.value, one.std);
     return make("div", {}, make("dt", {}, one.name),
-      make("dd", {}, value, make("span", {}, std ? ` \u00b1 ${std}` : "", hasUnit(one.unit) ? ` ${one.unit}` : "")));
+      make("dd", {}, value, [std ? `\u00b1 ${std}` : "", hasUnit(one.unit) ? one.unit : ""]
+        .filter(Boolean).flatMap((text) => [" ", make("span", {}, text)])));
   }));
 }
 
@@ -122,7 +123,7 @@ async function drawFit(model, { outputs }) {
   const made = layout({ height, margin: { l: 58, r: 8, t: 6, b: 36 } });
   made.xaxis = axis("time [s]", { anchor: rows.length > 1 ? `y${rows.length}` : "y" });
   rows.forEach((one, row) => {
-    made[row ? `yaxis${row + 1}` : "yaxis"] = axis(withUnit(one.name, one.unit), {
+    made[row ? `yaxis${row + 1}` : "yaxis"] = axis(withUnit(brief(one.name, fitting(HEIGHT)), one.unit), {
       domain: [1 - (row + 0.92) / rows.length, 1 - row / rows.length], nticks: 5 });
   });
   await draw(picture, traces, made, FIXED);

@@ -30,11 +30,12 @@ export function startTray() {
 
 /** Fills a list and, where another card is the current one, brings that one into sight. */
 function fillList(place, cards, current) {
+  const before = place.scrollTop;
   fill(place, cards);
-  if (place.dataset.current === String(current)) return;
-  place.dataset.current = String(current);
+  place.scrollTop = before;
   const card = place.querySelector(".current");
-  if (!card) return;
+  if (!card || place.dataset.current === String(current)) return;
+  place.dataset.current = String(current);
   const beyond = card.offsetTop + card.offsetHeight - place.clientHeight;
   place.scrollTop = Math.min(card.offsetTop, Math.max(place.scrollTop, beyond));
 }
