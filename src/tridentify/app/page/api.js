@@ -7,7 +7,7 @@ const STRANGER_REMEDY = "Open the address that the server printed when it starte
   + "records, ranges and models are all there.";
 
 /** Where this page asks for what a program gives as `dt`. */
-const STEP = ["give dt [s]", "give the seconds between its samples in the field below Open files"];
+const STEP = ["give dt [s]", "give the seconds between its samples (the field below Open files)"];
 
 /** This tab's name in the events of the server. */
 export const CLIENT = Math.random().toString(36).slice(2, 12);

@@ -22,16 +22,22 @@ export function warn(text, kind = "error", ...buttons) {
   clear(kind);
   const row = make("div", { class: `message ${kind}`, "data-kind": kind, role: "alert" },
     make("div", { class: "said" }, text.split("\n").map((line) => make("p", {}, line))), buttons,
-    button("\u00d7", () => row.remove(), { "aria-label": "Close this message" }));
+    button("\u00d7", () => close(row), { "aria-label": "Close this message" }));
   byId("messages").append(row);
   while (byId("messages").children.length > 3) byId("messages").firstChild.remove();
 }
 
-export function clear(kind) {
-  for (const row of byId("messages").querySelectorAll(`[data-kind="${CSS.escape(kind)}"]`)) {
-    row.remove();
-  }
+/** Takes a message away; the tab key goes on from the record. */
+function close(row) {
+  row.remove();
+  byId("record").focus({ preventScroll: true });
 }
+
+export function clear(kind) {
+  for (const row of rowsOf(kind)) row.remove();
+}
+
+const rowsOf = (kind) => byId("messages").querySelectorAll(`[data-kind="${CSS.escape(kind)}"]`);
 
 /** What was refused before an action that succeeded, or of another record, is no longer said. */
 export function settled(...others) {
@@ -46,8 +52,10 @@ const kindOf = ({ code, message }) => {
 /** Says what `error` says; what was only interrupted is not an error. */
 export function explain(error) {
   if (error.name === "AbortError") return;
-  if (error instanceof Refusal) warn(error.sentence, kindOf(error));
-  else {
+  if (error instanceof Refusal) {
+    const kind = kindOf(error);
+    if (kind !== "missing" || !rowsOf(kind).length) warn(error.sentence, kind);
+  } else {
     warn(`The page met a fault of its own: ${error.message}. Reload it; the session is kept.`);
   }
 }

@@ -217,7 +217,8 @@ function tests(model, one) {
       make("strong", {}, test.passed ? "passed" : "failed"), ` ${test.text || test.name}`)));
 }
 
-const unbroken = (text) => text.replace(/ /g, "\u00a0");
+/** "p = 0.71" in a column of such numbers. */
+const bare = (text) => text.replace(/^p (= )?/, "").replace(/ /g, "\u00a0");
 
 /** Tests of several models side by side, a failed one in words. */
 function testsOf(rows) {
@@ -229,10 +230,10 @@ function testsOf(rows) {
   const cell = ({ one }, text) => {
     const test = one.tests.find((other) => parts(other)[0] === text);
     if (!test) return "\u2013";
-    return test.passed ? unbroken(parts(test)[1])
-      : make("span", { class: "failed" }, make("strong", {}, "failed"), `\u00a0${unbroken(parts(test)[1])}`);
+    return test.passed ? bare(parts(test)[1])
+      : make("span", { class: "failed" }, make("strong", {}, "failed"), `\u00a0${bare(parts(test)[1])}`);
   };
-  return table(["test of the residual", ...rows.map(({ model }) => model.name)],
+  return table(["test of the residual, p", ...rows.map(({ model }) => model.name)],
     asked.map((text) => [text, ...rows.map((row) => cell(row, text))]),
     { "aria-label": "Tests of the residuals", class: "coefficients" });
 }
