@@ -429,6 +429,56 @@ def test_advice_becomes_an_option_and_a_new_model(seen):
     expect(seen.page.locator("#option-delay")).to_have_value("0")
 
 
+def test_files_that_are_no_records_are_each_named(browser, server):
+    with tab(browser, server) as seen:
+        before = seen.page.locator(".card.record").count()
+        chosen = [{"name": name, "mimeType": "text/csv", "buffer": content}
+                  for name, content in (("photo.png", b"\x89PNG\r\n\x1a\n"), ("none.csv", b""),
+                                        ("letter.txt", b"Dear reader\nall is well\n"))]  # fmt: skip
+        seen.page.locator("#chooser").set_input_files(chosen)
+        told = seen.page.locator("#messages .message p")
+        expect(told).to_have_count(len(chosen))
+        for one, row in zip(chosen, told.all_inner_texts(), strict=True):
+            assert row.startswith(f"{one['name']}: ")
+            assert row.endswith(".")
+        assert seen.page.locator(".card.record").count() == before
+        seen.page.get_by_label("Close this message").click()
+        assert seen.page.evaluate("document.activeElement.id") == "record"
+
+
+def test_a_step_that_is_no_number_is_named(seen):
+    seen.page.locator("#step").fill("0,0x2")
+    chosen = {"name": "a.csv", "mimeType": "text/csv", "buffer": b"u,y\n1,2\n"}
+    seen.page.locator("#chooser").set_input_files(chosen)
+    seen.told("Found 0,0x2 as the seconds between samples")
+    seen.page.locator("#step").fill("")
+    seen.page.get_by_label("Close this message").click()
+
+
+def test_a_comparison_on_a_record_of_other_channels_names_them(seen):
+    seen.open("odd & <i>new.csv")
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.drag(0.13, 0.63))
+    for key, act in (("target", seen.key("compare").click), ("on record", lambda: None)):
+        seen.key(key).select_option(label="odd & <i>new")
+        act()
+        seen.told("odd & <i>new has no channel q, alpha, which the ticked models describe")
+        seen.page.get_by_label("Close this message").click()
+    expect(seen.key("on record")).to_have_value("")
+
+
+def test_the_current_model_is_in_sight_after_a_reload(seen):
+    seen.open("first.csv")
+    for start in (0.11, 0.12, 0.15, 0.17):
+        seen.estimated(lambda start=start: seen.drag(start, 0.6))
+    seen.page.reload()
+    expect(seen.page.locator("#result .sentence")).not_to_be_empty()
+    list_, card = (seen.page.locator(query).bounding_box()
+                   for query in (".models", ".card.model.current"))  # fmt: skip
+    assert list_["y"] <= card["y"]
+    assert card["y"] + card["height"] <= list_["y"] + list_["height"] + 1
+
+
 def test_only_exact_advice_becomes_an_option(seen):
     found = seen.page.evaluate(ADVICE)
     assert found == [{"intersample": "auto"}, None, {"poles": "auto", "zeros": "auto"},
@@ -453,7 +503,7 @@ def test_an_axis_has_a_unit_only_where_it_is_known(seen):
 UNITS = """async () => {
   const { ratioOf } = await import("/page/numbers.js");
   return [["", ""], ["K", "V"], ["K", "-"], ["-", "V"], ["K", ""]]
-    .map(([above, below]) => ratioOf("q", above, below));
+    .map(([above, below]) => ratioOf("q", above, below).replaceAll("\\u00a0", " "));
 }"""
 
 
