@@ -24,7 +24,7 @@ from playwright.sync_api import Page, sync_playwright
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SIZE = {"width": 1280, "height": 820}
-COLOURS = 64
+COLOURS = 160
 """Of a picture: enough for thin lines on plain ground, and a quarter of the size."""
 PATIENCE = 60.0
 """Seconds that the server may take to start."""
