@@ -482,7 +482,7 @@ def test_the_current_model_is_in_sight_after_a_reload(seen):
 def test_only_exact_advice_becomes_an_option(seen):
     found = seen.page.evaluate(ADVICE)
     assert found == [{"intersample": "auto"}, None, {"poles": "auto", "zeros": "auto"},
-                     {"noise": "ar"}, None]  # fmt: skip
+                     {"noise": "ar", "loss": "squared", "method": "three-model"}, None]  # fmt: skip
 
 
 ADVICE = """async () => {

@@ -17,9 +17,10 @@ export function note(text) {
   clock = setTimeout(() => { told.textContent = ""; }, TOLD_FOR);
 }
 
-/** A message that stays until it is closed; one of a `kind` at a time. */
+/** A message that stays until it is closed; one of a `kind` at a time, one of what passes. */
 export function warn(text, kind = "error", ...buttons) {
   clear(kind);
+  if (PASSING.includes(kind)) settled();
   const row = make("div", { class: `message ${kind}`, "data-kind": kind, role: "alert" },
     make("div", { class: "said" }, text.split("\n").map((line) => make("p", {}, line))), buttons,
     button("\u00d7", () => close(row), { "aria-label": "Close this message" }));

@@ -4,6 +4,10 @@ import * as act from "./actions.js";
 import { button } from "./dom.js";
 import { recordOf, state } from "./state.js";
 
+/** What only the three models take, and not with the other of the two. */
+const COLOURED = { noise: "ar", loss: "squared", method: "three-model" };
+const ROBUST = { loss: "huber", noise: "auto", method: "three-model" };
+
 /** Code of a finding, what its remedy says, and the options that this comes to. */
 const REMEDIES = [
   ["intersample", /^State intersample='/, { intersample: "auto" }],
@@ -12,12 +16,12 @@ const REMEDIES = [
   ["drift", /^Estimate an offset \(offset=True/, { offset: "yes" }],
   ["drift", /^Estimate an offset and a drift \(offset=True, drift='auto'/,
     { offset: "yes", drift: "auto" }],
-  ["drift", /^Use a noise model \(noise='ar'/, { noise: "ar" }],
-  ["noise-model", /^Use noise='ar'/, { noise: "ar" }],
-  ["noise-model", /^Compare with ThreeModel\(noise='white'\)/, { noise: "white" }],
+  ["drift", /^Use a noise model \(noise='ar'/, COLOURED],
+  ["noise-model", /^Use noise='ar'/, COLOURED],
+  ["noise-model", /^Compare with ThreeModel\(noise='white'\)/, { ...COLOURED, noise: "white" }],
   ["order-low", /select_structure/, { poles: "auto", zeros: "auto" }],
   ["order-high", /select_structure/, { poles: "auto", zeros: "auto" }],
-  ["bad-samples", /loss='huber'/, { loss: "huber" }],
+  ["bad-samples", /loss='huber'/, ROBUST],
 ];
 
 /** Options that do what a finding advises, or null. */

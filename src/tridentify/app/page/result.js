@@ -65,7 +65,7 @@ function numbers({ numbers: four }) {
   if (!four?.length) return null;
   return make("dl", { class: "numbers" }, four.map((one) => {
     const [value, std] = withError(one.value, one.std);
-    return make("div", {}, make("dt", {}, one.name),
+    return make("div", {}, make("dt", {}, breakable(one.name)),
       make("dd", {}, value, [std ? `\u00b1 ${std}` : "", hasUnit(one.unit) ? one.unit : ""]
         .filter(Boolean).flatMap((text) => [" ", make("span", {}, text)])));
   }));
