@@ -100,7 +100,6 @@ def keep(page: Page, path: Path, query: str | None = None) -> None:
 
 def take(page: Page, folder: Path) -> None:
     """Walk through the workbench and take the pictures on the way."""
-    page.get_by_text("Files of the folder").click()
     page.get_by_role("button", name="short_period.csv", exact=True).click()
     page.locator(".card.record.current .channels").wait_for()
     page.locator('[data-key="mode validate"]').click()

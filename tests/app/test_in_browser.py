@@ -183,6 +183,7 @@ class Tab:
             card.first.click()
         else:
             folder = self.page.locator("details.folder")
+            expect(folder).to_be_visible()
             if folder.get_attribute("open") is None:
                 folder.locator("summary").click()
             self.page.get_by_role("button", name=name, exact=True).click()
@@ -294,6 +295,10 @@ def test_models_are_compared_on_another_record(seen):
     fits = seen.page.get_by_role("table", name="Fits on the other record")
     expect(fits.locator("tbody tr")).to_have_count(2)
     expect(fits.locator("tbody td").nth(1)).to_have_text(re.compile(r"^\d+\.\d\s%$"))
+    for _ in range(3):  # light, dark, as it was: drawn anew each time, and still there
+        seen.page.locator("#theme").click()
+        seen.page.wait_for_timeout(200)
+    expect(fits.locator("tbody tr")).to_have_count(2)
 
 
 def test_a_record_changes_under_its_models(seen):
@@ -444,6 +449,16 @@ def test_files_that_are_no_records_are_each_named(browser, server):
         assert seen.page.locator(".card.record").count() == before
         seen.page.get_by_label("Close this message").click()
         assert seen.page.evaluate("document.activeElement.id") == "record"
+
+
+def test_the_files_of_the_folder_are_shown_where_no_record_is_open(browser, flights, tmp_path):
+    with serving(tmp_path, flights, ["first.csv"]) as server, tab(browser, server) as seen:
+        expect(seen.page.get_by_role("button", name="first.csv", exact=True)).to_be_visible()
+        expect(seen.page.locator("#record .readout")).to_contain_text("Open a file on the left")
+        seen.open("first.csv")
+        seen.page.reload()
+        expect(seen.page.locator("details.folder summary")).to_be_visible()
+        expect(seen.page.get_by_role("button", name="first.csv", exact=True)).to_be_hidden()
 
 
 def test_a_step_that_is_no_number_is_named(seen):

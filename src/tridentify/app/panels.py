@@ -34,7 +34,7 @@ FARTHEST_ZERO = 20.0
 would leave no room for the rest."""
 ASKED: Mapping[str, str] = MappingProxyType(
     {
-        "white": "white, not correlated with itself",
+        "white": "its unexplained part is white",
         "past inputs": "not correlated with past inputs",
         "feedback": "not correlated with later inputs",
         "level": "its level does not wander",
@@ -42,6 +42,7 @@ ASKED: Mapping[str, str] = MappingProxyType(
         "coefficients constant": "the coefficients are constant",
         "linear": "no powers of the signals in it",
         "Gaussian": "Gaussian",
+        "size of the noise": "as large as the estimate expects",
     }
 )
 """What each test of the residual asks, in words."""

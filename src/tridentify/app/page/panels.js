@@ -379,7 +379,7 @@ function fillBeside(models, details) {
     const unit = units(name).length > 1 ? ` ${row.unit}` : "";
     return (std ? `${value} \u00b1\u00a0${std}` : value) + unit;
   };
-  const fits = make("div", { "aria-live": "polite" });
+  const fits = make("div", { class: "fits", "aria-live": "polite" }, comparison(models));
   beside.classList.toggle("wide", models.length > 2);
   fill(beside, make("h3", {}, "Coefficients side by side"),
     table(["", ...models.map((model) => model.name)],
@@ -388,7 +388,7 @@ function fillBeside(models, details) {
     make("div", { class: "tools" }, "Compare on ",
       choice(state.session.records.map(({ id, name }) => [id, name]), target(models),
         (id) => { compared = id; }, { "aria-label": "Record to compare on", "data-key": "target" }),
-      button("Compare", () => compare(models, target(models), fits), { "data-key": "compare" })),
+      button("Compare", compare, { "data-key": "compare" })),
     make("p", { class: "soft" }, "Offset, drift and the initial state are fitted anew on that record."),
     fits);
 }
@@ -396,20 +396,30 @@ function fillBeside(models, details) {
 const target = (models) =>
   recordOf(compared)?.id ?? state.record ?? models[0].record;
 
-async function compare(models, record, place) {
+async function compare() {
+  const models = shownModels();
+  const record = target(models);
   if (!suits(record)) return;
   await attempt(async () => {
-    const found = await post("/compare", { models: models.map((one) => one.id), record });
+    const ids = models.map((one) => one.id);
+    const found = await post("/compare", { models: ids, record });
     settled();
-    const upright = found.outputs.length <= MOST_BESIDE;
-    fill(place, upright
-      ? table(["", ...found.outputs.map((name) => `fit ${name}`)],
-        models.map((model, at) => [model.name, ...found.fits[at].map(percent)]), FITS)
-      : table(["fit of", ...models.map((model) => model.name)],
-        found.outputs.map((name, at) => [breakable(name),
-          ...found.fits.map((fits) => percent(fits[at]))]), FITS),
-    make("p", {}, found.summary ?? ""));
-    state.compared = { models: models.map((one) => one.id), record, ...found };
+    state.compared = { models: ids, record, ...found };
+    fill(beside.querySelector(".fits"), comparison(shownModels()));
     tell("compared");
   });
+}
+
+/** What the last comparison found, where it was one of these models. */
+function comparison(models) {
+  const found = state.compared;
+  if (!found || String(found.models) !== String(models.map((one) => one.id))) return [];
+  const upright = found.outputs.length <= MOST_BESIDE;
+  const rows = upright
+    ? table(["", ...found.outputs.map((name) => `fit ${name}`)],
+      models.map((model, at) => [model.name, ...found.fits[at].map(percent)]), FITS)
+    : table(["fit of", ...models.map((model) => model.name)],
+      found.outputs.map((name, at) => [breakable(name),
+        ...found.fits.map((fits) => percent(fits[at]))]), FITS);
+  return [rows, make("p", {}, found.summary ?? "")];
 }

@@ -88,6 +88,7 @@ function folderFiles() {
     make("summary", {}, "Files of the folder"), list);
   box.addEventListener("toggle", () => { if (box.open) refreshFiles(); });
   folderFiles.show = () => {
+    if (box.hidden && files.length) box.open = !state.session.records.length;
     box.hidden = !files.length;
     fill(list, files.map((file) => make("li", {},
       button(file.name, () => withStep((step) => act.openFile(file.name, step)),
