@@ -371,6 +371,12 @@ def test_a_killed_server_comes_back_and_a_removed_file_is_told(browser, flights,
         seen.page.reload()
         seen.told("no longer where it was opened")
         expect(seen.page.locator(".card.record .bad")).to_have_text("its file is gone")
+        expect(seen.page.locator("#messages .message")).to_have_count(1)
+        expect(seen.page.locator("#record .main-svg")).to_have_count(0)
+        (tmp_path / "elsewhere.txt").rename(tmp_path / "first.csv")
+        seen.estimated(lambda: seen.key("run").click())
+        expect(seen.page.locator("#messages .message")).to_have_count(0)
+        expect(seen.page.locator("#record .main-svg").first).to_be_visible()
 
 
 def test_mistakes_lead_to_one_sentence_each(browser, server):

@@ -80,7 +80,7 @@ function changed() {
     manoeuvres = null;
     fill(advice);
     overlay.hidden = !record;
-    if (!record) erase(plot);
+    if (!record) blank();
   }
   title.textContent = record ? record.name : "Record";
   fillTools();
@@ -277,8 +277,15 @@ async function refetch() {
     redraw();
   } catch (error) {
     if (error.code === "gone") act.knock();
+    if (error.name !== "AbortError" && !series) blank();
     explain(error);
   }
+}
+
+/** Nothing in place of the samples of a record that was shown before. */
+function blank() {
+  erase(plot);
+  plot.style.height = "";
 }
 
 /** Minimum and maximum of each pixel column as one line. */
