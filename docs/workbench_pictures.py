@@ -24,7 +24,7 @@ from playwright.sync_api import Page, sync_playwright
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SIZE = {"width": 1280, "height": 820}
-COLOURS = 64
+COLOURS = 160
 """Of a picture: enough for thin lines on plain ground, and a quarter of the size."""
 PATIENCE = 60.0
 """Seconds that the server may take to start."""
@@ -100,7 +100,6 @@ def keep(page: Page, path: Path, query: str | None = None) -> None:
 
 def take(page: Page, folder: Path) -> None:
     """Walk through the workbench and take the pictures on the way."""
-    page.get_by_text("Files of the folder").click()
     page.get_by_role("button", name="short_period.csv", exact=True).click()
     page.locator(".card.record.current .channels").wait_for()
     page.locator('[data-key="mode validate"]').click()

@@ -24,7 +24,8 @@ READABLE = (
     ".ulg", ".mf4", ".mdf", ".npz", ".npy",
 )  # fmt: skip
 CHANGEABLE = ("inputs", "outputs", "references", "intersample", "ranges", "bad", "name")
-COLOURS = 8
+COLOURS = 28
+"""Looks of a line, seven colours in four kinds of dashes: as many before one comes again."""
 OWN = ("source", "t0", "file")
 """Of a card, what the page does not need."""
 

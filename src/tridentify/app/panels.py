@@ -16,11 +16,13 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse, frequency_response
 from tridentify.judgement.comparison import Comparison, compare
 from tridentify.judgement.validation import Validation, validate
+from tridentify.judgement.validation.result import Check
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import Channel
 from tridentify.record.formats.series import Series
 from tridentify.record.record import Record
 from tridentify.uncertainty import poles, response_band, step_band, zeros
+from tridentify.writing.layout import p_in_words
 
 FREQUENCIES, INSTANTS = 200, 240
 """Of a curve that is drawn."""
@@ -30,6 +32,20 @@ LEVEL = 0.95
 FARTHEST_ZERO = 20.0
 """Size of a zero over that of the fastest pole, beyond which it is far out of the band: drawn, it
 would leave no room for the rest."""
+ASKED: Mapping[str, str] = MappingProxyType(
+    {
+        "white": "its unexplained part is white",
+        "past inputs": "not correlated with past inputs",
+        "feedback": "not correlated with later inputs",
+        "level": "its level does not wander",
+        "scale": "its size does not change",
+        "coefficients constant": "the coefficients are constant",
+        "linear": "no powers of the signals in it",
+        "Gaussian": "Gaussian",
+        "size of the noise": "as large as the estimate expects",
+    }
+)
+"""What each test of the residual asks, in words."""
 LONGEST_TESTED = 20_000
 """Samples that are tested while one waits: a second."""
 
@@ -94,7 +110,7 @@ def residual(
         found = validate(estimate, list(records))
     except TridentifyError as error:
         return {"outputs": [_untested(name, str(error)) for name in estimate.output_names]}
-    part = "" if judged == all_of_them else f" (the first {judged:,} samples)"
+    stretch = "" if judged == all_of_them else f"the first {judged:,} samples"
     outputs = []
     for i, name in enumerate(found.output_names):
         times, values = [], []
@@ -109,11 +125,12 @@ def residual(
                 "time": listed(time),
                 "residual": listed(joined),
                 **_correlations(found, i),
+                "stretch": stretch,
                 "tests": [
                     {
                         "name": test.name,
                         "passed": not test.rejected,
-                        "text": f"{test.name}: p = {test.p_value:.2g}{part}",
+                        "text": _told(test),
                     }
                     for test in found.tests
                     if test.output == name
@@ -121,6 +138,11 @@ def residual(
             }
         )
     return {"outputs": outputs}
+
+
+def _told(test: Check) -> str:
+    """What a test asks, and how likely the record is if that is so."""
+    return f"{ASKED.get(test.name, test.name)}: {p_in_words(test.p_value)}"
 
 
 def _stretches(records: Sequence[Record]) -> list[Record]:
@@ -135,7 +157,8 @@ def _stretches(records: Sequence[Record]) -> list[Record]:
 def _untested(name: str, why: str) -> dict[str, Any]:
     test = {"name": "tests", "passed": False, "text": f"could not be tested: {why}"}
     none: dict[str, Any] = {key: [] for key in ("time", "residual", "lags", "autocorrelation")}
-    return {"name": name, **none, "correlation_limit": 0.0, "crosscorrelation": {}, "tests": [test]}
+    rest = {"correlation_limit": 0.0, "crosscorrelation": {}, "stretch": "", "tests": [test]}
+    return {"name": name, **none, **rest}
 
 
 def _correlations(found: Validation, i: int) -> dict[str, Any]:

@@ -8,11 +8,14 @@ is ended because its task was cancelled, is replaced by a new one.
 from __future__ import annotations
 
 import contextlib
+import math
 import multiprocessing
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator, Mapping
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
+from types import MappingProxyType
 from typing import Any
 
 from tridentify.errors import TridentifyError
@@ -20,6 +23,18 @@ from tridentify.errors import TridentifyError
 Say = Callable[[float, str], None]
 PATIENCE = 5.0
 """Seconds that a process is given to end by itself."""
+TICK = 0.1
+"""Seconds between two words to whoever waits for a turn: less than a person sees as a stop."""
+USUAL_WAIT, WAITED = 4.0, 0.2
+"""Seconds in which a process is usually prepared, and the fraction of a task that this is told as:
+no more than the first step of an estimate, so that the fraction never falls."""
+WAITS_FOR: Mapping[str, str] = MappingProxyType(
+    {
+        "prepare": "preparing: libraries and compiled loops are loaded",
+        "warm": "preparing: the record is read",
+    }
+)
+"""What a task waits for, by what is done before it."""
 
 
 class TaskError(TridentifyError):
@@ -32,6 +47,10 @@ class TaskError(TridentifyError):
 
 class CancelledError(TaskError):
     """A task was cancelled by whoever asked for it."""
+
+
+def _silent(fraction: float, words: str) -> None:
+    """Say nothing."""
 
 
 def serve(end: Connection) -> None:
@@ -83,6 +102,8 @@ class Worker:
         self._process: BaseProcess | None = None
         self._pipe: Connection | None = None
         self._cancelled = False
+        self._cancellations = 0
+        self._doing = ""
 
     def start(self) -> None:
         """Start the process ahead of the first task."""
@@ -90,7 +111,7 @@ class Worker:
             self._ready()
             if self._warm:
                 with contextlib.suppress(TridentifyError):
-                    self._asked("prepare", {}, lambda fraction, words: None)
+                    self._asked("prepare", {}, _silent)
 
     def call(self, task: str, say: Say | None = None, /, **arguments: Any) -> Any:
         """Do a task and give what it returns.
@@ -111,14 +132,30 @@ class Worker:
         CancelledError
             It was cancelled.
         """
-        with self._turn:
+        say = say or _silent
+        with self._waited(say):
             self._ready()
-            return self._asked(task, arguments, say or (lambda fraction, words: None))
+            return self._asked(task, arguments, say)
+
+    @contextlib.contextmanager
+    def _waited(self, say: Say) -> Iterator[None]:
+        """The turn of a task, and what it waits for until then."""
+        before, began = self._cancellations, time.monotonic()
+        while not self._turn.acquire(timeout=TICK):
+            share = 1.0 - math.exp((began - time.monotonic()) / USUAL_WAIT)
+            say(WAITED * share, WAITS_FOR.get(self._doing, "waiting for what is done before"))
+        try:
+            if self._cancellations != before:
+                raise CancelledError("Cancelled", "cancelled")
+            yield
+        finally:
+            self._turn.release()
 
     def cancel(self) -> None:
         """End the task that is done now, and its process with it."""
         with self._change:
             self._cancelled = True
+            self._cancellations += 1
             if self._process is not None:
                 self._process.kill()
 
@@ -148,6 +185,7 @@ class Worker:
     def _asked(self, name: str, arguments: dict[str, Any], say: Say) -> Any:
         pipe = self._pipe
         assert pipe is not None
+        self._doing = name
         try:
             pipe.send((name, arguments))
             while True:

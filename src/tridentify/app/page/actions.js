@@ -1,7 +1,7 @@
 // Everything a person can do: asks the server, keeps the session, tells the page.
 
-import { get, patch, post, remove, upload } from "./api.js";
-import { clear, explain, note, warn } from "./messages.js";
+import { get, patch, post, remove, sentence, upload } from "./api.js";
+import { clear, explain, note, settled, warn } from "./messages.js";
 import { detailOf, forget } from "./details.js";
 import { modelOf, recordOf, remember, state, tell } from "./state.js";
 
@@ -31,12 +31,13 @@ export function take(session, ...topics) {
   const missing = newlyMissing(session.records);
   const sameRecords = JSON.stringify(session.records) === JSON.stringify(state.session.records);
   state.session = session;
+  if (!session.records.some((record) => record.missing_file)) clear("missing");
   const looked = state.record;
   if (!recordOf()) look(session.records.at(-1)?.id ?? null);
   if (!modelOf()) state.model = session.models.at(-1)?.id ?? null;
-  for (const record of missing) {
-    warn(`The file of ${record.name} is no longer where it was opened; `
-      + "its models are kept, for new ones put it back or open it again.", "missing");
+  if (missing.length) {
+    warn(missing.map(({ name }) => `The file of ${name} is no longer where it was opened; `
+      + "its models are kept, for new ones put it back or open it again.").join("\n"), "missing");
   }
   const records = sameRecords && looked === state.record ? [] : ["records", "record"];
   tell("session", "models", ...records, ...topics);
@@ -49,6 +50,7 @@ const newlyMissing = (records) =>
 export async function moveInTime(direction) {
   await attempt(async () => {
     const session = await post(`/${direction}`);
+    settled();
     forget();
     take(session, "result");
     note(direction === "undo" ? "Undone" : "Done again");
@@ -87,6 +89,7 @@ function look(id) {
 }
 
 export function lookAt(id) {
+  if (id !== state.record) settled("missing");
   look(id);
   tell("record", "records");
 }
@@ -99,15 +102,16 @@ async function opened(ask, what) {
   note(`Reading ${what} ...`);
   await attempt(async () => {
     const answer = await ask();
+    settled();
     await loadSession();
     const last = answer.records.at(-1);
     if (last) {
       lookAt(last.id);
       note(`${answer.records.map((record) => record.name).join(", ")} opened`);
     }
-    for (const failed of answer.failed ?? []) {
-      warn(`${failed.name}: ${failed.message}${failed.remedy ? ` ${failed.remedy}` : ""}`);
-    }
+    const failed = (answer.failed ?? []).map((one) => `${one.name}: ${sentence(one)}`);
+    if (failed.length) warn(failed.join("\n"));
+    if (!last) note("");
   });
 }
 
@@ -122,6 +126,7 @@ export async function changeRecord(id, changes) {
       throw error;
     });
     state.session.records = state.session.records.map((old) => (old.id === id ? card : old));
+    settled();
     forget();
     tell("records", "record");
     attempt(refreshQuietly);
@@ -132,6 +137,7 @@ export async function changeRecord(id, changes) {
 export async function dropRecord(id) {
   await attempt(async () => {
     await remove(`/records/${id}`);
+    settled();
     await loadSession();
   });
 }
@@ -155,21 +161,43 @@ export function obstacle(record) {
   if (!record.outputs.length) {
     return "No channel is an output; mark the one that answered as output on the left.";
   }
-  return null;
+  return unmoved(record);
+}
+
+/** Said where no input moves in the whole record. */
+function unmoved(record) {
+  const driven = [...record.inputs, ...record.references];
+  const moves = ({ name, minimum, maximum }) => driven.includes(name) && minimum !== maximum;
+  if (record.channels.some(moves)) return null;
+  return `${driven.join(", ")} never moves in this record, so that nothing tells how the plant `
+    + "answers; mark the channel that was moved as input on the left, or open another record.";
 }
 
 /** Starts an estimate of the record looked at and follows it to its end. */
 export async function estimate() {
+  if (recordOf()?.missing_file) await attempt(loadSession); // it may be back
   const record = recordOf();
   const problem = obstacle(record);
-  if (problem) return warn(problem, "estimate");
-  clear("estimate");
+  if (problem) return warn(problem, record?.missing_file ? "missing" : "estimate");
+  settled();
   if (state.job) await cancel();
   return attempt(async () => {
     const asked = { record: record.id, options: state.chosen };
     const { job, model } = await post("/models", asked);
     await follow(job, model);
   });
+}
+
+/** Estimates with some options changed: those of `model`, on its record, or those of the page. */
+export function estimateWith(changes, model = null) {
+  const usual = Object.fromEntries(state.options.map((one) => [one.name, String(one.default)]));
+  const wanted = Object.entries({ ...(model?.options ?? state.chosen), ...changes });
+  state.chosen = Object.fromEntries(
+    wanted.filter(([name, value]) => String(value) !== usual[name]));
+  remember({ chosen: state.chosen });
+  tell("chosen");
+  if (model && model.record !== state.record) lookAt(model.record);
+  return estimate();
 }
 
 async function follow(id, model) {
@@ -199,6 +227,7 @@ async function follow(id, model) {
 const ENDS = {
   async done(job, model) {
     const before = state.session.models.map((one) => one.id);
+    settled();
     state.model = job.model ?? model;
     detailOf(state.model).catch(() => null); // under way while the session is asked for
     const found = await get("/session");
@@ -208,8 +237,7 @@ const ENDS = {
   },
   async failed(job) {
     await loadSession();
-    const { message, remedy } = job.error ?? { message: job.message };
-    warn([message, remedy].filter(Boolean).join(" "), "estimate");
+    warn(sentence(job.error ?? { message: job.message }), "estimate");
   },
   async cancelled() {
     await loadSession();
@@ -240,6 +268,7 @@ export async function cancel() {
 }
 
 export function choose(id) {
+  settled();
   state.model = id;
   remember({ model: id });
   const model = modelOf(id);

@@ -17,7 +17,7 @@ export async function advise(record, place) {
     findingList(findings) ?? make("p", {}, "Nothing stands in the way of an estimate."),
     make("div", { class: "scroll" }, make("table", { "aria-label": "What the record shows" },
       make("tbody", {}, facts.map((pair) => make("tr", {},
-        pair.map((text) => make("td", {}, text))))))),
+        pair.map((text, column) => make("td", { class: column ? null : "text" }, text))))))),
     ...notes.map((text) => make("p", { class: "soft" }, text)));
   });
 }

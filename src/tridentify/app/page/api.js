@@ -6,6 +6,9 @@ const STRANGER = "This page was opened with the token of another server.";
 const STRANGER_REMEDY = "Open the address that the server printed when it started; "
   + "records, ranges and models are all there.";
 
+/** Where this page asks for what a program gives as `dt`. */
+const STEP = ["give dt [s]", "give the seconds between its samples (the field below Open files)"];
+
 /** This tab's name in the events of the server. */
 export const CLIENT = Math.random().toString(36).slice(2, 12);
 
@@ -18,8 +21,13 @@ export class Refusal extends Error {
   }
 
   get sentence() {
-    return [this.message, this.remedy].filter(Boolean).map(stopped).join(" ");
+    return sentence(this);
   }
+}
+
+/** A refusal of the server as it is read: what was found, what to do. */
+export function sentence({ message, remedy }) {
+  return [message, (remedy ?? "").replace(...STEP)].filter(Boolean).map(stopped).join(" ");
 }
 
 function stopped(text) {

@@ -6,6 +6,8 @@ import { make } from "./dom.js";
 
 const DASHES = ["solid", "dash", "dashdot", "dot"];
 const COLOURS = 7;
+const LETTER = 7.5; // pixels of a letter beside an axis
+const UNIT = 8; // letters that are kept free for a unit
 const FONT = "system-ui, 'Segoe UI', 'DejaVu Sans', sans-serif";
 
 export const CONFIG = { displayModeBar: false, displaylogo: false, responsive: true };
@@ -27,6 +29,9 @@ export function faint(hex, opacity) {
   const parts = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
   return `rgba(${parts.join(",")},${opacity})`;
 }
+
+/** Letters of a name that fit along an axis, beside its unit. */
+export const fitting = (pixels) => Math.max(8, Math.floor(pixels / LETTER) - UNIT);
 
 export function axis(title, more = {}) {
   const line = colour("line");

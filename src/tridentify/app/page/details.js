@@ -1,7 +1,7 @@
 // What the server knows of a model, fetched once.
 
 import { get, query } from "./api.js";
-import { tell } from "./state.js";
+import { state, tell } from "./state.js";
 
 const JUDGED_AFTER = 300; // milliseconds between two looks at tests under way
 const PIXELS = 1000;
@@ -38,6 +38,7 @@ export async function panelOf(id, panel, record) {
 export function forget() {
   models.clear();
   panels.clear();
+  state.compared = null;
 }
 
 function keep(place, key, promise) {

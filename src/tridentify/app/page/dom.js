@@ -52,9 +52,18 @@ export function table(head, rows, attributes = {}) {
 
 /** Puts `children` in place of what a node holds, and the focus where it was. */
 export function fill(node, ...children) {
-  const key = node.contains(document.activeElement) ? keyOf(document.activeElement) : null;
+  const held = node.contains(document.activeElement) && document.activeElement !== node;
+  const key = held ? document.activeElement.getAttribute("data-key") : null;
   node.replaceChildren(...children.flat().filter((child) => child));
-  if (key) node.querySelector(`[data-key="${CSS.escape(key)}"]`)?.focus({ preventScroll: true });
+  if (held) (keyed(node, key) ?? home(node))?.focus({ preventScroll: true });
 }
 
-const keyOf = (node) => node.getAttribute("data-key");
+const keyed = (node, key) =>
+  (key === null ? null : node.querySelector(`[data-key="${CSS.escape(key)}"]:not(:disabled)`));
+
+/** Where the focus goes when what had it is gone: the tab key goes on from there. */
+function home(node) {
+  const section = node.closest("section");
+  if (section && !section.hasAttribute("tabindex")) section.setAttribute("tabindex", "-1");
+  return section;
+}

@@ -1,6 +1,7 @@
 // Doubts as a list, the worst first as the server ranks them.
 
 import { make } from "./dom.js";
+import { remedyButton } from "./remedies.js";
 
 const SEVERITIES = ["error", "caution", "note"];
 
@@ -24,11 +25,12 @@ function grouped(findings) {
   return [...groups.values()];
 }
 
-const item = (alike) => make("li", { class: severityOf(alike[0]) },
+const item = (alike, model) => make("li", { class: severityOf(alike[0]) },
   alike.map(({ message }, at) => make("p", {},
     at ? null : make("span", { class: "offscreen" }, `${severityOf(alike[0])}: `), message)),
-  alike[0].remedy ? make("p", { class: "remedy" }, alike[0].remedy) : null);
+  alike[0].remedy ? make("p", { class: "remedy" }, alike[0].remedy) : null,
+  remedyButton(alike[0], model));
 
-/** An ordered list of findings, or null where there is none. */
-export const findingList = (findings) =>
-  (findings?.length ? make("ol", { class: "findings" }, grouped(findings).map(item)) : null);
+/** An ordered list of findings, of `model` or of the record looked at; null where there is none. */
+export const findingList = (findings, model = null) => (findings?.length
+  ? make("ol", { class: "findings" }, grouped(findings).map((alike) => item(alike, model))) : null);

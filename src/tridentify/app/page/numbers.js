@@ -42,7 +42,24 @@ export const seconds = (value) => `${plain(value, 6)}\u00a0s`;
 /** Whether there is a unit to write; a bare number has "-". */
 export const hasUnit = (unit) => Boolean(unit) && unit !== "-";
 
-export const withUnit = (name, unit) => (hasUnit(unit) ? `${name} [${unit}]` : name);
+/** A name with its unit, which is not broken over two lines. */
+export const withUnit = (name, unit) =>
+  (hasUnit(unit) ? `${name} [${unit.replace(/ /g, "\u00a0")}]` : name);
+
+/** The unit of a ratio; none where one of the two is unknown ("-" is known). */
+export function perUnit(above, below) {
+  if (!above || !below) return "";
+  return hasUnit(below) ? `${hasUnit(above) ? above : "1"} per ${below}` : above;
+}
+
+/** A name of at most `most` letters, its middle left out where it is longer. */
+export function brief(name, most) {
+  if (name.length <= most) return name;
+  const tail = Math.floor((most - 1) / 2);
+  return `${name.slice(0, most - 1 - tail)}\u2026${name.slice(-tail)}`;
+}
+
+export const ratioOf = (name, above, below) => withUnit(name, perUnit(above, below));
 
 export function count(number, one, many = `${one}s`) {
   return `${number.toLocaleString("en")} ${number === 1 ? one : many}`;

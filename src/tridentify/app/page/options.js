@@ -22,6 +22,10 @@ export async function startOptions() {
   } });
   byId("options").append(make("h2", {}, "Estimate"), runner, form);
   listen(["job", "record", "online"], fillRunner);
+  listen("chosen", () => {
+    fillForm();
+    fillRunner();
+  });
   fillRunner();
   await act.attempt(async () => {
     state.options = await get("/options");
@@ -63,8 +67,7 @@ const progress = (job, share) => [`${share} %`, job.message].filter(Boolean).joi
 function reset() {
   state.chosen = {};
   remember({ chosen: {} });
-  fillForm();
-  fillRunner();
+  tell("chosen");
 }
 
 // ---------------------------------------------------------------- form

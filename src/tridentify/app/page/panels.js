@@ -3,11 +3,12 @@
 import { attempt } from "./actions.js";
 import { post } from "./api.js";
 import * as chart from "./charts.js";
-import { band, colour, dots, draw, erase, axis, layout, line, modelColour, modelDash, safe }
+import { band, colour, dots, draw, erase, axis, fitting, layout, line, modelColour, modelDash, safe }
   from "./charts.js";
 import { detailOf, panelOf } from "./details.js";
 import { breakable, button, byId, choice, fill, make, table } from "./dom.js";
-import { percent, withError, withUnit } from "./numbers.js";
+import { settled, warn } from "./messages.js";
+import { brief, hasUnit, percent, perUnit, ratioOf, withError, withUnit } from "./numbers.js";
 import { listen, recordOf, shownModels, state, tell } from "./state.js";
 
 const HEIGHT = 300; // pixels of a picture
@@ -69,6 +70,7 @@ async function refresh() {
     const details = await Promise.all(models.map((model) => detailOf(model.id)));
     if (now !== turn) return;
     await choosePair(models);
+    if (chosenRecord && !suits(chosenRecord)) chosenRecord = null;
     fillHead(models);
     fillBeside(models, details);
     for (const place of cards.values()) {
@@ -90,11 +92,24 @@ let pairs = [];
 
 async function choosePair(models) {
   const found = await Promise.all(models.map((model) =>
-    panelOf(model.id, "bode", recordFor(model))));
+    panelOf(model.id, "bode", model.record)));
   pairs = found.flatMap((one) => one.pairs.map(({ output, input }) => ({ output, input })));
   if (!pairs.some((one) => one.output === state.output)) state.output = pairs[0]?.output ?? null;
   const inputs = pairs.filter((one) => one.output === state.output);
   if (!inputs.some((one) => one.input === state.input)) state.input = inputs[0]?.input ?? null;
+}
+
+/** Whether a record has the channels of the ticked models; which it lacks is said. */
+function suits(id) {
+  const record = recordOf(id);
+  const own = new Set(record.channels.map((one) => one.name));
+  const lacking = distinct(pairs.flatMap(({ output, input }) => [input, output]))
+    .filter((name) => !own.has(name));
+  if (lacking.length) {
+    warn(`${record.name} has no channel ${lacking.join(", ")}, which the ticked models describe; `
+      + "choose a record with the same channels.");
+  }
+  return !lacking.length;
 }
 
 const distinct = (names) => [...new Set(names)];
@@ -131,6 +146,12 @@ function told(place, ...lines) {
   fill(place.told, lines.flat().filter(Boolean));
 }
 
+/** The layout of a picture whose place keeps its height when the window changes. */
+function sized(place, height, more = {}) {
+  place.plot.style.height = `${height}px`;
+  return layout({ height, ...more });
+}
+
 // ---------------------------------------------------------------- over time
 async function drawFit(place, all) {
   const rows = all.map(({ model, data }) => ({ model, one: outputOf(data) })).filter(({ one }) => one);
@@ -144,9 +165,9 @@ async function drawFit(place, all) {
     return [...measured, ...band(one.time, one.low, one.high, modelColour(model)),
       line(one.time, one.model, modelColour(model), styled(model))];
   });
-  const made = layout({ height: HEIGHT });
+  const made = sized(place, HEIGHT + 120);
   made.xaxis = axis("time [s]");
-  made.yaxis = axis(withUnit(rows[0].one.name, rows[0].one.unit));
+  made.yaxis = axis(withUnit(brief(rows[0].one.name, fitting(HEIGHT)), rows[0].one.unit));
   await draw(place.plot, traces, made);
   link(place.plot, ["residual"]);
 }
@@ -159,17 +180,18 @@ async function drawResidual(place, all) {
     dots(one.lags, one.autocorrelation, modelColour(model),
       { xaxis: "x2", yaxis: "y2", name: safe(`${model.name}: with itself`) }),
     ...crossed(model, one)]);
-  const made = layout({ height: HEIGHT, shapes: limits(rows) });
+  const made = sized(place, HEIGHT, { shapes: limits(rows) });
   const unit = unitOf(all[0].data, all[0].model);
   made.xaxis = axis("time [s]", { domain: [0, 1], anchor: "y" });
-  made.yaxis = axis(withUnit("residual", unit), { domain: [0.6, 1], nticks: 4 });
+  made.yaxis = axis(withUnit("residual", unit), { domain: [0.6, 1], nticks: 5 });
   made.xaxis2 = axis("lag [s]", { domain: [0, 1], anchor: "y2" });
   made.yaxis2 = axis("correlation [-]", { domain: [0, 0.36], nticks: 4, range: [-1, 1],
     autorange: true });
   await draw(place.plot, traces, made);
   link(place.plot, ["fit"]);
-  told(place, rows.flatMap(({ model, one }) => [
-    rows.length > 1 ? make("p", { class: "soft" }, model.name) : null, tests(model, one)]));
+  const { stretch } = rows[0].one;
+  told(place, rows.length > 1 ? testsOf(rows) : tests(rows[0].model, rows[0].one),
+    stretch ? make("p", { class: "soft" }, `Tested on ${stretch}.`) : null);
 }
 
 const unitOf = (data) =>
@@ -193,6 +215,27 @@ function tests(model, one) {
   return make("ul", { class: "tests", "aria-label": `Tests of ${model.name}` },
     (one.tests ?? []).map((test) => make("li", { class: test.passed ? "passed" : "failed" },
       make("strong", {}, test.passed ? "passed" : "failed"), ` ${test.text || test.name}`)));
+}
+
+/** "p = 0.71" in a column of such numbers. */
+const bare = (text) => text.replace(/^p (= )?/, "").replace(/ /g, "\u00a0");
+
+/** Tests of several models side by side, a failed one in words. */
+function testsOf(rows) {
+  const parts = ({ text, name }) => {
+    const at = text ? text.lastIndexOf(": ") : -1;
+    return at < 0 ? [text || name, ""] : [text.slice(0, at), text.slice(at + 2)];
+  };
+  const asked = distinct(rows.flatMap(({ one }) => one.tests.map((test) => parts(test)[0])));
+  const cell = ({ one }, text) => {
+    const test = one.tests.find((other) => parts(other)[0] === text);
+    if (!test) return "\u2013";
+    return test.passed ? bare(parts(test)[1])
+      : make("span", { class: "failed" }, make("strong", {}, "failed"), `\u00a0${bare(parts(test)[1])}`);
+  };
+  return table(["test of the residual, p", ...rows.map(({ model }) => model.name)],
+    asked.map((text) => [text, ...rows.map((row) => cell(row, text))]),
+    { "aria-label": "Tests of the residuals", class: "coefficients" });
 }
 
 /** Zooming one picture over time zooms the others. */
@@ -229,7 +272,7 @@ async function drawBode(place, all) {
   })];
   const rest = measured ? { magnitude: [0.62, 1], phase: [0.26, 0.57] }
     : { magnitude: [0.54, 1], phase: [0, 0.46] };
-  const made = layout({ height: HEIGHT + 60 });
+  const made = sized(place, HEIGHT + 60);
   made.xaxis = axis("frequency [rad/s]", { type: "log", anchor: measured ? "y3" : "y2",
     dtick: decades(rows), exponentformat: "none" });
   made.yaxis = axis("magnitude [dB]", { domain: rest.magnitude, nticks: 5 });
@@ -238,6 +281,8 @@ async function drawBode(place, all) {
     made.yaxis3 = axis("coherence [-]", { domain: [0, 0.2], range: [0, 1.05], tickvals: [0, 0.5, 1] });
   }
   await draw(place.plot, traces, made);
+  const unit = perUnit(...unitsOf(rows[0].model));
+  told(place, hasUnit(unit) ? make("p", { class: "soft" }, `0 dB is 1 ${unit}`) : []);
 }
 
 const decades = (rows) => {
@@ -262,23 +307,24 @@ async function drawStep(place, all) {
   const traces = rows.flatMap(({ model, one }) => [
     ...band(one.time, one.low, one.high, modelColour(model)),
     line(one.time, one.value, modelColour(model), styled(model))]);
-  const made = layout({ height: HEIGHT });
+  const made = sized(place, HEIGHT + 60);
   made.xaxis = axis("time [s]");
-  made.yaxis = axis(perUnit(rows[0].model));
+  made.yaxis = axis(ratioOf(brief(state.output, fitting(HEIGHT)), ...unitsOf(rows[0].model)));
   await draw(place.plot, traces, made);
 }
 
-function perUnit(model) {
+/** Units of the output and the input that are shown. */
+function unitsOf(model) {
   const record = recordOf(model.record);
-  const unit = (name) => record?.channels.find((one) => one.name === name)?.unit || "-";
-  return `${state.output} [${unit(state.output)}] per ${unit(state.input)}`;
+  return [state.output, state.input].map((name) =>
+    record?.channels.find((one) => one.name === name)?.unit);
 }
 
 async function drawPoles(place, all) {
   const traces = all.flatMap(({ model, data }) => [
     roots(data.poles, model, "x-thin", "pole"),
     roots(zerosOf(data), model, "circle-open", "zero")]);
-  const made = layout({ height: HEIGHT });
+  const made = sized(place, HEIGHT);
   const zero = { zeroline: true, zerolinecolor: colour("soft") };
   made.xaxis = axis("real part [1/s]", { ...zero, range: around(traces.flatMap(({ x }) => x)) });
   made.yaxis = axis("imaginary part [rad/s]", { ...zero, range: around(traces.flatMap(({ y }) => y)) });
@@ -313,6 +359,7 @@ function modes(poles) {
 
 function nothing(place) {
   erase(place.plot);
+  place.plot.style.height = "";
   told(place, make("p", { class: "soft" }, "None of the ticked models has this output and input."));
 }
 
@@ -332,7 +379,7 @@ function fillBeside(models, details) {
     const unit = units(name).length > 1 ? ` ${row.unit}` : "";
     return (std ? `${value} \u00b1\u00a0${std}` : value) + unit;
   };
-  const fits = make("div", { "aria-live": "polite" });
+  const fits = make("div", { class: "fits", "aria-live": "polite" }, comparison(models));
   beside.classList.toggle("wide", models.length > 2);
   fill(beside, make("h3", {}, "Coefficients side by side"),
     table(["", ...models.map((model) => model.name)],
@@ -341,7 +388,7 @@ function fillBeside(models, details) {
     make("div", { class: "tools" }, "Compare on ",
       choice(state.session.records.map(({ id, name }) => [id, name]), target(models),
         (id) => { compared = id; }, { "aria-label": "Record to compare on", "data-key": "target" }),
-      button("Compare", () => compare(models, target(models), fits), { "data-key": "compare" })),
+      button("Compare", compare, { "data-key": "compare" })),
     make("p", { class: "soft" }, "Offset, drift and the initial state are fitted anew on that record."),
     fits);
 }
@@ -349,18 +396,30 @@ function fillBeside(models, details) {
 const target = (models) =>
   recordOf(compared)?.id ?? state.record ?? models[0].record;
 
-async function compare(models, record, place) {
+async function compare() {
+  const models = shownModels();
+  const record = target(models);
+  if (!suits(record)) return;
   await attempt(async () => {
-    const found = await post("/compare", { models: models.map((one) => one.id), record });
-    const upright = found.outputs.length <= MOST_BESIDE;
-    fill(place, upright
-      ? table(["", ...found.outputs.map((name) => `fit ${name}`)],
-        models.map((model, at) => [model.name, ...found.fits[at].map(percent)]), FITS)
-      : table(["fit of", ...models.map((model) => model.name)],
-        found.outputs.map((name, at) => [breakable(name),
-          ...found.fits.map((fits) => percent(fits[at]))]), FITS),
-    make("p", {}, found.summary ?? ""));
-    state.compared = { models: models.map((one) => one.id), record, ...found };
+    const ids = models.map((one) => one.id);
+    const found = await post("/compare", { models: ids, record });
+    settled();
+    state.compared = { models: ids, record, ...found };
+    fill(beside.querySelector(".fits"), comparison(shownModels()));
     tell("compared");
   });
+}
+
+/** What the last comparison found, where it was one of these models. */
+function comparison(models) {
+  const found = state.compared;
+  if (!found || String(found.models) !== String(models.map((one) => one.id))) return [];
+  const upright = found.outputs.length <= MOST_BESIDE;
+  const rows = upright
+    ? table(["", ...found.outputs.map((name) => `fit ${name}`)],
+      models.map((model, at) => [model.name, ...found.fits[at].map(percent)]), FITS)
+    : table(["fit of", ...models.map((model) => model.name)],
+      found.outputs.map((name, at) => [breakable(name),
+        ...found.fits.map((fits) => percent(fits[at]))]), FITS);
+  return [rows, make("p", {}, found.summary ?? "")];
 }

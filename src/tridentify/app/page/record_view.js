@@ -6,7 +6,7 @@ import { get, query } from "./api.js";
 import { axis, colour, draw, erase, faint, FIXED, layout, line, safe } from "./charts.js";
 import { button, byId, choice, fill, make } from "./dom.js";
 import { explain, note, warn } from "./messages.js";
-import { count, plain, seconds, withUnit } from "./numbers.js";
+import { brief, count, plain, seconds, withUnit } from "./numbers.js";
 import { channelOf, listen, recordOf, state, tell } from "./state.js";
 
 const LEFT = 62; // pixels of the numbers beside the channels
@@ -16,6 +16,7 @@ const BOTTOM = 38;
 const ROW = 112; // pixels of one channel
 const HIGHEST = 620; // pixels of all channels, as long as each keeps LOWEST
 const LOWEST = 64;
+const MOST = 48; // letters of a name above its channel
 const GAP = 0.16; // of a row, for the channel's name
 const LEAST_DRAG = 4; // pixels: less is a click
 const SETTLED = 60; // milliseconds without a new view before samples are fetched
@@ -28,6 +29,11 @@ const MODES = [
   ["zoom", "Zoom", "Drag over what is looked at closer"],
   ["move", "Move", "Drag the record along"],
 ];
+const HINTS = {
+  none: "Open a file on the left, or drop one here.",
+  lost: "The samples are shown here again when the file is back where it was.",
+  read: "",
+};
 const USES = [["identify", "identify"], ["validate", "validate"], ["bad", "bad samples"]];
 const COLOURS = { identify: "identify", validate: "validate", bad: "bad" };
 
@@ -60,7 +66,7 @@ export function startRecordView() {
   listen("view", moved);
   listen("theme", redraw);
   new ResizeObserver(() => { if (series) refetchSoon(); }).observe(plot);
-  fillTools();
+  changed();
 }
 
 // ---------------------------------------------------------------- the parts
@@ -74,13 +80,13 @@ function changed() {
     manoeuvres = null;
     fill(advice);
     overlay.hidden = !record;
-    if (!record) erase(plot);
+    if (!record) blank();
   }
   title.textContent = record ? record.name : "Record";
   fillTools();
   fillRanges();
   fillOffers();
-  fill(readout, record ? "" : "Open a file on the left, or drop one here.");
+  fill(readout, HINTS[!record ? "none" : record.missing_file && !series ? "lost" : "read"]);
   if (record) refetch();
 }
 
@@ -162,9 +168,8 @@ async function store(record, all, estimate) {
   const changes = {};
   if (JSON.stringify(ranges) !== JSON.stringify(record.ranges)) changes.ranges = ranges;
   if (JSON.stringify(bad) !== JSON.stringify(record.bad)) changes.bad = bad;
-  if (!Object.keys(changes).length) return;
-  const card = await act.changeRecord(record.id, changes);
-  if (card && estimate && atOnce) act.estimate();
+  const kept = !Object.keys(changes).length || await act.changeRecord(record.id, changes);
+  if (kept && estimate && atOnce) act.estimate();
 }
 
 // ---------------------------------------------------------------- manoeuvres
@@ -272,8 +277,15 @@ async function refetch() {
     redraw();
   } catch (error) {
     if (error.code === "gone") act.knock();
+    if (error.name !== "AbortError" && !series) blank();
     explain(error);
   }
+}
+
+/** Nothing in place of the samples of a record that was shown before. */
+function blank() {
+  erase(plot);
+  plot.style.height = "";
 }
 
 /** Minimum and maximum of each pixel column as one line. */
@@ -334,7 +346,7 @@ function label(record, rows, name, row) {
     .find(([place]) => record[place].includes(name))?.[1] ?? "unused";
   return { xref: "paper", yref: "paper", x: 0, y: domain(rows, row)[1], xanchor: "left",
     yanchor: "bottom", showarrow: false, font: { size: 11 }, borderpad: 0,
-    text: `<b>${safe(withUnit(name, unit))}</b> ${role}` };
+    text: `<b>${safe(withUnit(brief(name, MOST), unit))}</b> ${role}` };
 }
 
 function marks(record) {

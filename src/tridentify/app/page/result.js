@@ -1,15 +1,17 @@
 // Right: one sentence, measured against model, the numbers that matter, doubts, coefficients.
 
 import { attempt } from "./actions.js";
-import { band, colour, draw, erase, axis, FIXED, layout, line, modelColour, safe }
+import { band, colour, draw, erase, axis, fitting, FIXED, layout, line, modelColour, safe }
   from "./charts.js";
 import { detailOf, panelOf } from "./details.js";
 import { breakable, byId, fill, make, table } from "./dom.js";
 import { findingList, worst } from "./findings.js";
-import { hasUnit, percent, plain, withError, withUnit } from "./numbers.js";
+import { brief, hasUnit, percent, plain, withError, withUnit } from "./numbers.js";
 import { isDone, listen, modelOf, recordOf, state } from "./state.js";
 
 const HEIGHT = 190; // pixels of measured against model, one output
+const TABLES = [["parameters", "Coefficients", "coefficient"], ["derived", "Derived", "quantity"],
+  ["physical", "Physical parameters", "parameter"]];
 
 let body, picture, legend, head, tail;
 let drawn = 0;
@@ -19,7 +21,7 @@ export function startResult() {
   legend = make("p", { class: "legend soft" });
   head = make("div", { class: "head" });
   tail = make("div", { class: "tail" });
-  body = make("div", { class: "found" }, head, make("div", {}, picture, legend), tail);
+  body = make("div", { class: "found" }, head, make("div", { class: "measured" }, picture, legend), tail);
   byId("result").append(make("h2", {}, "Result"), body);
   listen(["result", "judged", "models", "theme"], refresh);
 }
@@ -49,9 +51,9 @@ function empty(model) {
 function show(model, detail) {
   fill(head, make("h3", { class: "named" }, name(model)),
     make("p", { class: `sentence ${worst(detail.findings)}` }, detail.sentence));
-  fill(tail, numbers(detail), doubts(detail.findings), checked(detail),
-    ...["Coefficients", "Derived", "Physical parameters"].flatMap((title, at) =>
-      section(title, parameters(title, [detail.parameters, detail.derived, detail.physical][at]))));
+  fill(tail, numbers(detail), doubts(model, detail.findings), checked(model, detail),
+    ...TABLES.flatMap(([place, title, first]) =>
+      section(title, parameters(title, first, detail[place]))));
 }
 
 function name(model) {
@@ -63,24 +65,25 @@ function numbers({ numbers: four }) {
   if (!four?.length) return null;
   return make("dl", { class: "numbers" }, four.map((one) => {
     const [value, std] = withError(one.value, one.std);
-    return make("div", {}, make("dt", {}, one.name),
-      make("dd", {}, value, make("span", {}, std ? ` \u00b1 ${std}` : "", hasUnit(one.unit) ? ` ${one.unit}` : "")));
+    return make("div", {}, make("dt", {}, breakable(one.name)),
+      make("dd", {}, value, [std ? `\u00b1 ${std}` : "", hasUnit(one.unit) ? one.unit : ""]
+        .filter(Boolean).flatMap((text) => [" ", make("span", {}, text)])));
   }));
 }
 
-function doubts(findings) {
+function doubts(model, findings) {
   if (!findings?.length) {
     return make("p", { class: "fine" }, "Nothing was found that speaks against these numbers.");
   }
-  return [make("h3", {}, "Doubts"), findingList(findings)];
+  return [make("h3", {}, "Doubts"), findingList(findings, model)];
 }
 
-function checked(detail) {
+function checked(model, detail) {
   if (detail.judging) return make("p", { class: "soft" }, "The tests are still running ...");
   if (!detail.validation_fit) return null;
   return [make("h3", {}, "On the range for validation"),
     make("p", {}, `fit ${[detail.validation_fit].flat().map(percent).join(", ")}`),
-    findingList(detail.validation_findings)];
+    findingList(detail.validation_findings, model)];
 }
 
 function section(title, content) {
@@ -89,9 +92,9 @@ function section(title, content) {
 
 const USUAL = ["free", "estimated", "ok"];
 
-function parameters(title, rows) {
+function parameters(title, first, rows) {
   if (!rows?.length) return null;
-  return table(["coefficient [unit]", "value \u00b1 std error", "95 % from", "to"], rows.map((row) => {
+  return table([`${first} [unit]`, "value \u00b1 std error", "95 % from", "to"], rows.map((row) => {
     const [value, std] = withError(row.value, row.std);
     const status = USUAL.includes(row.status ?? "free") ? "" : `, ${row.status}`;
     return [breakable(withUnit(row.name, row.unit) + status), std ? `${value} \u00b1\u00a0${std}` : value,
@@ -120,7 +123,7 @@ async function drawFit(model, { outputs }) {
   const made = layout({ height, margin: { l: 58, r: 8, t: 6, b: 36 } });
   made.xaxis = axis("time [s]", { anchor: rows.length > 1 ? `y${rows.length}` : "y" });
   rows.forEach((one, row) => {
-    made[row ? `yaxis${row + 1}` : "yaxis"] = axis(withUnit(one.name, one.unit), {
+    made[row ? `yaxis${row + 1}` : "yaxis"] = axis(withUnit(brief(one.name, fitting(HEIGHT)), one.unit), {
       domain: [1 - (row + 0.92) / rows.length, 1 - row / rows.length], nticks: 5 });
   });
   await draw(picture, traces, made, FIXED);

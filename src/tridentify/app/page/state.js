@@ -8,6 +8,7 @@ export const state = {
   job: null, // { id, fraction, message, model }
   options: [], // the server's list
   chosen: {}, // option name -> value, only those changed
+  compared: null, // what the last comparison found
   output: null, // the channel pair that the panels show
   input: null,
   gone: false,

@@ -5,6 +5,7 @@ import { attempt } from "./actions.js";
 import { get } from "./api.js";
 import { modelColour } from "./charts.js";
 import { button, byId, choice, fill, make } from "./dom.js";
+import { warn } from "./messages.js";
 import { count, percent, plain, seconds, withUnit } from "./numbers.js";
 import { isDone, listen, state } from "./state.js";
 
@@ -21,10 +22,22 @@ export function startTray() {
   byId("tray").append(
     make("h2", {}, "Records"), adder(), folderFiles(), records,
     make("h2", {}, "Models"), models);
-  listen(["session", "records"], () => fill(records, recordCards()));
-  listen(["session", "models", "theme"], () => fill(models, modelCards()));
+  listen(["session", "records"], () => fillList(records, recordCards(), state.record));
+  listen(["session", "models", "theme"], () => fillList(models, modelCards(), state.model));
   listen(["session"], () => refreshFiles());
   dropAnywhere();
+}
+
+/** Fills a list and, where another card is the current one, brings that one into sight. */
+function fillList(place, cards, current) {
+  const before = place.scrollTop;
+  fill(place, cards);
+  place.scrollTop = before;
+  const card = place.querySelector(".current");
+  if (!card || place.dataset.current === String(current)) return;
+  place.dataset.current = String(current);
+  const beyond = card.offsetTop + card.offsetHeight - place.clientHeight;
+  place.scrollTop = Math.min(card.offsetTop, Math.max(place.scrollTop, beyond));
 }
 
 // ---------------------------------------------------------------- opening
@@ -40,13 +53,18 @@ function adder() {
         "aria-label": "Seconds between the samples of files without a column of time" }), " s")));
 }
 
-function stated() {
-  const given = Number(byId("step").value.trim().replace(",", "."));
-  return given > 0 ? given : null;
+/** Calls `open` with the seconds between samples, null where none are given. */
+function withStep(open) {
+  const text = byId("step").value.trim();
+  const given = text ? Number(text.replace(",", ".")) : null;
+  if (given === null || (given > 0 && given < Infinity)) return open(given);
+  return warn(`Found ${text} as the seconds between samples; give a number above zero such as 0.02, `
+    + "or leave the field empty.");
 }
 
 function take(list) {
-  if (list.length) act.uploadFiles([...list], stated());
+  const files = [...list];
+  if (files.length) withStep((step) => act.uploadFiles(files, step));
 }
 
 function dropAnywhere() {
@@ -70,9 +88,10 @@ function folderFiles() {
     make("summary", {}, "Files of the folder"), list);
   box.addEventListener("toggle", () => { if (box.open) refreshFiles(); });
   folderFiles.show = () => {
+    if (box.hidden && files.length) box.open = !state.session.records.length;
     box.hidden = !files.length;
     fill(list, files.map((file) => make("li", {},
-      button(file.name, () => act.openFile(file.name, stated()),
+      button(file.name, () => withStep((step) => act.openFile(file.name, step)),
         { class: "link", disabled: !file.readable, "data-key": `file ${file.name}`,
           title: file.readable ? `Open ${file.name}` : "Not a format that is read" }),
       make("span", { class: "soft size" }, ` ${size(file.bytes)}`))));
