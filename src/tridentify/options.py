@@ -325,6 +325,8 @@ def method_of(chosen: Mapping[str, str]) -> Method:
     make: Any = METHODS[chosen["method"]]
     try:
         method: Method = make(**asked)
+    except OptionError:
+        raise
     except TypeError:
         given = ", ".join(f"{name}={value}" for name, value in asked.items())
         raise OptionError(

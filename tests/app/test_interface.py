@@ -222,7 +222,7 @@ def test_uploads_are_read_and_kept_and_bad_ones_told_by_name(ask):
     assert (card["name"], card["path"], card["n_samples"]) == ("third", None, 400)
     (failed,) = answer["failed"]
     assert failed["name"] == "empty.csv"
-    assert failed["message"]
+    assert "'empty.csv'" in failed["message"]
     assert estimated(ask, card["id"], poles="2")
 
 

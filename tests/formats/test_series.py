@@ -7,7 +7,7 @@ import polars as pl
 import pytest
 
 from tridentify import read_series
-from tridentify.errors import OptionError, SamplingError
+from tridentify.errors import OptionError, SamplingError, TimeNotIncreasingError
 
 
 def table(tmp_path, text, name="log.csv"):
@@ -38,7 +38,7 @@ def test_time_in_milliseconds_is_seconds(tmp_path):
 
 
 def test_time_that_goes_back_is_refused(tmp_path):
-    with pytest.raises(SamplingError, match="increas"):
+    with pytest.raises(TimeNotIncreasingError, match="increas"):
         read_series(table(tmp_path, "t,u\n0,1\n2,1\n1,3\n"))
 
 

@@ -58,6 +58,7 @@ def test_orders_left_open_are_those_of_the_package():
         ({"known": "mass"}, "such as mass=1.2"),
         ({"physical": "kite"}, "short-period"),
         ({"method": "output-error", "controller": "sampled"}, "no such choice"),
+        ({"noise": "ar", "loss": "huber"}, "one of the two"),
     ],
 )
 def test_answers_that_make_no_sense_are_refused(given, words):

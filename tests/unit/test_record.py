@@ -162,6 +162,16 @@ def test_bad_arrays_are_refused(error: type[Exception], arguments, words: str) -
     assert "expected" in str(caught.value)
 
 
+def test_runs_below_each_other_are_told_from_rows_that_are_not_sorted() -> None:
+    run, u = np.arange(30.0), np.ones(90)
+    with pytest.raises(errors.TimeNotIncreasingError, match=r"t\[30\] = 0 s .* 3 runs below"):
+        Record(u, u, t=np.tile(run, 3))
+    swapped = np.arange(90.0)
+    swapped[[40, 41]] = swapped[[41, 40]]
+    with pytest.raises(errors.TimeNotIncreasingError, match="sort the samples"):
+        Record(u, u, t=swapped)
+
+
 BAD_OPTIONS = [
     (errors.SamplingError, {}, "neither dt nor t"),
     (errors.SamplingError, {"dt": 1.0, "t": [0, 1, 2, 3]}, "both dt and t"),

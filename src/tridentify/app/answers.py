@@ -135,7 +135,11 @@ def _physical(
         )
     ]
     rows += list(found.combinations)
-    return [_physical_row(one) for one in rows], " ".join(found.notes)
+    return [_physical_row(one) for one in rows], " ".join(map(_as_sentence, found.notes))
+
+
+def _as_sentence(note: str) -> str:
+    return f"{note[:1].upper()}{note[1:].rstrip('.')}."
 
 
 def _physical_row(one: Parameter) -> dict[str, Any]:

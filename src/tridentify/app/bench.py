@@ -147,7 +147,8 @@ class Bench:
         """Open what was uploaded; its bytes stay in the session."""
         bare = name.replace("\\", "/").rsplit("/", 1)[-1] or "upload"
         number = self.session.keep_upload(bare, content)
-        source = {"path": None, "upload": number, "session": str(self.session.path), "dt": dt}
+        kept = str(self.session.path)
+        source = {"path": None, "upload": number, "name": bare, "session": kept, "dt": dt}
         return self._opened(source, bare)
 
     def _opened(self, source: dict[str, Any], name: str) -> Card:

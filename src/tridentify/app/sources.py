@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sqlite3
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -54,8 +55,16 @@ def stamp(source: Mapping[str, Any]) -> tuple[object, ...]:
     return ("file", str(path), seen.st_mtime_ns, seen.st_size, source.get("dt"))
 
 
-def content(source: Mapping[str, Any]) -> str | bytes:
-    """What a reader takes: the path of a file, or the bytes that were uploaded."""
+class _Upload(io.BytesIO):
+    """Uploaded bytes under the name that their file had, for what is said of them."""
+
+    def __init__(self, bytes_: bytes, name: str) -> None:
+        super().__init__(bytes_)
+        self.name = name
+
+
+def content(source: Mapping[str, Any]) -> str | io.BytesIO:
+    """What a reader takes: the path of a file, or what was uploaded, open for reading."""
     if source["upload"] is None:
         return str(source["path"])
     with sqlite3.connect(f"file:{source['session']}?mode=ro", uri=True) as session:
@@ -66,7 +75,7 @@ def content(source: Mapping[str, Any]) -> str | bytes:
         raise UnreadableFileError(
             "found nothing of that upload in the session; expected its bytes; upload it again"
         )
-    return bytes(row[0])
+    return _Upload(bytes(row[0]), str(source.get("name") or ""))
 
 
 def series(source: Mapping[str, Any]) -> tuple[Series, ...]:

@@ -188,7 +188,8 @@ def _check_moved(record: Any) -> None:
     if len(still) == record.n_inputs:
         raise ConstantInputError(
             f"found that {', '.join(still)} does not move in this range; expected an input that "
-            "excites the plant; drag over a stretch in which it moves"
+            "excites the plant; drag over a stretch in which it moves, or take "
+            "another channel for the input"
         )
 
 

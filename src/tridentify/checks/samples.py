@@ -43,6 +43,10 @@ Behaviour = Literal["zoh", "foh", "band-limited"]
 MOVING = 0.5
 """Share of samples at which a measured input moves, at least."""
 
+STEPS_TO_A_START = 10
+"""Typical steps by which time goes back where another run begins, and the fewest rows of one:
+samples that were written out of order go back by a few."""
+
 TIME_TOLERANCE = 1e-3
 """Largest departure from a uniform time axis, in steps, that counts as rounding."""
 
@@ -327,17 +331,49 @@ def time_axis(dt: float | None, t: ArrayLike | None, n_samples: int) -> tuple[fl
         raise NotFiniteError(
             f"found t[{index}] = {time[index]}; expected finite times; drop or repair that sample"
         )
-    later = time[1:] > time[:-1]
-    if not later.all():
-        index = int(np.argmin(later))
-        raise TimeNotIncreasingError(
-            f"found t[{index + 1}] = {time[index + 1]:.9g} s after t[{index}] = {time[index]:.9g} s"
-            "; expected strictly increasing time; sort the samples or drop repeated ones"
-        )
+    check_increasing(time)
     if len(time) < 2:
         return None, time
     check_time(float(time[0]), float(time[-1]), typical_step(time))
     return uniform_step(time), time
+
+
+def check_increasing(time: Array) -> None:
+    """Refuse runs below each other, and time that is not sorted, each with what helps.
+
+    Parameters
+    ----------
+    time : (n,) array
+        Finite instants [s].
+
+    Raises
+    ------
+    TimeNotIncreasingError
+        An instant is not after the one before.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> check_increasing(np.r_[0.0:20.0, 0.0:18.0])
+    Traceback (most recent call last):
+    ...
+    tridentify.errors.TimeNotIncreasingError: found t[20] = 0 s after t[19] = 19 s: 2 runs below each
+    other; expected one run; give each as a record of its own
+    """
+    step = np.diff(time)
+    if np.all(step > 0.0):
+        return
+    index = int(np.argmin(step > 0.0))
+    found = f"found t[{index + 1}] = {time[index + 1]:.9g} s after t[{index}] = {time[index]:.9g} s"
+    starts = int(np.sum(step < -STEPS_TO_A_START * np.median(np.abs(step))))
+    if 0 < starts <= step.size / STEPS_TO_A_START:
+        raise TimeNotIncreasingError(
+            f"{found}: {starts + 1} runs below each other; expected one run; give each as a record "
+            "of its own"
+        )
+    raise TimeNotIncreasingError(
+        f"{found}; expected strictly increasing time; sort the samples or drop repeated ones"
+    )
 
 
 def _step_and_time(dt: object, n_samples: int) -> tuple[float, Array]:

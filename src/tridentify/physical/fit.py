@@ -37,6 +37,7 @@ from tridentify.physical.identifiability import (
     combination_gradient,
     identifiability,
     product_text,
+    product_unit,
 )
 from tridentify.physical.likelihood import PhysicalMaximum, directions, maximum
 from tridentify.physical.model import PhysicalModel
@@ -274,7 +275,8 @@ def _combinations(
         w = np.array([exponents.get(name, 0.0) for name in model.names])
         value = float(np.prod(values**w))
         std = abs(value) * float(np.linalg.norm(w @ logs))
-        found.append(Parameter(product_text(powers), value, std))
+        unit = product_unit(powers, model.units)
+        found.append(Parameter(product_text(powers), value, std, unit))
     for name, function in model.combinations.items():
         if (name in said.combinations or said.complete) and name not in {p.name for p in found}:
             gradient = combination_gradient(model, name, z)

@@ -278,6 +278,21 @@ def product_text(powers: Powers) -> str:
     return f"{'*'.join(above) or '1'}/{divisor}"
 
 
+def product_unit(powers: Powers, units: Mapping[str, str]) -> str:
+    """Unit of a product of powers; empty where one of its factors has none.
+
+    Examples
+    --------
+    >>> product_unit((("K", Fraction(1)), ("J", Fraction(-1))), {"K": "V s/rad", "J": "kg m^2"})
+    '(V s/rad)/(kg m^2)'
+    """
+    own = [(units[name], power) for name, power in powers if units[name] != "-"]
+    if not own or not all(unit for unit, _ in own):
+        return ""
+    bracketed = [(unit if unit.isalpha() else f"({unit})", power) for unit, power in own]
+    return product_text(tuple(bracketed))
+
+
 def scaling_text(powers: Powers) -> str:
     """What is multiplied and divided by a power of the same factor, in words."""
 

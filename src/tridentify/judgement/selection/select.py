@@ -173,7 +173,7 @@ def _settled(
     if all(record.intersample != "auto" for record in (*records, *unseen)):
         return _Chosen(records, unseen)
     middle = _middle(structures)
-    say(f"what the input does between its samples, with {order_label(middle)}")
+    say(f"what the input does between its samples, by a model of {order_label(middle)}")
     identified = None
     try:
         estimate, seen, _, _ = with_behaviour(method, list(records), middle, None)

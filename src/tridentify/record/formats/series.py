@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.checks.samples import uniform_step
-from tridentify.errors import OptionError, SamplingError, shown
+from tridentify.checks.samples import check_increasing, uniform_step
+from tridentify.errors import OptionError, SamplingError
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import time_channels
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
@@ -151,6 +151,8 @@ def read_series(path: Contents, *, dt: float | None = None) -> tuple[Series, ...
     ------
     SamplingError
         The file says nothing of time, and `dt` is not given.
+    TimeNotIncreasingError
+        Runs stand below each other, or rows are not sorted.
     UnreadableFileError, EmptyFileError, MissingHeaderError, MissingDependencyError
         As for `read_record`.
 
@@ -210,9 +212,5 @@ def _instants(
         return None
     if t is None or not np.isfinite(t).all():
         return None
-    if np.any(np.diff(t) <= 0.0):
-        raise SamplingError(
-            f"found instants of {shown(channel.header)} that do not increase; expected increasing "
-            "time; sort the rows, or give dt [s] without a column of time"
-        )
+    check_increasing(t)
     return np.asarray(t)
