@@ -357,8 +357,8 @@ def check_increasing(time: Array) -> None:
     >>> check_increasing(np.r_[0.0:20.0, 0.0:18.0])
     Traceback (most recent call last):
     ...
-    tridentify.errors.TimeNotIncreasingError: found t[20] = 0 s after t[19] = 19 s: 2 runs below each
-    other; expected one run; give each as a record of its own
+    tridentify.errors.TimeNotIncreasingError: found t[20] = 0 s after t[19] = 19 s: 2 runs below
+    each other; expected one run; give each as a record of its own
     """
     step = np.diff(time)
     if np.all(step > 0.0):
