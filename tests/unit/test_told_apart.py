@@ -38,6 +38,32 @@ def test_the_memory_of_a_controller_is_counted(controller, delay, lags):
     assert law.share < 1e-9
 
 
+def test_one_triangle_of_long_records_gives_what_dense_regressions_give():
+    rng = np.random.default_rng(3)
+    y = rng.standard_normal(9000)
+    u = 2.0 - 0.7 * y + 0.4 * np.r_[0.0, y[:-1]] + 0.01 * rng.standard_normal(9000)
+    (law,) = laws([Record(u, y, dt=0.1)], most=2)
+    now, own = u[2:], [np.ones(8998)] + [u[2 - k : 9000 - k] for k in (1, 2)]
+    beside = [np.ones(8998), *(y[2 - k : 9000 - k] for k in (0, 1)), u[1:-1]]
+    alone, left = (
+        float(np.linalg.lstsq(np.column_stack(known), now, rcond=None)[1][0])
+        for known in (own, beside)
+    )
+    freedom = 8998 - 4
+    assert law.lags == 1
+    assert law.share == pytest.approx(left / alone, rel=1e-9)
+    assert law.outside == pytest.approx(left / (alone - left) * freedom, rel=1e-9)
+
+
+def test_a_gap_longer_than_a_block_is_passed_over():
+    rng = np.random.default_rng(3)
+    y = rng.standard_normal(12000)
+    u = 1.0 - 0.7 * y
+    y[1000:10000] = np.nan
+    (law,) = laws([Record(u, y, dt=0.1)])
+    assert law.lags == 0
+
+
 def test_no_two_samples_in_a_row_tell_no_law_with_memory():
     record = silent("P", 1).record
     y = np.array(record.y)

@@ -23,10 +23,14 @@ import numpy as np
 
 from tridentify.estimation.answer.finding import Finding
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.least_squares import Accumulator
 from tridentify.record.record import Record
 
 MOST_LAGS = 8
 """Samples that a controller is taken to remember at most."""
+
+BLOCK = 4096
+"""Samples that are folded into a triangle at a time."""
 
 PER_COLUMN = 5
 """Samples for each column of a regression, at least."""
@@ -170,14 +174,17 @@ def _law(records: Sequence[Record], j: int, most: int) -> Law:
     none = Law(j, None, np.inf, 1.0)
     if most < 0:
         return none
-    now = np.concatenate([record.u[most:, j] for record in records])
+    rows = sum(max(record.n_samples - most, 0) for record in records)
     spread = max(float(np.std(record.u[:, j])) for record in records)
-    alone = _left(records, now, most, most, outputs=False)[0]
-    if not alone > (ROUNDING * spread) ** 2 * now.size:
+    # without a gap the shorter regressions are columns of the longest one
+    gaps = any(bool(np.isnan(record.y).any()) for record in records)
+    longest = None if gaps else _regression(records, j, most, most)
+    alone, _ = (longest or _regression(records, j, most, most, outputs=False)).left(most, -1)
+    if not alone > (ROUNDING * spread) ** 2 * rows:
         return none
     lowest = 1.0
     for lags in range(most + 1):
-        left, freedom = _left(records, now, lags, most, outputs=True)
+        left, freedom = (longest or _regression(records, j, lags, most)).left(lags, lags)
         if freedom < 1:
             break
         mean = left / freedom
@@ -189,31 +196,62 @@ def _law(records: Sequence[Record], j: int, most: int) -> Law:
     return none._replace(share=lowest)
 
 
-def _left(
-    records: Sequence[Record], now: Array, lags: int, first: int, *, outputs: bool
-) -> tuple[float, int]:
-    """Sum of squares that a regression on so many lags leaves, and its degrees of freedom."""
-    blocks = []
+class _Regression(NamedTuple):
+    """An input on its past and on outputs, as the triangle of what stands side by side.
+
+    Attributes
+    ----------
+    triangle : (q, q) array
+        Of a constant for each record, the inputs and the outputs with ever more lags, and what is
+        regressed.
+    rows : int
+        Samples.
+    lags : (q - 1,) array of int
+        Of each column, none of constants.
+    is_output : (q - 1,) array of bool
+    """
+
+    triangle: Array
+    rows: int
+    lags: Array
+    is_output: Array
+
+    def left(self, inputs: int, outputs: int) -> tuple[float, int]:
+        """Sum of squares that so many lags of each leave, and its degrees of freedom."""
+        if not self.rows:
+            return 0.0, 0
+        taken = self.lags <= np.where(self.is_output, outputs, inputs)
+        known, wanted = self.triangle[:, :-1][:, taken], self.triangle[:, -1]
+        scale = np.maximum(np.linalg.norm(known, axis=0), 1e-300)
+        fitted, _, rank, _ = np.linalg.lstsq(known / scale, wanted, rcond=1e-12)
+        left = wanted - (known / scale) @ fitted
+        return float(left @ left), self.rows - int(rank)
+
+
+def _regression(
+    records: Sequence[Record], j: int, lags: int, first: int, *, outputs: bool = True
+) -> _Regression:
+    """Triangle of the samples from one on, of an input beside what may tell it."""
+    sources = [(False, lag) for lag in range(1, lags + 1)]
+    sources += [(True, lag) for lag in range(lags + 1)] if outputs else []
+    widths = [records[0].n_outputs if output else records[0].n_inputs for output, _ in sources]
+    of = np.repeat(np.array(sources, dtype=int).reshape(-1, 2), widths, axis=0)
+    levels = len(records)
+    total = Accumulator(levels + len(of) + 1, BLOCK)
+    rows = 0
     for e, record in enumerate(records):
-        rows = record.n_samples - first
-        own = [_standing(record.u, first - lag, rows) for lag in range(1, lags + 1)]
-        if outputs:
-            own += [_standing(record.y, first - lag, rows) for lag in range(lags + 1)]
-        levels = np.zeros((rows, len(records)))
-        levels[:, e] = 1.0
-        blocks.append(np.hstack([levels, *own]))
-    known = np.vstack(blocks)
-    seen = np.all(np.isfinite(known), axis=1)
-    known, wanted = known[seen], now[seen]
-    if not wanted.size:
-        return 0.0, 0
-    scale = np.maximum(np.sqrt(np.mean(known**2, axis=0)), 1e-300)
-    fitted, _, rank, _ = np.linalg.lstsq(known / scale, wanted, rcond=1e-12)
-    left = wanted - (known / scale) @ fitted
-    return float(left @ left), int(wanted.size - rank)
-
-
-def _standing(signal: Array, start: int, rows: int) -> Array:
-    """Rows of a signal from a sample on, about its mean."""
-    mean: Array = np.nanmean(signal, axis=0)
-    return signal[start : start + rows] - mean
+        u, y = (one - np.nanmean(one, axis=0) for one in (record.u, record.y))
+        for start in range(first, record.n_samples, BLOCK):
+            stop = min(start + BLOCK, record.n_samples)
+            block = np.zeros((levels + len(of) + 1, stop - start))
+            block[e] = 1.0
+            beside = [(y if output else u)[start - lag : stop - lag].T for output, lag in sources]
+            block[levels:] = np.vstack([*beside, record.u[start:stop, j]])
+            block = block[:, np.isfinite(block).all(axis=0)]
+            if not block.size:
+                continue
+            total.buffer[:, : block.shape[1]] = block
+            total.absorb(block.shape[1])
+            rows += block.shape[1]
+    own = np.vstack([np.zeros((levels, 2), dtype=int), of])
+    return _Regression(total.r, rows, own[:, 1], own[:, 0] == 1)
