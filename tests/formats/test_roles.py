@@ -62,3 +62,20 @@ def test_where_all_are_alike_the_first_is_the_input():
 
 def test_what_stands_still_is_not_used():
     assert roles(u=steps(1), y=wave(2), spare=np.ones(N))["spare"] == "unused"
+
+
+def test_clocks_and_counters_are_no_signals():
+    t = np.linspace(35.1, 95.1, 200)
+    names = ["timestamp", "setpoint", "y", "duty", "t_rel", "sample"]
+    samples = [
+        1.7e9 + t,
+        np.sign(np.sin(0.1 * t)),
+        np.cos(t),
+        np.sign(np.sin(t)),
+        t,
+        np.arange(200),
+    ]
+    found = guess_roles(names, samples)
+    assert found == ["unused", "reference", "output", "input", "unused", "unused"]
+    # a shaft's time constant is a signal as long as it does not only grow
+    assert guess_roles(["u", "settling_time"], [np.sign(np.sin(t)), np.cos(t)])[1] == "output"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tridentify import Record, Structure, TransferFunction, simulate
 from tridentify.estimation.likelihood.cost import evaluate
@@ -105,3 +106,18 @@ def test_places_of_a_record_and_room_around_them():
     assert 1.3 < limits[0] < 1.5
     start = build([record], known, Nuisances("free", False, False)).experiments[0].start
     assert start * 0.05 >= limits[0] - 1e-9
+
+
+@pytest.mark.parametrize("seed", [4, 9, 12])
+def test_needless_poles_do_not_send_the_delay_away(seed):
+    # a first order with dead time under a slow input and slow noise, asked for with four poles
+    rng = np.random.default_rng(seed)
+    u = lfilter([1.0], [1.0, -1.7, 0.78], rng.standard_normal(300))
+    u /= np.std(u)
+    plant = TransferFunction([0.135], [1.0, 0.045], delay=27.0)
+    y = simulate(plant, Record(u, u, dt=9.0, intersample="foh"))[:, 0]
+    noise = lfilter([1.0], [1.0, -1.5, 0.63], rng.standard_normal(300))
+    y += 0.15 * np.std(y) * noise / np.std(noise)
+    record = Record(u, y, dt=9.0, intersample="foh")
+    (place,) = delay_places([record], Structure(4, 0, delay="free", initial_state="free"))
+    assert place.delays[0] < 40.0

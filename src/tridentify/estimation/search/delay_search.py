@@ -50,6 +50,7 @@ from tridentify.estimation.search.stand_ins import SMALL, free_variant, is_large
 from tridentify.estimation.search.starts import parallel_criterion, rate_limits
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.slices import drain
 from tridentify.record.record import Record
 from tridentify.structure import InitialState, Structure
 
@@ -341,7 +342,7 @@ def _best(
     for cost, delays in places:
         if ends and cost > min(criterion(end) for end in ends) + PLAUSIBLE:
             continue
-        ends.append(_refined(problem, delays))
+        ends.append(_refined(problem, delays, thorough=not ends))
     best = min(ends, key=lambda point: point.objective)
     step = min(e.dt for e in problem.experiments)
     agree = any(
@@ -412,10 +413,19 @@ def _distinct(places: Sequence[tuple[float, Array]]) -> list[tuple[float, Array]
     return kept
 
 
-def _refined(problem: Problem, delays: Array) -> Point:
-    """The search for poles at given delays, and both refined together."""
+def _refined(problem: Problem, delays: Array, *, thorough: bool) -> Point:
+    """The search for poles at given delays, and both refined together.
+
+    Most places need few starts. Where these end far above what the parallel model reaches, and no
+    other end is there to begin from, more kinds of starts are followed: all places would else be
+    judged by poor ends.
+    """
     late = problem.delayed(delays).freed(None)
-    return _from(problem, delays, Search(STARTS).begin(late, [free_variant(late)]).point.poles)
+    worker, variants = Search(STARTS), [free_variant(late)]
+    found = worker.begin(late, variants)
+    if thorough and criterion(found.point) > found.reachable + PLAUSIBLE:
+        found = drain(worker.following(late, variants))
+    return _from(problem, delays, found.point.poles)
 
 
 def _from(problem: Problem, delays: Array, poles: Complex) -> Point:

@@ -4,8 +4,10 @@ Where rows are missing between two samples that seem to follow each other, all t
 the response to the recorded input plus a free response ``c(t) x`` of the model from there on. For
 ``n`` poles that is ``n`` known columns, the same at every instant but for a shift, so that what all
 instants would explain of a residual is a correlation (a matched filter). A single bad sample is
-another such column, an impulse; the two are told apart by which of them explains more, largest
-first, as innovative and additive outliers are (Tsay 1988; Chen & Liu 1993).
+another such column, an impulse, and so is a shock to coloured noise, an impulse of what drives it;
+the three are told apart by which of them explains more, largest first, as additive and innovative
+outliers are (Tsay 1988; Chen & Liu 1993). The noise jumps too where rows were lost: shocks right
+behind a jump are part of it.
 
 References: R. Tsay, J. Forecasting 7 (1988) 1-20. C. Chen & L.-M. Liu, J. American Statistical
 Association 88 (1993) 284-297.
@@ -115,10 +117,11 @@ def _apart(places: Sequence[int], count: int) -> list[int]:
 
 
 class _Template(NamedTuple):
-    """Free responses of one output from a sample on, whitened, and the impulse beside them."""
+    """Of one output, whitened: free responses from a sample on, an impulse, a shock."""
 
     free: Array
     spike: Array
+    shock: Array
 
 
 def jumps(
@@ -180,7 +183,7 @@ def _template(free: Array, a: Array) -> _Template:
     taps = np.concatenate([[1.0], a])
     columns = np.array([np.convolve(taps, one)[: one.size] for one in free.T]).T
     u, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    return _Template(u[:, s > 1e-6 * s[0]], taps / np.linalg.norm(taps))
+    return _Template(u[:, s > 1e-6 * s[0]], taps / np.linalg.norm(taps), np.ones(1))
 
 
 def _places(white: Array, templates: Sequence[_Template]) -> list[int]:
@@ -190,31 +193,37 @@ def _places(white: Array, templates: Sequence[_Template]) -> list[int]:
     """
     left, n = white.copy(), white.shape[0]
     dimension = sum(one.free.shape[1] for one in templates)
+    memory = max(one.spike.size for one in templates)
     far = float(chdtri(dimension, FALSE_ALARM / n))
     far_alone = float(chdtri(1, FALSE_ALARM / n))
     found: list[int] = []
-    singles = 0
+    singles: list[int] = []
     for _ in range(MOST + MOST_SPIKES):
         jump = np.zeros(n)
-        spikes = np.zeros_like(left)
         for i, own in enumerate(templates):
-            jump += sum(_along(left[:, i], column) ** 2 for column in own.free.T)
-            spikes[:, i] = _along(left[:, i], own.spike) ** 2
-        alone = spikes.max(axis=1)
-        over_jump, over_spike = jump - far, alone - far_alone
-        over_jump[:1] = -np.inf
-        if max(over_jump.max(), over_spike.max()) <= 0:
-            apart = jump[1:].max() < CLEAR * far
-            return sorted(found) if apart and len(found) >= singles else []
-        if over_jump.max() >= over_spike.max():
-            k = int(np.argmax(over_jump))
+            for column in own.free.T:
+                jump += _along(left[:, i], column) ** 2
+        jump[:1] = 0.0
+        alone = [
+            _along(left[:, i], column) ** 2
+            for i, own in enumerate(templates)
+            for column in (own.spike, own.shock)
+        ]
+        which = int(np.argmax([one.max() for one in alone]))
+        over_jump, over_alone = jump.max() - far, alone[which].max() - far_alone
+        if max(over_jump, over_alone) <= 0:
+            others = [k for k in singles if not any(0 <= k - one < memory for one in found)]
+            apart = jump.max() < CLEAR * far
+            return sorted(found) if apart and len(found) >= len(others) else []
+        if over_jump >= over_alone:
+            found.append(int(np.argmax(jump)))
             for i, own in enumerate(templates):
-                _take_out(left[:, i], own.free, k)
-            found.append(k)
+                _take_out(left[:, i], own.free, found[-1])
         else:
-            k, i = divmod(int(np.argmax(spikes)), spikes.shape[1])
-            singles += 1
-            _take_out(left[:, i], templates[i].spike[:, None], k)
+            i, kind = divmod(which, 2)
+            singles.append(int(np.argmax(alone[which])))
+            column = templates[i].shock if kind else templates[i].spike
+            _take_out(left[:, i], column[:, None], singles[-1])
     return []
 
 

@@ -43,6 +43,7 @@ from tridentify.judgement.selection.finish_candidates import (
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
 from tridentify.judgement.selection.integrators import integrating
+from tridentify.judgement.selection.late import delayed
 from tridentify.judgement.selection.orders import (
     checked_candidates,
     default_candidates,
@@ -70,6 +71,7 @@ def select_structure(
     validation: Record | Sequence[Record] | None = None,
     template: Structure | None = None,
     integrators: bool | None = None,
+    delays: bool | None = None,
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Selection:
@@ -92,6 +94,10 @@ def select_structure(
     integrators : bool, optional
         Whether a row with a pole at zero joins the candidates where one of them ends with a time
         constant longer than the record. Default: where `candidates` are left out.
+    delays : bool, optional
+        Whether rows with a delay that is estimated along join the candidates, where a candidate no
+        larger than the recommended one then explains the record better. Default: where
+        `candidates` are left out.
     executor : executor of concurrent.futures, optional
         Runs the candidates side by side. The result does not depend on it.
     progress : callable, optional
@@ -140,7 +146,8 @@ def select_structure(
     with one_blas_thread():
         settled = _settled(given, unseen, structures, chosen, say)
         free = candidates is None if integrators is None else integrators
-        work = _Work(settled.records, chosen, executor, say, settled.identified, free)
+        late = candidates is None if delays is None else delays
+        work = _Work(settled.records, chosen, executor, say, settled.identified, free, late)
         opened = work.opened(structures)
         other = _resettled(given, unseen, settled, opened.table)
         if other is not None:
@@ -251,7 +258,7 @@ class _Opened:
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What all stages need; ``free`` says that rows with a pole at zero may join."""
+    """What all stages need; ``free`` and ``late`` say which rows may join."""
 
     records: tuple[Record, ...]
     method: Method
@@ -259,6 +266,7 @@ class _Work:
     say: Progress
     identified: tuple[Structure, Estimate] | None = None
     free: bool = False
+    late: bool = False
 
     def run(self, function: Any, tasks: Iterable[Any], said: str) -> list[Any]:
         """All tasks, in their order."""
@@ -302,9 +310,15 @@ class _Work:
             tuple(held),
         )
         if self.free:
-            evidence = self._with_integrators(evidence, unseen)
-        whole, table = list(evidence.whole), evidence.table
+            asked = integrating(evidence.rows(), self.records)
+            evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
         found = decide(evidence)
+        if self.late and isinstance(self.method, ThreeModel):
+            self.say("whether a delay is missing")
+            asked = delayed(found.rows, found.verdict.place, self.records)
+            evidence = self._with(evidence, asked, "candidates with a delay", unseen)
+            found = decide(evidence) if asked else found
+        whole, table = list(evidence.whole), evidence.table
         rows, verdict = list(found.rows), found.verdict
         place = verdict.place
         if place is not None:
@@ -324,11 +338,16 @@ class _Work:
         ]
         return self.counted(cross_fit, tasks, "fits on samples that were left out")
 
-    def _with_integrators(self, known: OrderEvidence, unseen: tuple[Record, ...]) -> OrderEvidence:
-        """The same with rows that have a pole at zero, where the rows ask for it."""
-        asked = integrating(known.rows(), self.records)
+    def _with(
+        self,
+        known: OrderEvidence,
+        asked: Sequence[Structure],
+        said: str,
+        unseen: tuple[Record, ...],
+    ) -> OrderEvidence:
+        """The same with further rows, as far as they can be estimated."""
         tasks = [CandidateTask(self.records, one, self.method, shared=False) for one in asked]
-        tried = self.counted(run_task, tasks, "candidates with a pole at zero")
+        tried = self.counted(run_task, tasks, said)
         entries = [entry for entry in tried if entry.estimate is not None]
         if not entries:
             return known

@@ -30,6 +30,12 @@ LETTER_INPUT = re.compile(r"^u(\d|_(?!m_?s|mps|m/s|kt|kn|ft))", re.I)
 LETTER_OUTPUT = re.compile(r"^y(\d|_|$)", re.I)
 LETTER_REFERENCE = re.compile(r"^r(\d|_|$)", re.I)
 """A set point beside outputs that are called y; alone, r is as often a yaw rate."""
+CLOCK = re.compile(
+    r"^(t|time|timestamp|time_?stamp|epoch|clock|date|datetime|zeit|index|idx|sample|samples|row|"
+    r"frame|counter|n|k|no)$|^(t|time|zeit)_|(_|\b)(t|time|timestamp|stamp)$",
+    re.I,
+)
+"""What logs call their clocks and counters, of which one alone is the time of the samples."""
 KNOWN = re.compile(r"(_|\b)(true|truth|exact|noise_?free)$", re.I)
 """Names of what a simulation knows and nobody measures."""
 FEW_LEVELS = 0.02
@@ -68,7 +74,7 @@ def guess_roles(names: Sequence[str], samples: Sequence[ArrayLike]) -> list[Role
     values = [np.asarray(own, dtype=float) for own in samples]
     lettered = any(LETTER_OUTPUT.search(name) for name in bare)
     roles: list[Role] = [
-        _by_name(name, lettered) if _moves(own) else "unused"
+        _by_name(name, lettered) if _moves(own) and not _is_clock(name, own) else "unused"
         for name, own in zip(bare, values, strict=True)
     ]
     if "input" not in roles:
@@ -114,6 +120,11 @@ def _by_name(bare: str, lettered: bool) -> Role:
 def _moves(values: Array) -> bool:
     seen = values[np.isfinite(values)]
     return bool(seen.size > 1 and np.ptp(seen) > 0.0)
+
+
+def _is_clock(name: str, values: Array) -> bool:
+    """Whether a channel counts the time or the samples once more."""
+    return bool(CLOCK.search(name) and np.all(np.diff(values[:LARGEST_SHARE]) > 0.0))
 
 
 def _is_made(values: Array) -> bool:

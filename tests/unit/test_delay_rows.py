@@ -1,0 +1,41 @@
+"""Selection: rows with a delay, where a delay is missing and only there."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tridentify import Record, Structure, TransferFunction, select_structure, simulate
+
+CANDIDATES = [(1, 0), (2, 0), (2, 1), (3, 1)]
+
+
+def record(num, den, delay: float = 0.0, seed: int = 0) -> Record:
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.choice([-1.0, 1.0], 25), 16)
+    y = simulate(TransferFunction(num, den, delay=delay), Record(u, u, dt=1.0))
+    return Record(u, y + 0.1 * np.std(y) * rng.standard_normal((u.size, 1)), dt=1.0)
+
+
+def test_dead_time_is_recommended_in_place_of_poles_that_stand_for_it():
+    given = record([2.0], [10.0, 1.0], 6.3)
+    chosen = select_structure(given, CANDIDATES, delays=True).recommended
+    assert chosen.label == "1, 0, free delay"
+    estimate = chosen.estimate
+    assert estimate.parameters["delay"].value == pytest.approx(6.3, abs=0.3)
+    without = select_structure(given, CANDIDATES).recommended
+    assert without.structure.poles > 1
+    assert without.structure.delay == 0.0
+
+
+def test_a_plant_without_dead_time_gets_no_such_row():
+    found = select_structure(record([3.0], [30.0, 13.0, 1.0]), CANDIDATES, delays=True)
+    assert [row.label for row in found.rows] == ["1, 0", "2, 0", "2, 1", "3, 1"]
+    assert found.recommended.label == "2, 0"
+
+
+def test_a_delay_that_is_stated_stays():
+    given = record([2.0], [10.0, 1.0], 6.3)
+    stated = [Structure(poles, 0, delay=3.0) for poles in (1, 2)]
+    found = select_structure(given, stated, delays=True)
+    assert all(row.structure.delay == 3.0 for row in found.rows)
