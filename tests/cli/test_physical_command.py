@@ -41,7 +41,7 @@ def columns(
 
 @pytest.fixture
 def flight(write_table) -> Path:
-    return write_table("flight.csv", columns(short_period(), AIRCRAFT, 0.02))
+    return write_table("flight.csv", columns(short_period(), AIRCRAFT, 0.02, n=300))
 
 
 def answered(run: Any, *arguments: object) -> dict[str, Any]:
@@ -70,7 +70,7 @@ def test_columns_are_taken_by_name_then_in_order(run, flight, write_table):
     one = answered(run, flight, *straight, "--output", "alpha", "--output", "q")
     other = answered(run, flight, *straight, "--output", "q", "--output", "alpha")
     assert values(one) == values(other)
-    raw = columns(short_period(), AIRCRAFT, 0.02)
+    raw = columns(short_period(), AIRCRAFT, 0.02, n=300)
     renamed = {"t": raw["t"], "de [rad]": raw["elevator"], "AoA [rad]": raw["alpha"], "q": raw["q"]}
     path = write_table("renamed.csv", renamed)
     asked = ["--model", "short-period", "--input", "de", "--output", "q", "--output", "AoA"]
@@ -203,7 +203,7 @@ CASES = {
 
 
 def test_a_channel_may_be_named_with_its_column(run, write_table):
-    raw = columns(short_period(), AIRCRAFT, 0.02)
+    raw = columns(short_period(), AIRCRAFT, 0.02, n=300)
     path = write_table("raw.csv", {"t": raw["t"], "u=1": raw["elevator"], "y_q": raw["q"],
                                    "alpha": raw["alpha"], "q": -raw["q"]})  # fmt: skip
     asked = ["--model", "short-period", "--input", "elevator=u=1", "--output", "q=y_q"]

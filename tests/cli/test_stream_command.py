@@ -152,6 +152,7 @@ def test_results_do_not_depend_on_how_the_bytes_come(run, file, monkeypatch):
         assert run("stream", file, *QUESTION).out == whole
 
 
+@pytest.mark.slow
 def test_malformed_lines_before_the_step_is_known_count_where_they_stand(run, file, monkeypatch):
     header, *rows = lines_of(file)[:200]
     spoiled = ["x", *rows[:3], *["stall"] * 20, *rows[3:30], *["1,2"] * 7, *rows[30:]]
@@ -630,6 +631,7 @@ def test_every_line_has_its_number_and_a_repeated_one_keeps_it(run, file, tmp_pa
     assert list({line["number"]: line for line in first + second}.values()) == whole
 
 
+@pytest.mark.slow
 def test_the_last_line_of_a_run_gives_its_number_to_what_follows(run, file, tmp_path):
     whole = objects(run("stream", file, *QUESTION, "--every", 1).out)
     content, kept = file.read_bytes(), tmp_path / "kept.json"

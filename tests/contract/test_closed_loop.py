@@ -169,6 +169,7 @@ def test_the_input_as_reference_leaves_no_kind_of_controller_to_ask_for():
 
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh", "band-limited"])
+@pytest.mark.fast("band-limited", "foh")
 def test_a_continuous_controller_and_each_kind_of_reference(intersample):
     record = driven(5, intersample)
     assert record.reference_behaviour == intersample
@@ -192,6 +193,7 @@ def test_a_sampled_controller(controller):
     ],
     ids=["offset", "drift", "state", "missing", "coloured"],
 )
+@pytest.mark.fast("drift", "state", "missing", "coloured")
 def test_what_records_have_beside_noise(structure, options):
     right(tri.identify(record_of(7, **options), structure))
 
@@ -222,7 +224,7 @@ def test_a_known_delay():
 
 
 def test_a_fixed_and_a_bounded_coefficient():
-    record = record_of(11)
+    record = record_of(11, n=400)
     fixed = tri.identify(record, tri.Structure(2, 1, fixed={"a0": 4.0}))
     assert fixed.parameters["a0"].value == pytest.approx(4.0, abs=1e-12)
     right(fixed)
@@ -298,7 +300,7 @@ def test_two_inputs_two_outputs_two_references():
         [([-0.6], [1.0, 1.5]), ([3.0], [1.0, 2.5])],
     ]
     rng = np.random.default_rng(15)
-    n = 900
+    n = 500
     r = np.column_stack([switching(rng, n, 12), switching(rng, n, 17)])
     total = np.zeros(2)
 
@@ -354,7 +356,7 @@ def test_the_order_is_chosen():
 
 def test_structures_are_compared_on_the_reference_route():
     candidates = [tri.Structure(1, 0), ORDERS, tri.Structure(3, 1)]
-    selection = tri.select_structure(record_of(19, noise=0.1), candidates)
+    selection = tri.select_structure(record_of(19, n=300, noise=0.1), candidates)
     best = selection.recommended
     assert best.estimate.route == "reference"
     assert best.structure.poles == 2

@@ -67,6 +67,12 @@ def test_a_method_without_the_flag_refuses(key):
 @pytest.mark.parametrize(
     ("delay", "intersample"), [(0.0, "zoh"), (0.3, "zoh"), (0.337, "zoh"), (0.337, "foh")]
 )
+@pytest.mark.fast(
+    "0.337-foh-num0-den0-three-model",
+    "0.3-zoh-num1-den1-*",
+    "0.337-zoh-num2-den2-output-error",
+    "0.0-zoh-num0-den0-three-model",
+)
 def test_without_noise_the_delay_comes_back(key, num, den, delay, intersample):
     record = made(TransferFunction(num, den, delay=delay), intersample=intersample)
     structure = Structure(len(den) - 1, len(num) - 1, **REST)
@@ -108,6 +114,7 @@ def test_outputs_share_the_delay_of_the_input(key):
 
 @pytest.mark.parametrize("key", ABLE)
 @pytest.mark.parametrize("options", [REST, FREE], ids=["rest", "free"])
+@pytest.mark.fast("free-three-model", "rest-output-error")
 def test_the_covariance_is_that_of_finite_differences_of_simulate(key, options):
     record = made(TransferFunction(*SECOND, delay=0.337), noise=0.1, offset=1.0 * options["offset"])
     estimate = identify(record, Structure(2, 0, **options), METHODS[key]())
@@ -149,6 +156,7 @@ def test_a_delay_of_several_periods_is_no_trap(key, seed):
 
 
 @pytest.mark.parametrize("key", ABLE)
+@pytest.mark.fast("three-model")
 def test_an_output_ahead_of_the_input_gives_no_negative_delay(key):
     record = made(TransferFunction(*SECOND), noise=0.05)
     ahead = Record(np.roll(record.u, 4, axis=0), record.y, dt=DT)

@@ -267,6 +267,15 @@ FOLDED_IN_FULL = ("first order", "one zero", "two outputs", "trimmed", "late", "
         for costly in [key == "three-model" and case not in FOLDED_IN_FULL]
     ],
 )
+@pytest.mark.fast(
+    "three-model-*",
+    "gradient-two outputs",
+    "gradient-late",
+    "least squares-two outputs",
+    "least squares-trimmed",
+    "kalman-two outputs",
+    "kalman-first order",
+)
 def test_running_is_folding_bit_for_bit(key, case, walked, tmp_path):
     method, record, run = walked
     state, innovations = fold(method, opened(method, CASES[case].structure, record), record)
@@ -333,6 +342,12 @@ def test_one_record_and_a_list_of_one_are_the_same(key, tmp_path):
 
 @every_method
 @pytest.mark.parametrize("case", ["one zero", "two inputs", "two outputs", "trimmed", "late"])
+@pytest.mark.fast(
+    "*-three-model",
+    "one zero-gradient",
+    "two outputs-kalman",
+    "two inputs-least squares",
+)
 def test_a_step_is_pure(key, case, tmp_path):
     """The same from the same state, whatever was done in between; the old state is untouched."""
     system = CASES[case]
@@ -459,6 +474,7 @@ def test_without_noise_the_truth(key, case, walked):
         *(pytest.param(one, marks=pytest.mark.slow) for one in ("first order", "kiloseconds")),
     ],
 )
+@pytest.mark.fast("one zero")
 def test_gradient_comes_to_the_truth(case):
     system = CASES[case]
     record = system.record(200_000)

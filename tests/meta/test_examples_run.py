@@ -90,8 +90,9 @@ WRITES = {
 }
 """What each example leaves in the folder it is given."""
 SMALLER = {
-    "jsbsim_amplitude.py": ["--draws", "2", "--amplitudes", "1,4"],
-    "jsbsim_loops.py": ["--seconds", "20"],
+    "changing_plant.py": ["--seconds", "31"],
+    "jsbsim_amplitude.py": ["--draws", "1", "--amplitudes", "1,4"],
+    "jsbsim_loops.py": ["--seconds", "10"],
 }
 """Arguments with which it does the same on fewer samples."""
 

@@ -54,6 +54,7 @@ def test_a_good_record_is_called_so(good):
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.fast("0")
 def test_right_records_with_coloured_noise_raise_nothing(seed):
     u = held(seed)
     rng = np.random.default_rng([seed, 3])

@@ -46,6 +46,7 @@ def test_one_look_at_the_cause_decides_as_the_whole_comparison_does(seed, monkey
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.fast("1")
 def test_wild_samples_at_the_start_of_another_record_are_not_taken_for_two_poles_more(seed):
     """A larger model with a free start fits whatever stands there."""
     rng = np.random.default_rng(seed)
@@ -77,6 +78,7 @@ def test_a_sample_at_the_start_that_only_too_few_poles_leave_far_is_not_bad():
 
 
 @pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.fast("3")
 def test_identify_itself_names_wild_samples_at_the_start(seed):
     """They stand together, so that none stands alone, and the noise model takes what it can."""
     rng = np.random.default_rng(seed)

@@ -219,6 +219,7 @@ LIMITS = {
         pytest.param(clipped, 3, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.fast("stopped-3")
 def test_a_limit_is_told_with_its_level_and_what_it_brings(made, seed):
     (record,) = made(seed)
     first = identify(record, ASKED, throw=False).findings[0]
@@ -281,6 +282,7 @@ def test_lost_rows_are_told_with_their_times_and_the_cut_mends_them():
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.fast("1")
 def test_single_bad_samples_and_steps_of_the_input_are_no_lost_rows(seed):
     u = held(seed)
     y = response(u) + noise(seed)
@@ -329,6 +331,7 @@ def test_a_reference_that_stands_still_for_long_does_not_hide_the_controller():
     assert finding.severity == "warning"
 
 
+@pytest.mark.slow
 def test_a_plant_that_only_its_controller_holds_is_feedback_and_not_a_drift():
     drawn = loops.draw(12)
     assert drawn.poles.real.max() >= 0.0
@@ -336,6 +339,7 @@ def test_a_plant_that_only_its_controller_holds_is_feedback_and_not_a_drift():
     assert "feedback" in [f.code for f in findings]
 
 
+@pytest.mark.slow
 def test_a_commanded_staircase_is_no_feedback_whatever_the_model_misses():
     (record,) = cubic(8)
     estimate = identify(record, Structure(1, 0), throw=False)
@@ -397,6 +401,7 @@ def test_a_response_that_a_random_walk_hides_is_still_one():
     assert "no-response" not in [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 def test_a_weak_response_in_coloured_noise_is_still_one():
     u = held(12)
     wander = lfilter([1.0], [1.0, -0.97], np.random.default_rng(12).standard_normal(N))

@@ -108,6 +108,7 @@ def test_quantised_input_is_nothing_to_mention():
     "side", [*(pytest.param(s, marks=pytest.mark.slow) for s in ("top", "bottom")), "both"]
 )
 @pytest.mark.parametrize("step", [0.0, 0.3])
+@pytest.mark.fast("0.3-both")
 def test_saturation_is_named_with_its_limit(side, step):
     record, sigma = noisy(1)
     low, high = np.quantile(record.y, [0.06, 0.94])
@@ -166,6 +167,7 @@ def test_repeated_rows_are_counted():
     [2, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 5, 8))],
 )
 @pytest.mark.parametrize("step", [0.0, 0.3])
+@pytest.mark.fast("0.3-2")
 def test_slow_sensor_is_named_with_its_factor_and_a_remedy(factor, step):
     record, sigma = noisy(11, n_samples=960)
     y = np.repeat(record.y[::factor, 0], factor)
@@ -216,6 +218,7 @@ SLOW_DEN = np.array([1.0, 1.0, 9.0])
     [(0.05, 0.0), *(pytest.param(*x, marks=pytest.mark.slow) for x in ((0.0, 0.0), (0.05, 0.5)))],
 )
 @pytest.mark.parametrize("noise", ["white", pytest.param("auto", marks=pytest.mark.slow)])
+@pytest.mark.fast("white-0.05-0.0-2-0.02")
 def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
     rng = np.random.default_rng(13)
     u = np.repeat(rng.choice([-1.0, 1.0], 40), 25)
@@ -242,6 +245,7 @@ def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
     [0.0, pytest.param(0.02, marks=pytest.mark.slow), pytest.param(0.1, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("level", [0.0, pytest.param(0.003, marks=pytest.mark.slow)])
+@pytest.mark.fast("0.0-0.0-0.003")
 def test_flat_tops_of_a_fast_system_raise_no_alarm(ratio, steps, level):
     """Plateaus at both ends that are entered at a jump, and a model of too low an order."""
     rng = np.random.default_rng(14)

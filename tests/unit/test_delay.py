@@ -74,6 +74,12 @@ def test_delays_are_plain_data():
 @pytest.mark.parametrize("steps", [0.3, 1.0, 7.77])
 @pytest.mark.parametrize("method", [ThreeModel(), OutputError()], ids=["ThreeModel", "OutputError"])
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.fast(
+    "zoh-ThreeModel-7.77-*",
+    "foh-ThreeModel-0.3-*",
+    "zoh-OutputError-0.3-*",
+    "foh-OutputError-1.0-*",
+)
 def test_noise_free_records_give_the_truth(n, steps, method, intersample):
     num, den = TRUTH[n]
     rng = np.random.default_rng(7)

@@ -95,4 +95,4 @@ def test_the_predictor_finds_the_noise_whatever_the_controller():
 
 @pytest.mark.unjudged
 def test_the_chosen_order_takes_the_direct_route_too():
-    assert identify(in_loop(0, 600), Structure.auto(max_poles=2)).route == "direct"
+    assert identify(in_loop(0, 600), Structure.auto(max_poles=1)).route == "direct"

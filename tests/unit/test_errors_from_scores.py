@@ -145,6 +145,7 @@ def left_over(g, e):
 
 
 @pytest.mark.parametrize("k", [1, 3, 8])
+@pytest.mark.fast("3")
 def test_white_scores_pass_as_often_as_stated(k):
     rng = np.random.default_rng(k)
     fired = 0

@@ -131,8 +131,9 @@ def test_the_summary_counts_causes_and_shows_the_distribution(moody: fleet.Run) 
 def test_failed_units_are_tried_again_and_the_old_rows_stay(tmp_path: Path) -> None:
     source = fleets.units(2) | {"hang": fleets.unit(np.random.default_rng(5), name="hang")}
     run = fleet.fit(
-        source, (2, 0), fleets.Moody(), out=tmp_path, time_limit=0.5, progress=False, judge=False
-    )
+        source, (2, 0), fleets.Moody(), out=tmp_path, workers=1, time_limit=0.5, progress=False,
+        judge=False,
+    )  # fmt: skip
     with pytest.raises(OptionError, match="no failed unit that is crashed"):
         run.retry(status="crashed")
     again = run.retry(status="over time", time_limit=1.0)
