@@ -293,6 +293,7 @@ def test_several_inputs_may_have_their_own_number_of_zeros(run, write_table, cle
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_nuisance_terms_are_estimated_when_asked_for(run, write_table, clean, question):
     q = clean["q"] + 0.7 - 0.02 * clean["t"]
     path = write_table("drifting.csv", clean | {"q": q})
@@ -379,6 +380,7 @@ def test_the_terminal_says_what_the_report_says(run, tmp_path):
     assert counted == listed == len(document["findings"])
 
 
+@pytest.mark.slow
 def test_a_model_of_too_low_an_order_is_not_usable(run, tmp_path):
     data = Path(tridentify.__file__).parent / "data" / "short_period.csv"
     asked = ("--time", "t", "--input", "delta_e", "--output", "q", "--poles", "1", "--zeros", "0")

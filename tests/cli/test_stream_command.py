@@ -183,6 +183,7 @@ def test_json_gives_what_csv_gives(run, file, tmp_path):
     assert run("stream", path, *QUESTION, "--format", "csv").code == 2
 
 
+@pytest.mark.slow
 def test_a_known_step_takes_the_place_of_time(run, write_table, columns):
     del columns["t"]
     path = write_table("plain.csv", columns)
@@ -278,6 +279,7 @@ def test_a_clock_that_is_set_back_is_followed(run, file):
         assert abs(item["value"] - TRUTH[name]) < 5 * item["std"]
 
 
+@pytest.mark.slow
 def test_a_change_of_the_plant_is_told(run, held, write_table):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], 300), 10)
@@ -445,6 +447,7 @@ def test_a_signal_ends_it_with_the_last_line_and_the_checkpoint(run, file, tmp_p
     assert objects(again.out)[-1] == objects(whole.out)[-1]
 
 
+@pytest.mark.slow
 def test_what_comes_after_a_pipe_is_gone_on_with(run, file, tmp_path, monkeypatch):
     header, *rows = lines_of(file)
     kept = tmp_path / "kept.json"

@@ -130,6 +130,7 @@ def test_an_input_that_is_the_sum_of_others():
     assert "u1, u2 and u4 linearly dependent" in message
 
 
+@pytest.mark.slow
 def test_inputs_that_move_apart_in_one_record_are_told_apart():
     record = sound()
     still = np.zeros_like(record.u)

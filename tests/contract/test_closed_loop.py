@@ -170,6 +170,7 @@ def test_the_input_as_reference_leaves_no_kind_of_controller_to_ask_for():
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh", "band-limited"])
 @pytest.mark.fast("band-limited", "foh")
+@pytest.mark.unjudged
 def test_a_continuous_controller_and_each_kind_of_reference(intersample):
     record = driven(5, intersample)
     assert record.reference_behaviour == intersample
@@ -178,6 +179,7 @@ def test_a_continuous_controller_and_each_kind_of_reference(intersample):
 
 
 @pytest.mark.parametrize("controller", ["unknown", "sampled"])
+@pytest.mark.unjudged
 def test_a_sampled_controller(controller):
     right(tri.identify(record_of(6), ORDERS, tri.ThreeModel(controller=controller)))
 
@@ -194,10 +196,13 @@ def test_a_sampled_controller(controller):
     ids=["offset", "drift", "state", "missing", "coloured"],
 )
 @pytest.mark.fast("drift", "state", "missing", "coloured")
+@pytest.mark.unjudged
 def test_what_records_have_beside_noise(structure, options):
     right(tri.identify(record_of(7, **options), structure))
 
 
+@pytest.mark.unjudged
+@pytest.mark.slow
 def test_two_experiments_with_two_controllers():
     pair = [record_of(8, n=400), record_of(9, n=400, gain=0.5, rate=0.5)]
     estimate = tri.identify(pair, ORDERS)
@@ -206,6 +211,7 @@ def test_two_experiments_with_two_controllers():
     assert np.all(estimate.std[:4] < alone.std[:4])
 
 
+@pytest.mark.unjudged
 def test_a_known_delay():
     late = 3
     rng = np.random.default_rng(10)
@@ -223,6 +229,7 @@ def test_a_known_delay():
     right(tri.identify(record, tri.Structure(2, 1, delay=late * DT)))
 
 
+@pytest.mark.unjudged
 def test_a_fixed_and_a_bounded_coefficient():
     record = record_of(11, n=400)
     fixed = tri.identify(record, tri.Structure(2, 1, fixed={"a0": 4.0}))
@@ -234,6 +241,8 @@ def test_a_fixed_and_a_bounded_coefficient():
     assert held.parameters["a1"].value >= 1.6 - 1e-9
 
 
+@pytest.mark.unjudged
+@pytest.mark.slow
 def test_a_set_point_and_a_dither():
     rng = np.random.default_rng(12)
     n = 600
@@ -246,6 +255,7 @@ def test_a_set_point_and_a_dither():
     assert both.parameters["b1"].std < alone.parameters["b1"].std
 
 
+@pytest.mark.unjudged
 def test_experiments_with_different_references():
     """A set point alone in one, with a dither in the other."""
     rng = np.random.default_rng(16)
@@ -260,6 +270,7 @@ def test_experiments_with_different_references():
     right(tri.identify(records, ORDERS))
 
 
+@pytest.mark.unjudged
 def test_an_input_that_no_controller_moves():
     """A measured disturbance beside the controlled input: a reference by its own name."""
     rng = np.random.default_rng(17)
@@ -278,6 +289,7 @@ def test_an_input_that_no_controller_moves():
     right(estimate, {"a0": 1.0, "b0[y,u]": 1.0, "b0[y,d]": 0.5})
 
 
+@pytest.mark.unjudged
 def test_a_dither_alone_at_the_input():
     rng = np.random.default_rng(13)
     n = 800
@@ -288,12 +300,14 @@ def test_a_dither_alone_at_the_input():
     right(tri.identify(tri.Record(u, y, dt=DT, reference=d), ORDERS))
 
 
+@pytest.mark.unjudged
 def test_a_controller_that_saturates():
     record = record_of(14, limit=2.0, n=800)
     assert np.mean(np.abs(record.u) == 2.0) > 0.05
     right(tri.identify(record, ORDERS))
 
 
+@pytest.mark.unjudged
 def test_two_inputs_two_outputs_two_references():
     channels = [
         [([2.0], [1.0, 1.0]), ([0.5], [1.0, 2.0])],
@@ -354,6 +368,7 @@ def test_the_order_is_chosen():
     right(estimate)
 
 
+@pytest.mark.unjudged
 def test_structures_are_compared_on_the_reference_route():
     candidates = [tri.Structure(1, 0), ORDERS, tri.Structure(3, 1)]
     selection = tri.select_structure(record_of(19, n=300, noise=0.1), candidates)

@@ -127,6 +127,7 @@ OTHERS = {
 @pytest.mark.parametrize("case", OTHERS)
 @pytest.mark.filterwarnings("ignore:overflow")
 @pytest.mark.filterwarnings("ignore:invalid")
+@pytest.mark.fast("*-three-model", "all at once-output-error", "static gain-output-error")
 def test_with_noise_it_is_the_optimum_of_a_general_solver(key, case):
     known, equalities, bounds, prior = OTHERS[case]
     record = record_of([0.2, 0.5], [1.0, 1.0, 3.0], 0.1)
@@ -394,6 +395,12 @@ def test_the_posterior_mean_is_refused_where_it_is_asked_for():
     [(1e-6, 1e3, 1.0), pytest.param(1e5, 1.0, 1e-6, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("case", ["gain", "bound and prior", "equality", "integrator"])
+@pytest.mark.fast(
+    "bound and prior-*",
+    "equality-1e-06-1000.0-1.0-three-model",
+    "integrator-1e-06-1000.0-1.0-output-error",
+    "gain-1e-06-1000.0-1.0-three-model",
+)
 def test_units_change_nothing_but_the_units(key, case, dt, input_unit, output_unit):
     num, den = ([2.0], [1.0, 2.0, 0.0]) if case == "integrator" else ([0.2, 0.5], [1.0, 1.0, 3.0])
 

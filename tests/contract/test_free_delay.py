@@ -93,6 +93,7 @@ def test_fast_and_slow_systems_alike(key, scale):
 
 
 @one_of_them
+@pytest.mark.slow
 def test_every_input_has_a_delay_of_its_own(key):
     model = TransferFunction(
         [[[2.0], [1.0, 3.0]]], [[[1.0, 2.0], [1.0, 1.0, 4.0]]], delay=[[0.21, 0.6]]
@@ -165,6 +166,7 @@ def test_an_output_ahead_of_the_input_gives_no_negative_delay(key):
 
 
 @one_of_them
+@pytest.mark.slow
 def test_experiments_of_other_steps_share_the_delay(key):
     model = TransferFunction(*SECOND, delay=0.33)
     records = [made(model, noise=0.1, offset=2.0), made(model, n=200, dt=0.08, noise=0.1, seed=1)]

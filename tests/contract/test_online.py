@@ -294,6 +294,7 @@ def test_running_is_folding_bit_for_bit(key, case, walked, tmp_path):
 
 
 @every_method
+@pytest.mark.fast("gradient", "kalman", "least squares")
 def test_the_trajectory_is_that_of_the_fold(key):
     case = CASES["one zero"]
     method, record = METHODS[key](case.dt), case.record(noise=0.05, n_samples=1000)
@@ -413,6 +414,7 @@ def test_two_streams_do_not_disturb_each_other(key, tmp_path):
 @pytest.mark.judged
 @every_method
 @every_case
+@pytest.mark.fast("*-three-model", "two outputs-*", "one zero-*")
 def test_an_estimate_is_whole(key, case, walked, tmp_path):
     method, record, run = walked
     estimate = method.estimate(run.state)
@@ -444,6 +446,7 @@ def test_an_estimate_is_whole(key, case, walked, tmp_path):
 
 @every_method
 @pytest.mark.parametrize("case", ["one zero", "two inputs", "two outputs", "trimmed"])
+@pytest.mark.fast("two outputs-*", "one zero-three-model")
 def test_the_covariance_is_one(key, case):
     system = CASES[case]
     method = METHODS[key](system.dt)
@@ -506,6 +509,7 @@ def test_a_structure_that_leaves_things_open(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "kalman")
 def test_a_start_takes_the_place_of_the_search(key):
     """With a model to begin from the first estimates come at once and end at the truth."""
     case = CASES["one zero"]
@@ -525,6 +529,7 @@ def test_a_start_takes_the_place_of_the_search(key):
 
 
 @pytest.mark.parametrize("key", ["three-model", "least squares", "kalman"])
+@pytest.mark.fast("kalman", "least squares")
 def test_the_model_given_to_start_from_is_forgotten(key):
     """No trace of a start that was wrong by a third in what good samples say."""
     case = CASES["one zero"]
@@ -584,6 +589,7 @@ def test_an_input_that_never_moves_makes_nothing_ready(key, u):
 
 
 @every_method
+@pytest.mark.fast("three-model", "gradient")
 def test_excitation_that_comes_late_is_used(key):
     case = CASES["one zero"]
     record = case.record(2500, noise=0.02)
@@ -771,6 +777,7 @@ BAD_SAMPLES = [
 @every_method
 @pytest.mark.parametrize(("u", "y"), BAD_SAMPLES, ids=str)
 @pytest.mark.parametrize("seen", [0, 30, 800])
+@pytest.mark.fast("*-three-model", "*-high-*")
 def test_samples_that_are_none(key, u, y, seen, tmp_path):
     """Refused in one line, at any time, and the stream goes on from the state it had."""
     case = CASES["one zero"]

@@ -96,6 +96,7 @@ def test_a_good_record_raises_no_flag(key):
 
 # -------------------------------------------------------------------------------- missing
 @every_method
+@pytest.mark.fast("three-model", "kalman")
 def test_missing_outputs_are_flagged_and_survived(key):
     u, y, _ = signals(3500)
     y[np.random.default_rng(2).random(y.size) < 0.1] = np.nan
@@ -118,6 +119,7 @@ def test_missing_from_the_first_sample(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "least squares")
 def test_missing_inputs_are_held_and_flagged(key):
     """The input is held over a gap: the same as if the last value had been sent again."""
     u, y, _ = signals(2000)
@@ -135,6 +137,7 @@ def test_missing_inputs_are_held_and_flagged(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "gradient")
 def test_missing_inputs_from_the_first_sample(key):
     u, y, _ = signals(2500)
     method, state = PLAIN[key], PLAIN[key].init(Structure(2, 1, **FREE), DT)
@@ -180,6 +183,7 @@ def test_jitter_does_not_bias(key):
 
 
 @every_method
+@pytest.mark.fast("least squares", "gradient", "kalman")
 def test_a_long_pause_between_two_samples(key):
     """An hour without a sample: the plant has settled, the estimate stays."""
     u, y, sigma = signals(2500)
@@ -239,6 +243,7 @@ def test_an_output_that_is_clipped(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "gradient")
 def test_one_outlier_is_flagged_and_does_nothing(key):
     """A hundred times the spread at once: less than a standard error of harm."""
     u, y, _ = signals(3000)
@@ -384,6 +389,7 @@ CHANGES = {
     [c if c == "gain" else pytest.param(c, marks=pytest.mark.slow) for c in CHANGES],
 )
 @every_method
+@pytest.mark.fast("three-model-gain", "kalman-gain")
 def test_a_step_of_the_coefficients_is_found(key, change):
     """Within 50 s of 500, none before, and what comes after is the new plant."""
     when, second = 10_000, CHANGES[change]

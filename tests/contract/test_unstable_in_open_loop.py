@@ -60,6 +60,7 @@ def test_without_noise_the_truth_is_found(key):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_several_experiments_of_one_plant():
     den, duration = CASES["pendulum"]
     records = [released(den, duration, seed=seed) for seed in (1, 2)]

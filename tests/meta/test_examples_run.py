@@ -98,6 +98,14 @@ SMALLER = {
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.name)
+@pytest.mark.fast(
+    "changing_plant.py",
+    "first_model.py",
+    "jsbsim_amplitude.py",
+    "physical_parameters.py",
+    "jsbsim_short_period.py",
+    "result_picture.py",
+)
 def test_an_example_runs_from_the_root_and_makes_its_folder(
     repository: Path, tmp_path: Path, script: Path
 ) -> None:

@@ -79,6 +79,7 @@ def test_the_first_sample_but_two_may_be_bad(good):
 
 
 @pytest.mark.parametrize("length", [40, 300])
+@pytest.mark.fast("40")
 def test_a_sensor_that_hangs(good, length):
     y = good.y[:, 0].copy()
     y[200 : 200 + length] = y[199]

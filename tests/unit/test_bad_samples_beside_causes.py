@@ -21,6 +21,7 @@ def spiky(seed):
 
 
 @pytest.mark.parametrize("seed", [pytest.param(2, marks=pytest.mark.slow), 3])
+@pytest.mark.slow
 def test_one_look_at_the_cause_decides_as_the_whole_comparison_does(seed, monkeypatch):
     record = spiky(seed)
     estimate = identify(record, Structure(2, 0))

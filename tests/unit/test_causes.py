@@ -183,6 +183,7 @@ def test_the_cause_is_named_first(code):
         assert "With it: " in first.effect
 
 
+@pytest.mark.slow
 def test_a_delay_is_told_with_its_size_and_what_it_brings():
     (record,) = late(4)
     first = identify(record, ASKED, throw=False).findings[0]
@@ -196,6 +197,7 @@ def test_a_delay_is_told_with_its_size_and_what_it_brings():
     assert not better.cautions
 
 
+@pytest.mark.slow
 def test_an_order_that_is_too_low_is_told_where_nothing_earlier_explains_it():
     codes = [f.code for f in identify(one_pole_missing(5), ASKED, throw=False).findings]
     # a fast pole is nearly a delay, which comes first and explains as much
@@ -374,6 +376,7 @@ def test_a_slow_disturbance_is_named_where_the_noise_has_no_model():
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 5))]
 )
+@pytest.mark.slow
 def test_a_stretch_at_rest_in_coloured_noise_shows_no_response(seed):
     rng = np.random.default_rng(seed)
     u = 0.001 * rng.standard_normal(400)
@@ -392,6 +395,7 @@ def test_two_random_walks_have_nothing_to_do_with_each_other(seed):
     assert estimate.findings[0].code == "no-response", [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 def test_a_response_that_a_random_walk_hides_is_still_one():
     rng = np.random.default_rng(5)
     u = np.cumsum(rng.standard_normal(400))

@@ -127,6 +127,7 @@ def test_saturation_is_named_with_its_limit(side, step):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_marking_saturated_samples_as_missing_takes_most_of_the_bias_away():
     """The rest stays: noise decides which samples near the limit are beyond it."""
     truth = np.concatenate([DEN[1:], NUM])
@@ -181,6 +182,7 @@ def test_slow_sensor_is_named_with_its_factor_and_a_remedy(factor, step):
     assert "Record.from_rates" in line
 
 
+@pytest.mark.slow
 def test_slow_sensor_without_a_fixed_ratio_is_named_with_the_mean():
     record, _ = noisy(11)
     held = np.floor(np.floor(np.arange(800) * 0.3 + 1e-9) / 0.3).astype(int)
@@ -386,6 +388,7 @@ def test_with_outputs_refuses_what_does_not_fit(y, error):
         two_outputs().with_outputs(y)
 
 
+@pytest.mark.slow
 def test_a_simulation_that_rests_before_its_manoeuvre_has_no_stuck_sensor():
     """Without noise the output stands still until the input moves, but for its last digit."""
     u = np.repeat([0.0, 1.0, -1.0, 0.0], [200, 100, 100, 600])

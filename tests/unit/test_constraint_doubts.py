@@ -43,6 +43,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("knowledge", "named"), WRONG)
 @pytest.mark.parametrize("method", METHODS, ids=lambda m: m.name)
+@pytest.mark.fast("ThreeModel-*")
 def test_wrong_knowledge_is_named_with_the_free_estimate(knowledge, named, method):
     said = doubts(identify(record_of(), Structure(2, 1, **knowledge), method))
     assert len(said) == 1

@@ -110,6 +110,7 @@ def in_flight(jitter=0.0, seed=5):
 
 @pytest.mark.parametrize("jitter", [0.0, 0.5])
 @pytest.mark.parametrize("state", ["free", "auto"])
+@pytest.mark.fast("auto-0.5", "free-0.0")
 def test_an_unknown_past_does_not_bias(jitter, state):
     records = [in_flight(jitter, seed=k) for k in (5, 6)]
     structure = Structure(2, [[1, 0], [0, 1]], delay=LATE, initial_state=state, offset=True)

@@ -72,6 +72,7 @@ def test_samples_left_out_count_from_a_tenth_on():
     assert price(60.0, 300.0) == 30.0
 
 
+@pytest.mark.slow
 def test_what_an_input_that_comes_again_leaves_open_is_told():
     u = np.tile(np.repeat([1.0, -1.0], 25), 16)
     model = TransferFunction([6.0], [1.0, 2.0, 6.0], delay=0.05)

@@ -26,6 +26,7 @@ def battery(seed: int, *, resistance: float = RESISTANCE) -> Record:
 
 
 @pytest.mark.parametrize("seed", range(5))
+@pytest.mark.fast("0", "1")
 def test_jumps_of_input_and_output_together_are_no_lost_rows(seed: int) -> None:
     record = battery(seed)
     assert record.behaviour == "zoh"

@@ -98,6 +98,7 @@ def test_the_default_method_has_it_too():
     assert estimate.errors == "scores"
 
 
+@pytest.mark.slow
 def test_a_posterior_mean_has_wider_intervals(monkeypatch):
     seen = record(2, gusts, 1.0)
     method = ThreeModel(noise="white", finish="posterior")

@@ -126,6 +126,7 @@ def test_a_robust_fit_is_not_told_to_use_a_robust_loss(loss):
     assert "use a robust loss" not in said.lower()
 
 
+@pytest.mark.slow
 def test_a_robust_fit_in_coloured_noise_is_not_told_of_a_noise_model_it_cannot_have():
     u = held(7)
     y = simulate(PLANT, Record(u, u, dt=DT))[:, 0]

@@ -114,6 +114,7 @@ def test_an_estimate_asked_for_during_the_search_is_there_and_changes_nothing():
 
 
 # --------------------------------------------------------------------------- a change is suspected
+@pytest.mark.slow
 def test_the_old_answer_stays_until_the_new_one_is_better():
     u, y = samples(4, 4000)
     other = TransferFunction([2.0, 3.0], [1.0, 3.0, 14.0])
@@ -207,6 +208,7 @@ def test_whitened_gain_of_equal_residuals_is_nothing():
 
 
 # -------------------------------------------------------------------------------------- findings
+@pytest.mark.slow
 def test_no_estimate_before_the_input_has_moved_the_plant():
     rng = np.random.default_rng(11)
     u, y = samples(11, 2000, noise=0.0)

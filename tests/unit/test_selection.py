@@ -79,6 +79,7 @@ def test_every_row_is_what_identify_gives_for_it_alone_to_the_last_bit(record, s
     assert row.estimate.findings == alone.findings
 
 
+@pytest.mark.slow
 def test_a_row_does_not_change_with_the_company_it_keeps(record, selection):
     alone = select_structure(record, CANDIDATES[1:2]).rows[0]
     row = selection.rows[1]
@@ -245,6 +246,7 @@ def test_where_all_fail_nothing_is_recommended():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_several_channels_and_experiments_share_the_denominator():
     plant = TransferFunction(
         [[[2.0], [1.0]], [[1.0, 0.0], [3.0]]], [[[1.0, 2.0, 9.0]] * 2, [[1.0, 2.0, 9.0]] * 2]
@@ -258,6 +260,7 @@ def test_several_channels_and_experiments_share_the_denominator():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_coloured_noise_is_no_reason_for_more_poles():
     clean = made(n=300, level=0.0)
     e = np.random.default_rng(5).standard_normal(300)

@@ -24,6 +24,7 @@ def battery():
     return select_structure(charged_battery(1), asked, integrators=True)
 
 
+@pytest.mark.slow
 def test_a_charge_is_an_integrator(battery):
     chosen = battery.recommended
     assert chosen.structure.fixed == {"a0": 0.0}
