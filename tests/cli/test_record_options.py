@@ -117,6 +117,7 @@ def test_a_known_delay(run, late, question):
     assert delay == {"output": "q", "input": "elevator", "value": 0.2, "std": None, "unit": "s"}
 
 
+@pytest.mark.slow
 def test_a_free_delay_has_a_standard_error(run, late, question):
     document = identified(run, late, *question, "--delay", "free")
     (delay,) = document["delays"]

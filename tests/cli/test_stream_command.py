@@ -167,6 +167,7 @@ def test_malformed_lines_before_the_step_is_known_count_where_they_stand(run, fi
         monkeypatch.undo()
 
 
+@pytest.mark.slow
 def test_json_gives_what_csv_gives(run, file, tmp_path):
     path = tmp_path / "flight.jsonl"
     header, *rows = lines_of(file)
@@ -527,6 +528,7 @@ def test_a_checkpoint_with_a_part_missing_is_refused_in_one_line(run, file, tmp_
         assert len(outcome.error_lines) == 1
 
 
+@pytest.mark.slow
 def test_a_checkpoint_of_numbers_that_do_not_fit_is_refused_in_one_line(run, file, tmp_path):
     """Columns that are not there, clocks that run away, a state of something else."""
     kept = tmp_path / "kept.json"

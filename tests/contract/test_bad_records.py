@@ -212,6 +212,7 @@ def test_records_of_a_few_samples(key, n_samples):
 
 
 @every_method
+@pytest.mark.fast("output-error", "svf-*", "refined-*", "bias-*")
 def test_one_wild_sample_gives_an_answer_or_a_refusal(key):
     record = sound()
     y = np.array(record.y)

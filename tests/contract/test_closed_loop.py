@@ -161,6 +161,7 @@ def test_a_kind_of_controller_that_was_only_assumed_is_warned_of_where_it_matter
     assert np.max(np.abs(other.theta - open_.theta) / size) > 3.0
 
 
+@pytest.mark.slow
 def test_the_input_as_reference_leaves_no_kind_of_controller_to_ask_for():
     record = record_of(3)
     same = tri.Record(record.u, record.y, dt=DT, reference=record.u)

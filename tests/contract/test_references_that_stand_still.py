@@ -28,7 +28,7 @@ def held(level, n=600):
 
 
 def test_a_set_point_that_never_moves_is_none():
-    record, quick = held(1.0, 300), ThreeModel(starts=1, finish="likelihood")
+    record, quick = held(1.0), ThreeModel(starts=1, finish="likelihood")
     found = identify(record, Structure(2, 1), quick)
     assert found.route == "direct"
     assert "the references never move: taken as none" in found.trace.decisions

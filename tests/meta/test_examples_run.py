@@ -104,7 +104,6 @@ SMALLER = {
     "jsbsim_amplitude.py",
     "physical_parameters.py",
     "jsbsim_short_period.py",
-    "result_picture.py",
 )
 def test_an_example_runs_from_the_root_and_makes_its_folder(
     repository: Path, tmp_path: Path, script: Path

@@ -85,6 +85,7 @@ def test_two_processes_give_the_numbers_of_one(undisturbed: list[dict[str, Any]]
 
 
 @pytest.mark.parametrize("cut", [1, 40, 10_000])
+@pytest.mark.fast("40")
 def test_a_line_that_was_cut_short_is_done_again(
     tmp_path: Path, undisturbed: list[dict[str, Any]], cut: int
 ) -> None:
@@ -218,6 +219,7 @@ def test_two_runs_in_one_folder_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.slow
 def test_a_full_disk_is_told_and_gone_on_with(
     tmp_path: Path, undisturbed: list[dict[str, Any]]
 ) -> None:
@@ -244,6 +246,7 @@ def test_numbers_that_make_no_sense_are_refused(name: str, value: int) -> None:
     ("workers", "kills"),
     [(1, 2), pytest.param(2, 20, marks=[pytest.mark.slow, pytest.mark.timeout(900)])],
 )
+@pytest.mark.slow
 def test_kills_at_random_moments_lose_and_repeat_nothing(
     file: Path, tmp_path: Path, undisturbed: list[dict[str, Any]], workers: int, kills: int
 ) -> None:

@@ -140,10 +140,15 @@ def test_feedback():
     assert "feedback" in codes(advise(Record(u, y, dt=DT)))
 
 
-def test_a_drift_and_a_slow_disturbance(good):
+def test_a_drift(good):
     t = np.arange(N) / N
     size = np.std(good.y)
     assert "drift" in codes(advise(Record(good.u, good.y[:, 0] + 2.0 * size * t, dt=DT)))
+
+
+@pytest.mark.slow
+def test_a_disturbance_that_wanders(good):
+    size = np.std(good.y)
     found = 0
     for seed in range(6):
         steps = np.random.default_rng(seed).standard_normal(N) / np.sqrt(N)

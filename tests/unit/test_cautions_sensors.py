@@ -266,6 +266,7 @@ def test_flat_tops_of_a_fast_system_raise_no_alarm(ratio, steps, level):
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_saturated_measured_input():
     rng = np.random.default_rng(6)
     true = np.repeat(rng.uniform(-1.0, 1.0, 80), 10)

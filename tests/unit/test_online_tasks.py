@@ -270,7 +270,7 @@ def fed(method, u, y):
 
 def test_an_estimator_that_forgets_does_not_keep_its_samples_for_ever():
     """Its newest samples were run against the search of all of them, which always won."""
-    u, y = samples(6, 4000)
+    u, y = samples(6, 2600)
     state = fed(online.ThreeModel(forgetting=0.99), u, y)
     assert len(kept_samples(state)) <= 2100
     assert fed(online.ThreeModel(forgetting=0.9), u, y).stage.past == ()

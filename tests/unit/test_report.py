@@ -381,6 +381,7 @@ def test_columns_of_figures_are_of_like_height():
     assert second.columns == ((pictures[4],),)
 
 
+@pytest.mark.slow
 def test_a_sheet_leaves_room_for_all_that_stands_around_its_axes(double, single):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 

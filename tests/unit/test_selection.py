@@ -216,6 +216,7 @@ def test_a_second_record_judges_with_a_start_of_its_own(record):
     assert poor < 70.0
 
 
+@pytest.mark.slow
 def test_an_executor_changes_nothing(record):
     plain = select_structure(record, CANDIDATES[1:3])
     with ThreadPoolExecutor(2) as pool:
@@ -277,6 +278,7 @@ def test_coloured_noise_is_no_reason_for_more_poles():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_offset_and_start_are_the_same_for_all_candidates():
     record = made(seed=3)
     lifted = Record(record.u, record.y + 4.0, dt=record.dt)

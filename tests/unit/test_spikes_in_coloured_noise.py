@@ -60,6 +60,7 @@ def test_missing_samples_are_not_looked_at():
     assert places(v) == [350]
 
 
+@pytest.mark.slow
 def test_the_estimate_says_when():
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], N // 10), 10)

@@ -237,6 +237,7 @@ def test_feedback_is_named():
     assert "feedback" in found.verdict
 
 
+@pytest.mark.slow
 def test_feedback_within_the_sample_is_not_called_a_missing_delay():
     n, rng = 1500, np.random.default_rng(2)
     b, a = _held()
