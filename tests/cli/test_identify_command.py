@@ -307,6 +307,7 @@ def test_nuisance_terms_are_estimated_when_asked_for(run, write_table, clean, qu
     assert abs(values(biased)["a0"] - 9.0) > 0.1
 
 
+@pytest.mark.slow
 def test_noise_may_be_taken_for_white_or_modelled(run, write_table, clean, question):
     e = np.random.default_rng(5).standard_normal(clean["q"].size)
     coloured = signal.lfilter([1e-3], [1.0, -0.9], e)

@@ -217,6 +217,7 @@ def two_clocks(folder: Path) -> Path:
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_channels_of_several_clocks_meet_where_they_are_told(run, tmp_path):
     path = two_clocks(tmp_path)
     listed = json.loads(run("channels", path, "--json").out)["channels"]

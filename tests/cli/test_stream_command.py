@@ -613,6 +613,7 @@ def test_a_file_that_grows_in_halves_of_lines_is_read_in_whole_ones(run, file, t
     assert found == expected
 
 
+@pytest.mark.slow
 def test_every_line_has_its_number_and_a_repeated_one_keeps_it(run, file, tmp_path, monkeypatch):
     whole = objects(run("stream", file, *QUESTION, "--every", 1).out)
     assert [line["number"] for line in whole] == list(range(1, len(whole) + 1))

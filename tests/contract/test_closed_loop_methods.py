@@ -73,7 +73,7 @@ def loop_record(
 def test_truth_without_noise(key: str, entry: str) -> None:
     """Fine samples without noise: what is left is the error between the samples."""
     # the projection knows nothing of the loop's dynamics, and needs a record of many responses
-    record = loop_record(entry, n=3000 if key == "projection" else 600)
+    record = loop_record(entry, n=3000 if key == "projection" else 400)
     found = MAKERS[key]().estimate([record], Structure(2, 0))
     assert found.status.ok
     assert np.allclose(found.theta, TRUE, rtol=0.05)

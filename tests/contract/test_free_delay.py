@@ -200,6 +200,7 @@ def test_missing_samples_do_not_count(key):
 
 @pytest.mark.judged
 @one_of_them
+@pytest.mark.slow
 def test_a_fast_pole_that_a_delay_could_be_shows_in_the_standard_error(key):
     """A time constant of a fifth of a step, seen through noise: delay and pole trade places."""
     slow = TransferFunction([2.0], np.convolve([1.0, 1.5], [0.01, 1.0]) / 0.01, delay=0.3)

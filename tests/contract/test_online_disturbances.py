@@ -265,7 +265,7 @@ def test_one_outlier_is_flagged_and_does_nothing(key):
 
 
 @every_method
-@pytest.mark.fast("three-model", "kalman")
+@pytest.mark.fast("kalman")
 def test_one_sample_in_twenty_is_an_outlier(key):
     u, y, sigma = signals(5000)
     rng = np.random.default_rng(11)
@@ -444,6 +444,7 @@ def test_several_changes_one_after_the_other():
     assert off(run.estimate.theta, SECOND) < 0.15
 
 
+@pytest.mark.slow
 def test_the_standard_error_after_a_change_is_that_of_the_samples_since():
     """A restart forgets: no more certain than the new stretch of the record allows."""
     u, y = changing(14_000, 10_000, TRUTH, SECOND)

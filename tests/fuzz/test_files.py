@@ -209,6 +209,7 @@ def test_forged_text_is_read_or_refused(seeds, tmp_path: Path) -> None:
 
 
 @pytest.mark.timeout(900)
+@pytest.mark.slow
 def test_a_workbook_with_damaged_parts_is_read_or_refused(seeds, tmp_path: Path) -> None:
     pytest.importorskip("openpyxl", reason="needs openpyxl, of the extra tridentify[excel]")
     make, asked, _ = SAMPLES["run.xlsx"]

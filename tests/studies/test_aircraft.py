@@ -212,6 +212,7 @@ def test_numbers_that_make_no_sense_are_refused(options):
         SHORT.run(**options)
 
 
+@pytest.mark.slow
 def test_processes_are_single_threaded_and_the_caller_is_left_alone(monkeypatch):
     monkeypatch.setenv(THREADS[0], "7")
     monkeypatch.delenv(THREADS[1], raising=False)

@@ -116,6 +116,7 @@ def test_lines_that_are_damaged_are_dropped(
     assert numbers(found) == [row for row in undisturbed if row["draw"] == 0]
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_is_done(tmp_path: Path, undisturbed: list[dict[str, Any]]) -> None:
     def interrupt(done: int, _: int) -> None:
         if done >= 20:

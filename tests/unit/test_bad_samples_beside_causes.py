@@ -67,6 +67,7 @@ def test_wild_samples_at_the_start_of_another_record_are_not_taken_for_two_poles
     assert "order-low" not in [f.code for f in checked.findings]
 
 
+@pytest.mark.slow
 def test_a_sample_at_the_start_that_only_too_few_poles_leave_far_is_not_bad():
     """A larger model that was fitted without it foretells it."""
     rng = np.random.default_rng(21)

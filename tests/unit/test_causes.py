@@ -426,6 +426,7 @@ def test_right_records_with_other_inputs_and_noise_are_left_alone():
     assert len(told) <= 1, told
 
 
+@pytest.mark.slow
 def test_no_output_is_looked_at_twice_and_nothing_is_tried_beside_lost_rows_in_vain(monkeypatch):
     looked, made = [], []
     examine, rivals = tried.examine, explain._rivals

@@ -319,14 +319,13 @@ def test_sound_records_raise_no_alarm(kind, level):
     assert said(record)[0] == set()
 
 
-@pytest.mark.parametrize(
-    "n_samples", [30, *(pytest.param(n, marks=pytest.mark.slow) for n in (15, 60))]
-)
-def test_short_sound_records_raise_no_alarm(n_samples):
-    for seed in range(6):
-        u = np.where(np.arange(n_samples) < n_samples // 2, 1.0, -1.0)
-        record, _ = noisy(seed, level=0.1, u=u)
-        assert said(record, Structure(1, 0, offset=False, initial_state="rest"))[0] == set()
+@pytest.mark.parametrize("n_samples", [15, 30, 60])
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.fast("0-30", "1-30")
+def test_short_sound_records_raise_no_alarm(n_samples, seed):
+    u = np.where(np.arange(n_samples) < n_samples // 2, 1.0, -1.0)
+    record, _ = noisy(seed, level=0.1, u=u)
+    assert said(record, Structure(1, 0, offset=False, initial_state="rest"))[0] == set()
 
 
 def test_counts_with_noise_of_their_own_raise_no_alarm():

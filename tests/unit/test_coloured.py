@@ -282,6 +282,7 @@ def test_noise_free_record_is_not_whitened():
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_missing_response_is_not_taken_for_noise():
     """Without noise, a model of too low an order: nearly all of its residual is a response."""
     u = excitation(800)

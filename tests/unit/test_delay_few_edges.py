@@ -55,6 +55,7 @@ def test_the_edges_are_seen_however_early_they_come(edges, delay, sign):
     assert not any(LATER in line for line in estimate.cautions)
 
 
+@pytest.mark.slow
 def test_a_long_delay_is_found_and_what_it_leaves_out_is_told():
     record = few_edges([40, 90, 150], 0.6)
     estimate = identify(record, free(initial_state="free", offset=True), OutputError())

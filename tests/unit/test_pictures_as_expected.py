@@ -283,6 +283,12 @@ def test_an_estimate_and_a_model_draw_themselves(single, tmp_path):
             assert len(getattr(one, name)()) == count
     assert len(estimate.bode([1.0, 2.0], level=0.9)) == 2
     assert len(estimate.plot(single.record)) == 2
+    assert "<svg" in estimate.report(tmp_path / "page.html", single.record).read_text()
+
+
+@pytest.mark.slow
+def test_an_estimate_writes_its_report_of_what_it_is_given(single, tmp_path):
+    estimate = single.estimate
     first = estimate.report(tmp_path / "bare.html")
     second = estimate.report(tmp_path / "full.html", single.record, title="A flight")
     turned = estimate.report(single.record, tmp_path / "turned.html")

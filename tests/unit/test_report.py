@@ -287,6 +287,7 @@ def test_long_record_makes_a_small_page(single, tmp_path):
     assert path.stat().st_size < 1_500_000
 
 
+@pytest.mark.slow
 def test_page_and_figures_together_are_those_apart_and_drawn_once(single, tmp_path, monkeypatch):
     from matplotlib.figure import Figure
 

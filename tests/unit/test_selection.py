@@ -298,6 +298,7 @@ def test_other_methods_and_unknown_delays_stand_in_the_table_too(record):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_a_delay_is_found_instead_of_poles():
     late = TransferFunction([9.0], [1.0, 3.0, 9.0], delay=0.2)
     record = made(late, n=240)

@@ -64,6 +64,7 @@ class Awkward:
         return dataclasses.replace(known, theta=np.full(3, largest))
 
 
+@pytest.mark.slow
 def test_spread_is_the_standard_error(case):
     estimate, _, copies = case
     assert copies.n_draws == 60

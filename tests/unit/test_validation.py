@@ -264,6 +264,7 @@ def _held():
     return b.ravel(), a
 
 
+@pytest.mark.slow
 def test_a_response_that_is_not_linear_is_hinted_at():
     u = np.random.default_rng(9).choice([-1.0, 0.3, 1.0], N // 8).repeat(8)
     y = response(u)
@@ -354,6 +355,7 @@ def test_missing_samples_and_uneven_time():
     assert found.uneven
 
 
+@pytest.mark.slow
 def test_several_experiments_and_channels_are_judged_by_name():
     rng = np.random.default_rng(31)
     u = rng.choice([-1.0, 1.0], (100, 2)).repeat(8, axis=0)
@@ -455,6 +457,7 @@ def test_what_is_no_record_is_refused(estimate):
         validate(estimate, [])
 
 
+@pytest.mark.slow
 def test_another_piece_in_which_nothing_moves_tells_nothing_of_the_coefficients():
     whole = short_period()
     low = identify(whole.slice(0.5, 7.8), (1, 0), throw=False)
