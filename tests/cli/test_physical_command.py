@@ -65,6 +65,17 @@ def test_derivatives_of_an_aircraft_within_their_standard_errors(run, flight):
     assert document["coefficients"]["status"]["ok"]
 
 
+def test_columns_are_taken_in_order_where_no_name_tells(run, write_table):
+    raw = columns(mass_spring_damper(), OSCILLATOR, 0.05)
+    path = write_table("run.csv", {"t": raw["t"], "F": raw["force"], "x": raw["position"]})
+    asked = ["--model", "mass-spring-damper", "--input", "F", "--output", "x"]
+    document = answered(run, path, *asked)
+    assert document["channels"] == {"force": "F", "position": "x"}
+    assert values(document) == pytest.approx(OSCILLATOR, rel=0.05)
+    assert "force is F and position is x" in run("physical", path, *asked).out
+
+
+@pytest.mark.slow
 def test_columns_are_taken_by_name_then_in_order(run, flight, write_table):
     straight = ["--model", "short-period", "--input", "elevator"]
     one = answered(run, flight, *straight, "--output", "alpha", "--output", "q")

@@ -150,6 +150,7 @@ def test_a_right_estimate_warns_of_nothing():
     assert "feedback" not in [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 def test_a_kind_of_controller_that_was_only_assumed_is_warned_of_where_it_matters():
     record = record_of(3)
     open_ = answered(3)

@@ -118,6 +118,7 @@ def test_other_noise_is_refused(value):
 
 # --------------------------------------------------------------------------- what is reported
 @every_mode
+@pytest.mark.fast("auto", "white")
 def test_noise_model_has_one_row_per_output(mode):
     _, found = solved(mode)
     assert len(found.noise_model) == 1

@@ -70,6 +70,7 @@ def test_several_experiments_of_one_plant():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_what_it_was_is_kept_in_the_file(tmp_path):
     estimate = identify(released(*CASES["one pole"]), Structure(1, 0))
     again = Estimate.load(estimate.save(tmp_path / "model.json"))

@@ -71,6 +71,7 @@ def write_wide(path: Path, names: list[str], rows: int = 3) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_many_columns_take_time_in_proportion(tmp_path: Path) -> None:
     names = ["t", "u", "y", *(f"channel number {k} of the rig" for k in range(79_997))]
     path = write_wide(tmp_path / "wide.csv", names)

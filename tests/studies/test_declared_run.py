@@ -130,6 +130,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path: Path, undisturbed: list[dict[
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
+@pytest.mark.slow
 def test_a_worker_that_dies_is_told_and_gone_on_with(
     tmp_path: Path, undisturbed: list[dict[str, Any]]
 ) -> None:
