@@ -310,6 +310,7 @@ def test_a_controller_that_saturates():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_two_inputs_two_outputs_two_references():
     channels = [
         [([2.0], [1.0, 1.0]), ([0.5], [1.0, 2.0])],
@@ -373,7 +374,7 @@ def test_the_order_is_chosen():
 
 @pytest.mark.unjudged
 def test_structures_are_compared_on_the_reference_route():
-    candidates = [tri.Structure(1, 0), ORDERS, tri.Structure(3, 1)]
+    candidates = [tri.Structure(1, 0), ORDERS]
     selection = tri.select_structure(record_of(19, noise=0.1), candidates)
     best = selection.recommended
     assert best.estimate.route == "reference"

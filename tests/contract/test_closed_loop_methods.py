@@ -64,8 +64,7 @@ def loop_record(
 @pytest.mark.parametrize("key", list(MAKERS))
 @pytest.mark.parametrize("entry", ["input", "set point"])
 @pytest.mark.fast(
-    "set point-three-model",
-    "input-three-model, controller given",
+    "set point-three-model, controller given",
     "input-clsrivc",
     "set point-two-stage",
     "input-projection",

@@ -211,7 +211,7 @@ def test_a_long_pause_between_two_samples(key):
 @every_method
 @pytest.mark.fast("three-model", "gradient")
 def test_a_sensor_that_sticks_for_five_seconds(key):
-    u, y, _ = signals(4000)
+    u, y, _ = signals(3000)
     y[3000:3100] = y[3000]
     run = online.run(PLAIN[key], Record(u, y, dt=DT), ASKED, every=1.0)
     assert off(sane(run).theta) < NEAR[key]
@@ -267,7 +267,7 @@ def test_one_outlier_is_flagged_and_does_nothing(key):
 @every_method
 @pytest.mark.fast("kalman")
 def test_one_sample_in_twenty_is_an_outlier(key):
-    u, y, sigma = signals(5000)
+    u, y, sigma = signals(3500)
     rng = np.random.default_rng(11)
     wrong = rng.random(y.size) < 0.05
     y[wrong] += 30.0 * sigma * rng.standard_normal(int(wrong.sum()))
@@ -344,7 +344,7 @@ def test_values_that_cannot_be_at_the_beginning(key, value, at):
 @pytest.mark.fast("inf-three-model", "1e+300-gradient", "1e+30-least squares", "inf-kalman")
 def test_an_input_that_cannot_be(key, value):
     """One impossible input: refused, or flagged; never a nan ever after."""
-    u, y, _ = signals(4000)
+    u, y, _ = signals(3000)
     method = PLAIN[key]
     state = fold(method, method.init(ASKED, DT), u[:2500], y[:2500])
     try:

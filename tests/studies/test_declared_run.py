@@ -157,6 +157,7 @@ def test_a_run_that_is_complete_does_nothing(
     assert again.table() == before.table()
 
 
+@pytest.mark.slow
 def test_more_draws_go_on_and_fewer_count_the_first(
     tmp_path: Path, undisturbed: list[dict[str, Any]]
 ) -> None:

@@ -134,6 +134,7 @@ def test_turning_the_directions_changes_no_standard_error():
     assert np.allclose(before, after)
 
 
+@pytest.mark.slow
 def test_white_noise_keeps_its_standard_errors_and_coloured_noise_gets_its_own(monkeypatch):
     kept, wider, changes = 0, [], 0
     for seed in range(3):

@@ -451,6 +451,7 @@ def test_every_value_lies_in_its_interval(unseen_pair):
     assert slow.interval()[0] < shown < slow.interval()[1]
 
 
+@pytest.mark.slow
 def test_it_explains_the_record_nearly_as_well_as_the_maximum(unseen_pair):
     record, estimate = unseen_pair
     best = run(record, "likelihood", Structure(4, 3, **REST))

@@ -265,6 +265,7 @@ def test_several_experiments_each_get_their_figures(single, tmp_path):
     assert {"fit-1.svg", "fit-2.svg", "bode.svg"} < names
 
 
+@pytest.mark.slow
 def test_estimate_without_trace_or_covariance_has_a_report(single, tmp_path):
     bare = dataclasses.replace(
         single.estimate,

@@ -32,6 +32,7 @@ def test_a_charge_is_an_integrator(battery):
     assert "at zero" in battery.reason
 
 
+@pytest.mark.slow
 def test_its_lags_are_those_of_the_battery(battery):
     estimate = battery.recommended.estimate
     rates = sorted(estimate.model.poles.real)[:2]

@@ -163,6 +163,7 @@ def test_an_order_that_is_too_low_is_named(low):
     assert [f.code for f in low.findings if f.matters] == ["order-low"]
 
 
+@pytest.mark.slow
 def test_a_noise_model_does_not_hide_a_missing_pole(record):
     coloured = identify(record, Structure(1, 0, offset=False), ThreeModel(noise="ar"))
     assert coloured.noise_model[0].size
