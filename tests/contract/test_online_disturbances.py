@@ -211,7 +211,7 @@ def test_a_long_pause_between_two_samples(key):
 @every_method
 @pytest.mark.fast("three-model", "gradient")
 def test_a_sensor_that_sticks_for_five_seconds(key):
-    u, y, _ = signals(3000)
+    u, y, _ = signals(4000)
     y[3000:3100] = y[3000]
     run = online.run(PLAIN[key], Record(u, y, dt=DT), ASKED, every=1.0)
     assert off(sane(run).theta) < NEAR[key]
