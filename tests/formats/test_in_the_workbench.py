@@ -30,8 +30,8 @@ def signals():
 
 @pytest.fixture(scope="module")
 def ask(tmp_path_factory):
+    # not started ahead: a process comes with the first task for it, and the spare one never
     bench = Bench(Session(tmp_path_factory.mktemp("session") / "s.sqlite"), None)
-    bench.start()
     app = create(bench, Settings(TOKEN, PORT))
     headers = {"Authorization": f"Bearer {TOKEN}"}
     with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=headers) as client:
