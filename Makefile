@@ -28,7 +28,7 @@ PYTEST := MPLBACKEND=Agg OPENBLAS_NUM_THREADS=1 OMP_NUM_THREADS=1 \
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
 FUZZ_SECONDS ?= 300
-.PHONY: help demo app test test-all fuzz check docs browser kernels lint format bench bits cluster clean clean-all FORCE
+.PHONY: help demo app test test-all durations fuzz check docs browser kernels lint format bench bits cluster clean clean-all FORCE
 
 help: ## show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -45,6 +45,9 @@ test: $(INSTALLED_DEV) ## install, then run the fast tests and the docstring exa
 
 test-all: $(INSTALLED_DEV) ## the same with the long statistical tests
 	@$(PYTEST) $(PYTEST_ARGS)
+
+durations: $(INSTALLED_DEV) ## run the fast tests in one process and list the slowest of them
+	@HYPOTHESIS_PROFILE=quick $(PYTEST) -n 0 -q -m "not slow" --durations=80 --durations-min=1 $(PYTEST_ARGS)
 
 fuzz: $(INSTALLED_DEV) ## run the fuzzers on new seeds, FUZZ_SECONDS each (about an hour in all)
 	@TRIDENTIFY_FUZZ_SECONDS=$(FUZZ_SECONDS) HYPOTHESIS_PROFILE=explore $(PYTEST) \

@@ -38,6 +38,7 @@ nitpick_ignore_regex = [
     # names of types (Array, Truth) and what stands behind the seams
     ("py:class", r"(\w+|tridentify\.online\.(estimator|layout|search|state)\.\w+)"),
     ("py:class", r".+\.(Executor|Reached|Located|Ending|Patience|LoopTaken|PartedFile|Wanted)"),
+    ("py:class", r"tridentify\.record\.formats\.summary\.ChannelSummary"),
     ("py:class", r"tridentify\.fleet\.(store\.Store|working\.Question)"),
     ("py:obj", r".+"),
 ]

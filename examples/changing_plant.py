@@ -15,7 +15,7 @@ noise, some of its samples are missing, and for half a second at 50 s the sensor
 
 The model is ``q / elevator = (b1 s + b0) / (s^2 + a1 s + a0)``; old samples are forgotten.
 
-    python examples/changing_plant.py [--out DIRECTORY] [--seed SEED]
+    python examples/changing_plant.py [--out DIRECTORY] [--seed SEED] [--seconds T]
 """
 
 from __future__ import annotations
@@ -120,8 +120,9 @@ def main() -> None:
     folder = Path("build/examples")
     parser.add_argument("--out", type=Path, default=folder, help="folder of changing_plant.png")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seconds", type=float, default=DURATION, help="of the flight")
     given = parser.parse_args()
-    u, q = fly(given.seed)
+    u, q = (samples[: round(given.seconds / DT)] for samples in fly(given.seed))
     method = online.ThreeModel(forgetting=1.0 - DT / MEMORY)
     structure = Structure(poles=2, zeros=1)
     names = {"input_names": ("elevator",), "output_names": ("q",)}

@@ -11,6 +11,7 @@ from pathlib import Path
 import hypothesis
 import pytest
 
+from fast_cases import leave_the_others_to_the_slow_run
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement import choice
@@ -20,7 +21,7 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # The same examples on every run and no deadline: a first call may compile a kernel.
 # HYPOTHESIS_PROFILE=explore looks for new examples; `make test` takes fewer (quick).
 hypothesis.settings.register_profile("fixed", deadline=None, derandomize=True)
-hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=25)
+hypothesis.settings.register_profile("quick", deadline=None, derandomize=True, max_examples=20)
 hypothesis.settings.register_profile("explore", deadline=None, max_examples=1000)
 hypothesis.settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
@@ -43,6 +44,13 @@ def pytest_collection() -> Generator[None, object, object]:
         gc.collect()
         gc.freeze()
         gc.enable()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Before `-m` selects."""
+    whole = not any("::" in argument for argument in config.args)
+    leave_the_others_to_the_slow_run(items, whole)
 
 
 @pytest.fixture(scope="session")

@@ -351,6 +351,7 @@ def test_a_reload_shows_what_was_there(seen):
     expect(seen.page.locator(".row.range .swatch.identify")).to_have_count(1)
 
 
+@pytest.mark.slow
 def test_a_killed_server_comes_back_and_a_removed_file_is_told(browser, flights, tmp_path):
     with (
         serving(tmp_path, flights, ["first.csv"]) as server,
@@ -457,6 +458,7 @@ def test_files_that_are_no_records_are_each_named(browser, server):
         assert seen.page.evaluate("document.activeElement.id") == "record"
 
 
+@pytest.mark.slow
 def test_the_files_of_the_folder_are_shown_where_no_record_is_open(browser, flights, tmp_path):
     with serving(tmp_path, flights, ["first.csv"]) as server, tab(browser, server) as seen:
         expect(seen.page.get_by_role("button", name="first.csv", exact=True)).to_be_visible()

@@ -54,8 +54,8 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def bench(folder, tmp_path_factory):
+    # not started ahead: a process comes with the first task for it
     made = Bench(Session(tmp_path_factory.mktemp("session") / "s.sqlite"), folder)
-    made.start()
     yield made
     made.stop()
 

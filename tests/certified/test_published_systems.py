@@ -294,6 +294,7 @@ def test_printed_steps_of_any_order(n, m):
 @pytest.mark.parametrize("operators", ["allpass", "laguerre"])
 @pytest.mark.parametrize("n_operators", [3, 6, 10])
 @pytest.mark.parametrize(("n", "m"), [(1, 0), (2, 2), (3, 1), (3, 2), (3, 3), (4, 2)])
+@pytest.mark.fast("*-laguerre", "2-2-3-allpass", "3-2-10-allpass")
 def test_printed_steps_do_not_call_converged_what_is_not(n, m, n_operators, operators):
     """The goal of the repetitions is beta = (1, 0, ..., 0); standing still elsewhere is not it."""
     record, truth, chosen = example(n, m)

@@ -189,6 +189,7 @@ def test_a_name_cannot_steer_the_terminal(run, tmp_path: Path) -> None:
     assert "x1b[31mred" in outcome.out
 
 
+@pytest.mark.fast("npz", "csv")
 def test_without_channels_the_likely_ones_are_named(run, file: Path) -> None:
     for command in ("identify", "select", "advise"):
         outcome = run(command, file)

@@ -240,6 +240,7 @@ def test_more_poles_than_the_data_support_end_with_code_1_whatever_the_zeros(run
 
 @pytest.mark.skipif(os.name == "nt", reason="file names are Unicode here")
 @pytest.mark.parametrize("command", ["identify", "channels", "stream"])
+@pytest.mark.fast("stream", "channels")
 def test_the_name_of_a_file_does_not_steer_the_terminal(run, tmp_path, command):
     name = os.fsdecode(b"a\xe9\x1b[2J\x07\xe2\x80\xaecsv")
     path = tmp_path / name

@@ -188,6 +188,7 @@ def test_pulses_begin_and_end_at_rest_unless_it_is_said_otherwise(run, tmp_path)
     assert len(swept) == 20 + 100 + 40
 
 
+@pytest.mark.slow
 def test_noise_may_differ_between_outputs(run, tmp_path, clean, write_table):
     rng = np.random.default_rng(5)
     both = {"t": clean["t"], "elevator": clean["elevator"]}

@@ -31,6 +31,7 @@ def values(document: dict[str, Any]) -> dict[str, float]:
 
 @pytest.mark.unjudged
 @pytest.mark.parametrize("file", PITCH_RATE)
+@pytest.mark.fast("data.csv")
 def test_attas_pitch_rate(run, shared_data, file):
     path = shared_data / ATTAS / file
     options = ["--time", "t", "--input", "u_elevator", "--output", "y_q", "--intersample", "foh"]
@@ -44,6 +45,7 @@ def test_attas_pitch_rate(run, shared_data, file):
 
 @pytest.mark.unjudged
 @pytest.mark.parametrize("file", PITCH_RATE)
+@pytest.mark.fast("data_2.csv")
 def test_attas_angle_of_attack_has_the_same_poles(run, shared_data, file):
     path = shared_data / ATTAS / file
     options = ["--input", "u_elevator", "--output", "y_alpha", "--intersample", "foh"]

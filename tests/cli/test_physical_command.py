@@ -41,7 +41,7 @@ def columns(
 
 @pytest.fixture
 def flight(write_table) -> Path:
-    return write_table("flight.csv", columns(short_period(), AIRCRAFT, 0.02))
+    return write_table("flight.csv", columns(short_period(), AIRCRAFT, 0.02, n=300))
 
 
 def answered(run: Any, *arguments: object) -> dict[str, Any]:
@@ -65,12 +65,23 @@ def test_derivatives_of_an_aircraft_within_their_standard_errors(run, flight):
     assert document["coefficients"]["status"]["ok"]
 
 
+def test_columns_are_taken_in_order_where_no_name_tells(run, write_table):
+    raw = columns(mass_spring_damper(), OSCILLATOR, 0.05)
+    path = write_table("run.csv", {"t": raw["t"], "F": raw["force"], "x": raw["position"]})
+    asked = ["--model", "mass-spring-damper", "--input", "F", "--output", "x"]
+    document = answered(run, path, *asked)
+    assert document["channels"] == {"force": "F", "position": "x"}
+    assert values(document) == pytest.approx(OSCILLATOR, rel=0.05)
+    assert "force is F and position is x" in run("physical", path, *asked).out
+
+
+@pytest.mark.slow
 def test_columns_are_taken_by_name_then_in_order(run, flight, write_table):
     straight = ["--model", "short-period", "--input", "elevator"]
     one = answered(run, flight, *straight, "--output", "alpha", "--output", "q")
     other = answered(run, flight, *straight, "--output", "q", "--output", "alpha")
     assert values(one) == values(other)
-    raw = columns(short_period(), AIRCRAFT, 0.02)
+    raw = columns(short_period(), AIRCRAFT, 0.02, n=300)
     renamed = {"t": raw["t"], "de [rad]": raw["elevator"], "AoA [rad]": raw["alpha"], "q": raw["q"]}
     path = write_table("renamed.csv", renamed)
     asked = ["--model", "short-period", "--input", "de", "--output", "q", "--output", "AoA"]
@@ -203,7 +214,7 @@ CASES = {
 
 
 def test_a_channel_may_be_named_with_its_column(run, write_table):
-    raw = columns(short_period(), AIRCRAFT, 0.02)
+    raw = columns(short_period(), AIRCRAFT, 0.02, n=300)
     path = write_table("raw.csv", {"t": raw["t"], "u=1": raw["elevator"], "y_q": raw["q"],
                                    "alpha": raw["alpha"], "q": -raw["q"]})  # fmt: skip
     asked = ["--model", "short-period", "--input", "elevator=u=1", "--output", "q=y_q"]

@@ -61,6 +61,7 @@ def test_several_files_are_experiments_of_one_model(run, two_files, question):
     assert np.all(np.array(std[0]) < np.array(std[1]))
 
 
+@pytest.mark.slow
 def test_tables_and_folder_name_the_experiments(run, two_files, question, tmp_path):
     outcome = run("identify", *two_files, *question, "--out", tmp_path / "out")
     assert outcome.code == 0
@@ -116,6 +117,7 @@ def test_a_known_delay(run, late, question):
     assert delay == {"output": "q", "input": "elevator", "value": 0.2, "std": None, "unit": "s"}
 
 
+@pytest.mark.slow
 def test_a_free_delay_has_a_standard_error(run, late, question):
     document = identified(run, late, *question, "--delay", "free")
     (delay,) = document["delays"]
@@ -215,6 +217,7 @@ def two_clocks(folder: Path) -> Path:
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_channels_of_several_clocks_meet_where_they_are_told(run, tmp_path):
     path = two_clocks(tmp_path)
     listed = json.loads(run("channels", path, "--json").out)["channels"]
@@ -233,6 +236,7 @@ def test_channels_of_several_clocks_meet_where_they_are_told(run, tmp_path):
 
 
 # ------------------------------------------------------------------------------ what is reported
+@pytest.mark.slow
 def test_noise_loss_and_outliers_are_in_the_document(run, write_table, clean, question):
     rng = np.random.default_rng(2)
     error = noise(2, clean["q"].size)

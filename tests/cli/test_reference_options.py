@@ -50,6 +50,7 @@ def test_stated_behaviour_of_the_reference_counts(run, looped: Path) -> None:
     assert "reference q_cmd [deg/s], joined by lines" in " ".join(outcome.out.split())
 
 
+@pytest.mark.slow
 def test_stored_models_are_looked_at_on_records_with_a_reference(
     run, looped: Path, tmp_path: Path
 ) -> None:

@@ -152,6 +152,7 @@ def test_results_do_not_depend_on_how_the_bytes_come(run, file, monkeypatch):
         assert run("stream", file, *QUESTION).out == whole
 
 
+@pytest.mark.slow
 def test_malformed_lines_before_the_step_is_known_count_where_they_stand(run, file, monkeypatch):
     header, *rows = lines_of(file)[:200]
     spoiled = ["x", *rows[:3], *["stall"] * 20, *rows[3:30], *["1,2"] * 7, *rows[30:]]
@@ -166,6 +167,7 @@ def test_malformed_lines_before_the_step_is_known_count_where_they_stand(run, fi
         monkeypatch.undo()
 
 
+@pytest.mark.slow
 def test_json_gives_what_csv_gives(run, file, tmp_path):
     path = tmp_path / "flight.jsonl"
     header, *rows = lines_of(file)
@@ -182,6 +184,7 @@ def test_json_gives_what_csv_gives(run, file, tmp_path):
     assert run("stream", path, *QUESTION, "--format", "csv").code == 2
 
 
+@pytest.mark.slow
 def test_a_known_step_takes_the_place_of_time(run, write_table, columns):
     del columns["t"]
     path = write_table("plain.csv", columns)
@@ -277,6 +280,7 @@ def test_a_clock_that_is_set_back_is_followed(run, file):
         assert abs(item["value"] - TRUTH[name]) < 5 * item["std"]
 
 
+@pytest.mark.slow
 def test_a_change_of_the_plant_is_told(run, held, write_table):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], 300), 10)
@@ -444,6 +448,7 @@ def test_a_signal_ends_it_with_the_last_line_and_the_checkpoint(run, file, tmp_p
     assert objects(again.out)[-1] == objects(whole.out)[-1]
 
 
+@pytest.mark.slow
 def test_what_comes_after_a_pipe_is_gone_on_with(run, file, tmp_path, monkeypatch):
     header, *rows = lines_of(file)
     kept = tmp_path / "kept.json"
@@ -523,6 +528,7 @@ def test_a_checkpoint_with_a_part_missing_is_refused_in_one_line(run, file, tmp_
         assert len(outcome.error_lines) == 1
 
 
+@pytest.mark.slow
 def test_a_checkpoint_of_numbers_that_do_not_fit_is_refused_in_one_line(run, file, tmp_path):
     """Columns that are not there, clocks that run away, a state of something else."""
     kept = tmp_path / "kept.json"
@@ -607,6 +613,7 @@ def test_a_file_that_grows_in_halves_of_lines_is_read_in_whole_ones(run, file, t
     assert found == expected
 
 
+@pytest.mark.slow
 def test_every_line_has_its_number_and_a_repeated_one_keeps_it(run, file, tmp_path, monkeypatch):
     whole = objects(run("stream", file, *QUESTION, "--every", 1).out)
     assert [line["number"] for line in whole] == list(range(1, len(whole) + 1))
@@ -630,6 +637,7 @@ def test_every_line_has_its_number_and_a_repeated_one_keeps_it(run, file, tmp_pa
     assert list({line["number"]: line for line in first + second}.values()) == whole
 
 
+@pytest.mark.slow
 def test_the_last_line_of_a_run_gives_its_number_to_what_follows(run, file, tmp_path):
     whole = objects(run("stream", file, *QUESTION, "--every", 1).out)
     content, kept = file.read_bytes(), tmp_path / "kept.json"

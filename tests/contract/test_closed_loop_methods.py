@@ -63,10 +63,16 @@ def loop_record(
 
 @pytest.mark.parametrize("key", list(MAKERS))
 @pytest.mark.parametrize("entry", ["input", "set point"])
+@pytest.mark.fast(
+    "set point-three-model, controller given",
+    "input-clsrivc",
+    "set point-two-stage",
+    "input-projection",
+)
 def test_truth_without_noise(key: str, entry: str) -> None:
     """Fine samples without noise: what is left is the error between the samples."""
     # the projection knows nothing of the loop's dynamics, and needs a record of many responses
-    record = loop_record(entry, n=3000 if key == "projection" else 600)
+    record = loop_record(entry, n=3000 if key == "projection" else 400)
     found = MAKERS[key]().estimate([record], Structure(2, 0))
     assert found.status.ok
     assert np.allclose(found.theta, TRUE, rtol=0.05)
@@ -87,6 +93,7 @@ def test_a_record_without_a_reference_is_refused_in_one_line(key: str) -> None:
 
 
 @pytest.mark.parametrize("entry", ["input", "set point"])
+@pytest.mark.fast("set point")
 def test_where_the_reference_enters_is_found_and_told(entry: str) -> None:
     record = loop_record(entry, 0.05)
     part = simulated(record, PLANT, LAW)
@@ -120,7 +127,7 @@ def test_simulated_input_is_the_loops_own(entry: str) -> None:
 def test_a_controller_of_the_wrong_sign_is_refused() -> None:
     wrong = TransferFunction([-10.0, -10.0], [1.0, 0.0])
     with pytest.raises(DataError, match="makes no stable loop"):
-        ThreeModel(controller=wrong, noise="white").estimate([loop_record()], Structure(2, 0))
+        ThreeModel(controller=wrong, noise="white").estimate([loop_record(n=200)], Structure(2, 0))
 
 
 @pytest.mark.parametrize("key", ["three-model, controller given", "clsrivc"])

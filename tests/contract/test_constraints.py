@@ -86,6 +86,7 @@ def knowledge(truth):
 @every_able
 @pytest.mark.parametrize("dt", [pytest.param(1e-6, marks=pytest.mark.slow), 1.0, 1e6])
 @pytest.mark.parametrize("n", [1, 2, *(pytest.param(n, marks=pytest.mark.slow) for n in (3, 4))])
+@pytest.mark.fast("1-1000000.0-three-model", "2-1.0-three-model", "2-1000000.0-output-error")
 def test_without_noise_the_truth_comes_back(key, n, dt):
     num, den = system(n, 0.1 / dt)
     record = record_of(num, den, offset=0.7, dt=dt)
@@ -126,6 +127,7 @@ OTHERS = {
 @pytest.mark.parametrize("case", OTHERS)
 @pytest.mark.filterwarnings("ignore:overflow")
 @pytest.mark.filterwarnings("ignore:invalid")
+@pytest.mark.fast("*-three-model", "all at once-output-error", "static gain-output-error")
 def test_with_noise_it_is_the_optimum_of_a_general_solver(key, case):
     known, equalities, bounds, prior = OTHERS[case]
     record = record_of([0.2, 0.5], [1.0, 1.0, 3.0], 0.1)
@@ -393,6 +395,12 @@ def test_the_posterior_mean_is_refused_where_it_is_asked_for():
     [(1e-6, 1e3, 1.0), pytest.param(1e5, 1.0, 1e-6, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("case", ["gain", "bound and prior", "equality", "integrator"])
+@pytest.mark.fast(
+    "bound and prior-*",
+    "equality-1e-06-1000.0-1.0-three-model",
+    "integrator-1e-06-1000.0-1.0-output-error",
+    "gain-1e-06-1000.0-1.0-three-model",
+)
 def test_units_change_nothing_but_the_units(key, case, dt, input_unit, output_unit):
     num, den = ([2.0], [1.0, 2.0, 0.0]) if case == "integrator" else ([0.2, 0.5], [1.0, 1.0, 3.0])
 
@@ -421,6 +429,7 @@ def test_units_change_nothing_but_the_units(key, case, dt, input_unit, output_un
 
 
 @every_able
+@pytest.mark.fast("three-model")
 def test_a_free_optimum_that_no_projection_keeps_stable_is_no_dead_end(key):
     """A short record of four slow poles; a0 fixed makes the free optimum's neighbours unstable."""
     den = np.poly([-0.32 + 0.46j, -0.32 - 0.46j, -0.28 + 0.53j, -0.28 - 0.53j]).real
@@ -436,6 +445,11 @@ def test_a_free_optimum_that_no_projection_keeps_stable_is_no_dead_end(key):
 @every_able
 @pytest.mark.parametrize("case", ["delay", "jittered time"])
 @pytest.mark.parametrize("integrates", [False, True], ids=["a gain", "an integrator"])
+@pytest.mark.fast(
+    "an integrator-jittered time-three-model",
+    "a gain-delay-*",
+    "a gain-jittered time-output-error",
+)
 def test_knowledge_goes_with_delays_and_jitter(key, case, integrates):
     flag = Capability.DELAY if case == "delay" else Capability.NON_UNIFORM_TIME
     if flag not in METHODS[key]().capabilities:

@@ -67,6 +67,12 @@ def test_a_method_without_the_flag_refuses(key):
 @pytest.mark.parametrize(
     ("delay", "intersample"), [(0.0, "zoh"), (0.3, "zoh"), (0.337, "zoh"), (0.337, "foh")]
 )
+@pytest.mark.fast(
+    "0.337-foh-num0-den0-three-model",
+    "0.3-zoh-num1-den1-*",
+    "0.337-zoh-num2-den2-output-error",
+    "0.0-zoh-num0-den0-three-model",
+)
 def test_without_noise_the_delay_comes_back(key, num, den, delay, intersample):
     record = made(TransferFunction(num, den, delay=delay), intersample=intersample)
     structure = Structure(len(den) - 1, len(num) - 1, **REST)
@@ -87,6 +93,7 @@ def test_fast_and_slow_systems_alike(key, scale):
 
 
 @one_of_them
+@pytest.mark.slow
 def test_every_input_has_a_delay_of_its_own(key):
     model = TransferFunction(
         [[[2.0], [1.0, 3.0]]], [[[1.0, 2.0], [1.0, 1.0, 4.0]]], delay=[[0.21, 0.6]]
@@ -108,6 +115,7 @@ def test_outputs_share_the_delay_of_the_input(key):
 
 @pytest.mark.parametrize("key", ABLE)
 @pytest.mark.parametrize("options", [REST, FREE], ids=["rest", "free"])
+@pytest.mark.fast("free-three-model", "rest-output-error")
 def test_the_covariance_is_that_of_finite_differences_of_simulate(key, options):
     record = made(TransferFunction(*SECOND, delay=0.337), noise=0.1, offset=1.0 * options["offset"])
     estimate = identify(record, Structure(2, 0, **options), METHODS[key]())
@@ -149,6 +157,7 @@ def test_a_delay_of_several_periods_is_no_trap(key, seed):
 
 
 @pytest.mark.parametrize("key", ABLE)
+@pytest.mark.fast("three-model")
 def test_an_output_ahead_of_the_input_gives_no_negative_delay(key):
     record = made(TransferFunction(*SECOND), noise=0.05)
     ahead = Record(np.roll(record.u, 4, axis=0), record.y, dt=DT)
@@ -157,6 +166,7 @@ def test_an_output_ahead_of_the_input_gives_no_negative_delay(key):
 
 
 @one_of_them
+@pytest.mark.slow
 def test_experiments_of_other_steps_share_the_delay(key):
     model = TransferFunction(*SECOND, delay=0.33)
     records = [made(model, noise=0.1, offset=2.0), made(model, n=200, dt=0.08, noise=0.1, seed=1)]
@@ -190,6 +200,7 @@ def test_missing_samples_do_not_count(key):
 
 @pytest.mark.judged
 @one_of_them
+@pytest.mark.slow
 def test_a_fast_pole_that_a_delay_could_be_shows_in_the_standard_error(key):
     """A time constant of a fifth of a step, seen through noise: delay and pole trade places."""
     slow = TransferFunction([2.0], np.convolve([1.0, 1.5], [0.01, 1.0]) / 0.01, delay=0.3)

@@ -330,6 +330,7 @@ def test_progress_is_told_in_words(key):
     assert all(isinstance(word, str) and word.strip() for word in words)
 
 
+@pytest.mark.fast("output-error", "svf-*", "refined-*", "bias-*")
 def test_throw_false_returns_what_throw_true_refuses(key):
     """Noise alone: whatever happens it is either an estimate with a status or a known refusal."""
     rng = np.random.default_rng(8)

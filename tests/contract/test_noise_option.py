@@ -118,6 +118,7 @@ def test_other_noise_is_refused(value):
 
 # --------------------------------------------------------------------------- what is reported
 @every_mode
+@pytest.mark.fast("auto", "white")
 def test_noise_model_has_one_row_per_output(mode):
     _, found = solved(mode)
     assert len(found.noise_model) == 1
@@ -310,6 +311,7 @@ def test_missing_samples_are_left_out_or_refused(mode):
     [("ar", 6), ("auto", 9), ("auto", 15)]
     + [pytest.param(mode, n, marks=slow) for mode in ("ar", "auto") for n in (8, 12, 30, 60)],
 )
+@pytest.mark.fast("auto-9", "ar-6")
 def test_short_records_get_a_short_noise_model_or_none(mode, n_samples):
     record = short_period(n_samples=n_samples)
     try:
@@ -348,6 +350,7 @@ FAST = ("a pure tone", "a ramp")
         if not (mode == "ar" and case in FAST)
     ],
 )
+@pytest.mark.fast("ar-a pure tone")
 def test_noise_of_other_kinds_ends_in_an_answer_or_a_refusal(mode, case):
     u = binary(400)
     y = respond(TRUTH, u)

@@ -267,6 +267,15 @@ FOLDED_IN_FULL = ("first order", "one zero", "two outputs", "trimmed", "late", "
         for costly in [key == "three-model" and case not in FOLDED_IN_FULL]
     ],
 )
+@pytest.mark.fast(
+    "three-model-*",
+    "gradient-two outputs",
+    "gradient-late",
+    "least squares-two outputs",
+    "least squares-trimmed",
+    "kalman-two outputs",
+    "kalman-first order",
+)
 def test_running_is_folding_bit_for_bit(key, case, walked, tmp_path):
     method, record, run = walked
     state, innovations = fold(method, opened(method, CASES[case].structure, record), record)
@@ -285,6 +294,7 @@ def test_running_is_folding_bit_for_bit(key, case, walked, tmp_path):
 
 
 @every_method
+@pytest.mark.fast("gradient", "kalman", "least squares")
 def test_the_trajectory_is_that_of_the_fold(key):
     case = CASES["one zero"]
     method, record = METHODS[key](case.dt), case.record(noise=0.05, n_samples=1000)
@@ -333,6 +343,12 @@ def test_one_record_and_a_list_of_one_are_the_same(key, tmp_path):
 
 @every_method
 @pytest.mark.parametrize("case", ["one zero", "two inputs", "two outputs", "trimmed", "late"])
+@pytest.mark.fast(
+    "*-three-model",
+    "one zero-gradient",
+    "two outputs-kalman",
+    "two inputs-least squares",
+)
 def test_a_step_is_pure(key, case, tmp_path):
     """The same from the same state, whatever was done in between; the old state is untouched."""
     system = CASES[case]
@@ -398,6 +414,7 @@ def test_two_streams_do_not_disturb_each_other(key, tmp_path):
 @pytest.mark.judged
 @every_method
 @every_case
+@pytest.mark.fast("*-three-model", "two outputs-*", "one zero-*")
 def test_an_estimate_is_whole(key, case, walked, tmp_path):
     method, record, run = walked
     estimate = method.estimate(run.state)
@@ -429,6 +446,7 @@ def test_an_estimate_is_whole(key, case, walked, tmp_path):
 
 @every_method
 @pytest.mark.parametrize("case", ["one zero", "two inputs", "two outputs", "trimmed"])
+@pytest.mark.fast("two outputs-*", "one zero-three-model")
 def test_the_covariance_is_one(key, case):
     system = CASES[case]
     method = METHODS[key](system.dt)
@@ -459,6 +477,7 @@ def test_without_noise_the_truth(key, case, walked):
         *(pytest.param(one, marks=pytest.mark.slow) for one in ("first order", "kiloseconds")),
     ],
 )
+@pytest.mark.fast("one zero")
 def test_gradient_comes_to_the_truth(case):
     system = CASES[case]
     record = system.record(200_000)
@@ -490,6 +509,7 @@ def test_a_structure_that_leaves_things_open(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "kalman")
 def test_a_start_takes_the_place_of_the_search(key):
     """With a model to begin from the first estimates come at once and end at the truth."""
     case = CASES["one zero"]
@@ -509,6 +529,7 @@ def test_a_start_takes_the_place_of_the_search(key):
 
 
 @pytest.mark.parametrize("key", ["three-model", "least squares", "kalman"])
+@pytest.mark.fast("kalman", "least squares")
 def test_the_model_given_to_start_from_is_forgotten(key):
     """No trace of a start that was wrong by a third in what good samples say."""
     case = CASES["one zero"]
@@ -568,6 +589,7 @@ def test_an_input_that_never_moves_makes_nothing_ready(key, u):
 
 
 @every_method
+@pytest.mark.fast("three-model", "gradient")
 def test_excitation_that_comes_late_is_used(key):
     case = CASES["one zero"]
     record = case.record(2500, noise=0.02)
@@ -755,6 +777,7 @@ BAD_SAMPLES = [
 @every_method
 @pytest.mark.parametrize(("u", "y"), BAD_SAMPLES, ids=str)
 @pytest.mark.parametrize("seen", [0, 30, 800])
+@pytest.mark.fast("*-three-model", "*-high-*")
 def test_samples_that_are_none(key, u, y, seen, tmp_path):
     """Refused in one line, at any time, and the stream goes on from the state it had."""
     case = CASES["one zero"]

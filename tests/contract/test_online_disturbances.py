@@ -102,6 +102,7 @@ def test_a_good_record_raises_no_flag(key):
 
 # -------------------------------------------------------------------------------- missing
 @every_method
+@pytest.mark.fast("three-model", "kalman")
 def test_missing_outputs_are_flagged_and_survived(key):
     u, y, _ = signals(3500)
     y[np.random.default_rng(2).random(y.size) < 0.1] = np.nan
@@ -115,6 +116,7 @@ def test_missing_outputs_are_flagged_and_survived(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "gradient")
 def test_missing_from_the_first_sample(key):
     u, y, _ = signals(3000)
     y[:300] = np.nan
@@ -123,6 +125,7 @@ def test_missing_from_the_first_sample(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "least squares")
 def test_missing_inputs_are_held_and_flagged(key):
     """The input is held over a gap: the same as if the last value had been sent again."""
     u, y, _ = signals(2000)
@@ -140,6 +143,7 @@ def test_missing_inputs_are_held_and_flagged(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "gradient")
 def test_missing_inputs_from_the_first_sample(key):
     u, y, _ = signals(2500)
     method, state = PLAIN[key], PLAIN[key].init(Structure(2, 1, **FREE), DT)
@@ -173,6 +177,7 @@ def test_jitter_is_exact():
 
 
 @every_method
+@pytest.mark.fast("three-model", "least squares")
 def test_jitter_does_not_bias(key):
     rng = np.random.default_rng(3)
     t = np.cumsum(DT * rng.uniform(0.3, 1.7, 4000))
@@ -184,6 +189,7 @@ def test_jitter_does_not_bias(key):
 
 
 @every_method
+@pytest.mark.fast("least squares", "gradient", "kalman")
 def test_a_long_pause_between_two_samples(key):
     """An hour without a sample: the plant has settled, the estimate stays."""
     u, y, sigma = signals(2500)
@@ -203,6 +209,7 @@ def test_a_long_pause_between_two_samples(key):
 
 # -------------------------------------------------------------------------------- sensors
 @every_method
+@pytest.mark.fast("three-model", "gradient")
 def test_a_sensor_that_sticks_for_five_seconds(key):
     u, y, _ = signals(4000)
     y[3000:3100] = y[3000]
@@ -230,8 +237,9 @@ def test_an_output_that_rests_is_not_stuck(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "least squares")
 def test_an_output_that_is_clipped(key):
-    u, y, _ = signals(5000)
+    u, y, _ = signals(3500)
     limit = 1.3 * np.std(y)
     share = np.mean(np.abs(y) > limit)
     assert 0.05 < share < 0.3
@@ -241,6 +249,7 @@ def test_an_output_that_is_clipped(key):
 
 
 @every_method
+@pytest.mark.fast("three-model", "gradient")
 def test_one_outlier_is_flagged_and_does_nothing(key):
     """A hundred times the spread at once: less than a standard error of harm."""
     u, y, _ = signals(3000)
@@ -256,8 +265,9 @@ def test_one_outlier_is_flagged_and_does_nothing(key):
 
 
 @every_method
+@pytest.mark.fast("kalman")
 def test_one_sample_in_twenty_is_an_outlier(key):
-    u, y, sigma = signals(5000)
+    u, y, sigma = signals(3500)
     rng = np.random.default_rng(11)
     wrong = rng.random(y.size) < 0.05
     y[wrong] += 30.0 * sigma * rng.standard_normal(int(wrong.sum()))
@@ -277,6 +287,7 @@ HUGE = [
 
 @every_method
 @pytest.mark.parametrize("value", HUGE, ids=str)
+@pytest.mark.fast("inf-*", "1e+300-three-model", "1e+30-kalman")
 def test_values_that_cannot_be_leave_no_trace(key, value):
     """Once and for twenty samples: no nan, no infinity, and near the truth again."""
     u, y, _ = signals(3000)
@@ -309,6 +320,7 @@ def test_values_that_cannot_be_leave_no_trace(key, value):
     ],
     ids=str,
 )
+@pytest.mark.fast("inf-0-*", "1e+300-3-three-model", "1e+30-40-gradient")
 def test_values_that_cannot_be_at_the_beginning(key, value, at):
     if (value, at) == (1e30, 0) and key != "three-model":
         pytest.skip("a finite first sample has nothing that it could be judged by")
@@ -329,9 +341,10 @@ def test_values_that_cannot_be_at_the_beginning(key, value, at):
 
 @every_method
 @pytest.mark.parametrize("value", [1e300, 1e30, math.inf], ids=str)
+@pytest.mark.fast("inf-three-model", "1e+300-gradient", "1e+30-least squares", "inf-kalman")
 def test_an_input_that_cannot_be(key, value):
     """One impossible input: refused, or flagged; never a nan ever after."""
-    u, y, _ = signals(4000)
+    u, y, _ = signals(3000)
     method = PLAIN[key]
     state = fold(method, method.init(ASKED, DT), u[:2500], y[:2500])
     try:
@@ -382,6 +395,7 @@ CHANGES = {
     [c if c == "gain" else pytest.param(c, marks=pytest.mark.slow) for c in CHANGES],
 )
 @every_method
+@pytest.mark.fast("three-model-gain", "kalman-gain")
 def test_a_step_of_the_coefficients_is_found(key, change):
     """Within 50 s of 500, none before, and what comes after is the new plant."""
     when, second = 10_000, CHANGES[change]
@@ -430,6 +444,7 @@ def test_several_changes_one_after_the_other():
     assert off(run.estimate.theta, SECOND) < 0.15
 
 
+@pytest.mark.slow
 def test_the_standard_error_after_a_change_is_that_of_the_samples_since():
     """A restart forgets: no more certain than the new stretch of the record allows."""
     u, y = changing(14_000, 10_000, TRUTH, SECOND)
@@ -571,6 +586,7 @@ def test_a_state_does_not_grow(tmp_path):
 
 
 @pytest.mark.parametrize("rate", [1e-300, 1e-9, 1e3, 1e12, 1e300])
+@pytest.mark.fast("1e+300", "1e-300")
 def test_no_rate_blows_a_gradient_up(rate):
     """Backward Euler with normalised steps is stable for any rate."""
     u, y, sigma = signals(5000)

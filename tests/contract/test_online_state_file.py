@@ -77,6 +77,7 @@ def content(state, folder):
 
 
 @every_method
+@pytest.mark.fast("three-model, forgetting", "least squares, *", "kalman", "gradient")
 def test_resumed_from_a_file_bit_for_bit(key, tmp_path):
     """Every state on the way, saved and loaded, gives the same innovations and the same end."""
     method = METHODS[key]

@@ -92,6 +92,7 @@ def two_loops(r1, r2, seed):
     return Record(u, y, dt=0.1, reference=np.column_stack([r1, r2]))
 
 
+@pytest.mark.slow
 def test_fewer_independent_references_than_inputs_are_a_warning():
     steps = np.repeat([0.0, 1.0, -1.0, 1.0], 100)
     structure = Structure(1, [[0, 0]])

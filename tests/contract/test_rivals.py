@@ -294,6 +294,7 @@ def test_resonant_plant_without_noise(name):
 @every_rival
 @pytest.mark.parametrize("faster", [1e6, 1e-6])
 @pytest.mark.parametrize("noise", [0.0, 0.05])
+@pytest.mark.fast("0.05-1e-06-*", "0.0-1000000.0-*")
 def test_unit_of_time_scales_exactly(name, faster, noise):
     record = short_period(noise)
     quick = Record(record.u, record.y, dt=DT / faster)

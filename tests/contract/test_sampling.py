@@ -72,6 +72,7 @@ def test_without_noise_the_truth(key, case):
     assert np.array_equal(estimate.model.delay, model.delay)
 
 
+@pytest.mark.fast("delay and jitter-*", "jitter-three-model")
 def test_with_noise_the_truth_within_the_standard_errors(key, case):
     model, jitter, structure = case
     off = []
@@ -84,6 +85,7 @@ def test_with_noise_the_truth_within_the_standard_errors(key, case):
 
 
 @pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.fast("delay and jitter-1e-06-*", "jitter-1000000.0-*")
 def test_the_unit_of_time_does_not_matter(key, case, scale):
     model, jitter, structure = case
     plain = identify(recorded(model, jitter, noise=0.1), structure, METHODS[key]())

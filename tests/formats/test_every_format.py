@@ -30,6 +30,7 @@ def test_the_record_comes_back(sample) -> None:
     assert record.dt == pytest.approx(0.02)
 
 
+@pytest.mark.fast("run.csv", "run.ulg", "run.npz", "*.mat")
 def test_a_reference_is_read_like_an_input(sample) -> None:
     if sample.path.suffix == ".mat":
         pytest.skip("iddata has no place for a reference; variables do, see test_matlab.py")
@@ -46,6 +47,7 @@ def test_a_reference_is_read_like_an_input(sample) -> None:
         read_record(sample.path, **{**asked, "references": sample.asked["outputs"]})
 
 
+@pytest.mark.fast("run.csv", "seven.mat", "run.npz")
 def test_a_stretch_and_a_stated_step(sample) -> None:
     record = read_record(sample.path, **sample.asked, start=0.04, stop=0.1, dt=0.02)
     assert (record.n_samples, record.dt) == (4, 0.02)
@@ -53,6 +55,7 @@ def test_a_stretch_and_a_stated_step(sample) -> None:
         read_record(sample.path, **sample.asked, dt=0.03)
 
 
+@pytest.mark.fast("run.csv", "run.npz", "five.mat")
 def test_a_name_that_is_not_there_lists_those_that_are(sample) -> None:
     names = [channel.header for channel in list_channels(sample.path)]
     wrong = {**sample.asked, "outputs": ["no such channel"]}
@@ -71,6 +74,7 @@ def test_an_empty_file_and_another_format_are_refused(sample, tmp_path: Path) ->
         read_record(path, **sample.asked)
 
 
+@pytest.mark.fast("run.npz", "run.ulg", "five.mat", "run.csv")
 def test_the_first_half_of_a_file_is_refused_or_read(sample, tmp_path: Path) -> None:
     content = sample.path.read_bytes()
     path = tmp_path / sample.path.name
@@ -102,6 +106,7 @@ def test_every_extra_that_a_reader_names_is_declared(repository: Path) -> None:
             assert any(entry.startswith(known.needs) for entry in declared[known.extra])
 
 
+@pytest.mark.fast("run.ulg", "five.mat", "run.csv")
 def test_nothing_is_printed(sample) -> None:
     program = (
         f"from tridentify import read_record; read_record({str(sample.path)!r}, **{sample.asked!r})"
@@ -149,6 +154,7 @@ FIXTURE_IS_CONSTANT = [HealthCheck.function_scoped_fixture]
 
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2))])
+@pytest.mark.fast("run.npz-0", "run.ulg-0", "run.csv-0", "seven.mat-0")
 def test_damage_is_refused_or_read(sample, seed: int) -> None:
     if sample.needs == "asammdf":
         pytest.skip("asammdf takes seconds to start; the slow test below damages MDF4 files")
@@ -244,6 +250,7 @@ def test_what_a_reader_prints_goes_nowhere(misbehave, capfd: pytest.CaptureFixtu
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.fast("run.npz", "run.ulg")
 def test_the_child_ends_with_the_reading(sample) -> None:
     if sample.path.suffix == ".csv":
         pytest.skip("text is read in this process")

@@ -93,6 +93,7 @@ def test_groups_have_clocks_of_their_own_and_invalid_samples_are_missing(
         read_record(path, inputs=["u"], outputs=["speed"])
 
 
+@pytest.mark.slow
 def test_linear_conversions_are_applied_and_formulas_only_if_plain(asammdf, tmp_path: Path) -> None:
     path, mark = tmp_path / "bench.mf4", tmp_path / "executed"
     raw = np.arange(10, dtype=np.int16)

@@ -85,6 +85,7 @@ def test_a_struct_like_iddata_has_time_names_and_units(path: Path) -> None:
     assert dict(record.units) == {"elevator": "deg", "q": "deg/s", "alpha": "deg"}
 
 
+@pytest.mark.fast("7.3")
 def test_timeseries_come_onto_one_time_base(path: Path) -> None:
     record = read_record(path, time="t", inputs=["u"], outputs=["height"])
     np.testing.assert_allclose(record.t, [0, 0.5, 1, 1.5, 2, 2.5])

@@ -30,6 +30,7 @@ def columns_read(path: Path, asked: dict[str, object] = ASKED) -> np.ndarray:
 
 # ------------------------------------------------------------------------------------------ names
 @pytest.mark.skipif(os.name == "nt", reason="file names are Unicode here")
+@pytest.mark.fast("run.csv", "run.npz", "seven.mat")
 def test_a_file_is_read_whatever_its_name(sample, tmp_path: Path) -> None:
     path = Path(os.fsdecode(os.fsencode(tmp_path) + b"/" + ODD_NAME + b".bin"))
     shutil.copy(sample.path, path)
@@ -43,6 +44,7 @@ def test_a_file_is_read_whatever_its_name(sample, tmp_path: Path) -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="the locale decides on names on Linux")
 @pytest.mark.parametrize("suffix", ["csv", "parquet"])
+@pytest.mark.fast("csv")
 def test_a_name_beyond_ascii_is_read_where_the_locale_knows_no_more(
     tmp_path: Path, suffix: str
 ) -> None:
@@ -69,6 +71,7 @@ def write_wide(path: Path, names: list[str], rows: int = 3) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_many_columns_take_time_in_proportion(tmp_path: Path) -> None:
     names = ["t", "u", "y", *(f"channel number {k} of the rig" for k in range(79_997))]
     path = write_wide(tmp_path / "wide.csv", names)

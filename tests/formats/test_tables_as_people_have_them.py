@@ -281,6 +281,7 @@ def test_sheets_with_numbers_are_told_apart(book) -> None:
         ([[1, 2, 3], [4, 5, 6]], errors.MissingHeaderError, "add a header line"),
     ],
 )
+@pytest.mark.fast("rows2*")
 def test_sheets_that_are_no_table_are_refused(book, rows, error, words) -> None:
     with pytest.raises(error, match=words):
         read_record(book(rows), **ASKED)

@@ -209,6 +209,7 @@ def test_forged_text_is_read_or_refused(seeds, tmp_path: Path) -> None:
 
 
 @pytest.mark.timeout(900)
+@pytest.mark.slow
 def test_a_workbook_with_damaged_parts_is_read_or_refused(seeds, tmp_path: Path) -> None:
     pytest.importorskip("openpyxl", reason="needs openpyxl, of the extra tridentify[excel]")
     make, asked, _ = SAMPLES["run.xlsx"]
@@ -225,6 +226,7 @@ def test_a_workbook_with_damaged_parts_is_read_or_refused(seeds, tmp_path: Path)
 
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("name", SAMPLES)
+@pytest.mark.fast("run.csv", "run.ulg", "run.npz", "seven.mat", "run.feather")
 def test_a_damaged_file_is_read_or_refused(name: str, seeds, tmp_path: Path) -> None:
     make, asked, needs = SAMPLES[name]
     if needs == "asammdf" and not seeds.seconds:

@@ -146,6 +146,7 @@ FOUND = (35789150496, 593278933946, 765466188751, 43616708294)
 """Seeds that once failed with the quick methods."""
 
 
+@pytest.mark.slow
 def test_what_once_failed_with_the_quick_methods_is_identified_or_refused(attempt):
     known = SimpleNamespace(take=lambda _: [(k, np.random.default_rng(k)) for k in FOUND])
     assert sum(explore(known, attempt, len(FOUND), QUICK)) == len(FOUND)

@@ -90,13 +90,21 @@ WRITES = {
 }
 """What each example leaves in the folder it is given."""
 SMALLER = {
-    "jsbsim_amplitude.py": ["--draws", "2", "--amplitudes", "1,4"],
-    "jsbsim_loops.py": ["--seconds", "20"],
+    "changing_plant.py": ["--seconds", "31"],
+    "jsbsim_amplitude.py": ["--draws", "1", "--amplitudes", "1,4"],
+    "jsbsim_loops.py": ["--seconds", "10"],
 }
 """Arguments with which it does the same on fewer samples."""
 
 
 @pytest.mark.parametrize("script", EXAMPLES, ids=lambda path: path.name)
+@pytest.mark.fast(
+    "changing_plant.py",
+    "first_model.py",
+    "jsbsim_amplitude.py",
+    "physical_parameters.py",
+    "jsbsim_short_period.py",
+)
 def test_an_example_runs_from_the_root_and_makes_its_folder(
     repository: Path, tmp_path: Path, script: Path
 ) -> None:

@@ -134,6 +134,7 @@ ZEROS = {
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 @pytest.mark.parametrize(("n", "m"), [(n, m) for n in POLES for m in range(n + 1)])
+@pytest.mark.fast("*-zoh", "6-*-foh")
 def test_noise_free_record_gives_the_coefficients_back(n, m, intersample):
     u = binary(1000, 4) if intersample == "zoh" else levels(1000, 3)
     y = respond(POLES[n], ZEROS[m], 5.0, u, 0.05, intersample)
@@ -155,6 +156,7 @@ STIFF = {
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 @pytest.mark.parametrize("case", STIFF)
+@pytest.mark.fast("three decades-zoh", "two real-foh", "slow pair-*", "biproper-foh")
 def test_stiff_systems_with_poles_ten_thousand_apart(case, intersample):
     poles, zeros, gain = STIFF[case]
     dt = 0.02
@@ -181,6 +183,7 @@ RESONANT = {
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 @pytest.mark.parametrize("case", RESONANT)
+@pytest.mark.fast("*-zoh", "three pairs-foh")
 def test_resonant_systems_of_damping_one_hundredth(case, intersample):
     poles, zeros, gain = RESONANT[case]
     u = levels(2000, 2)
@@ -236,6 +239,7 @@ def test_step_from_rest_of_second_order(n_samples, m):
         pytest.param(pair(0.1, 3.0), id="unstable pair", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.fast("integrator")
 def test_unstable_and_integrating_systems_are_right_or_refused(poles):
     """Outside the promise, but never a wrong answer called converged."""
     u = levels(400, 4)
@@ -281,6 +285,7 @@ NUISANCES = {
 
 @pytest.mark.parametrize("case", NUISANCES)
 @pytest.mark.parametrize(("n", "m"), [(1, 0), (2, 1), (3, 2), (4, 1), (6, 3)])
+@pytest.mark.fast("2-1-*", "6-3-everything")
 def test_nuisance_terms_known_to_be_there_leave_the_coefficients_exact(n, m, case):
     disturbances, options = NUISANCES[case]
     record, truth = disturbed(POLES[n], ZEROS[m], 5.0, **disturbances)
@@ -366,6 +371,7 @@ def test_a_noisy_record_with_a_free_state_is_not_biased():
 )
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 @pytest.mark.parametrize("n", range(1, 7))
+@pytest.mark.fast("*-0.05-few")
 def test_nuisance_terms_belong_to_the_fit_whose_cost_is_reported(n, noise, draws):
     """A large trim of the input: what `predict` gives must be what was fitted."""
     for seed in draws[n - 1 :: 6]:
@@ -649,6 +655,7 @@ FREE = {"offset": True, "initial_state": "free"}
 @pytest.mark.parametrize("snr", [20, 10])
 @pytest.mark.parametrize("signal", INPUTS)
 @pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.fast("*-10-0", "*-20-1")
 def test_the_estimate_is_the_lowest_output_error(plant, signal, snr, seed):
     record, truth = noisy(plant, signal, snr, seed)
     estimate = identify(record, Structure(len(PLANTS[plant][0]), 1, **AT_REST))

@@ -108,6 +108,7 @@ def test_the_plant_is_found_as_it_is(den, seed):
     assert any("not stable" in told for told in estimate.trace.decisions)
 
 
+@pytest.mark.slow
 def test_a_known_integrator():
     record = flown(11, [1.0, 2.0, 0.0])
     estimate = identify(record, Structure(2, 0, fixed={"a0": 0.0}))

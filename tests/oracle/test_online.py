@@ -115,6 +115,7 @@ def asked(name, options=REST):
 # ------------------------------------------------------------------- recursive least squares
 @pytest.mark.parametrize("options", [REST, FREE], ids=["rest", "free state, offset"])
 @pytest.mark.parametrize("name", list(SYSTEMS), ids=str)
+@pytest.mark.fast("*-rest", "one zero-free state, offset")
 def test_without_forgetting_it_is_dense_least_squares(name, options):
     record, c = recorded(name, offset=2.0 if options is FREE else 0.0)
     structure = asked(name, options)
@@ -130,6 +131,7 @@ def test_without_forgetting_it_is_dense_least_squares(name, options):
 @pytest.mark.parametrize("scale", [2e-5, 2e4], ids=["microseconds", "kiloseconds"])
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
 @pytest.mark.parametrize("name", ["one zero", "third order"])
+@pytest.mark.fast("one zero-foh-microseconds", "third order-zoh-kiloseconds")
 def test_dense_least_squares_on_any_clock(name, intersample, scale):
     record, c = recorded(name, intersample=intersample, scale=scale)
     method = online.RecursiveLeastSquares(filter=tuple(c))
@@ -139,6 +141,7 @@ def test_dense_least_squares_on_any_clock(name, intersample, scale):
 
 @pytest.mark.parametrize("forgetting", [0.99, 0.999])
 @pytest.mark.parametrize("name", list(SYSTEMS), ids=str)
+@pytest.mark.fast("third order-0.99", "one zero-*", "biproper-0.999")
 def test_exponential_forgetting_is_dense_weighted_least_squares(name, forgetting):
     record, c = recorded(name)
     method = online.RecursiveLeastSquares(
@@ -161,6 +164,7 @@ def test_at_every_moment_not_only_at_the_end():
         assert theta == pytest.approx(dense(part, asked("one zero"), c, 0.995), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_innovation_is_what_the_past_did_not_foretell():
     """The equation error before the update: target minus regressors times the last estimate."""
     record, c = recorded("one zero", 800)
@@ -212,6 +216,7 @@ def test_coefficients_that_hardly_drift_are_those_of_least_squares(name):
     assert np.all(np.abs(found.theta - offline.theta) < 0.5 * offline.std)
 
 
+@pytest.mark.slow
 def test_only_what_is_said_to_drift_drifts():
     """Gain that doubles: followed where its drift is stated, not where another one's is."""
     u = levels(6000, 4, 2)
@@ -260,6 +265,12 @@ def agreed(record, structure, method=None):
 @pytest.mark.parametrize("noise", [pytest.param(0.02, marks=pytest.mark.slow), 0.3])
 @pytest.mark.parametrize("options", [REST, FREE], ids=["rest", "free state, offset"])
 @pytest.mark.parametrize("name", list(SYSTEMS), ids=str)
+@pytest.mark.fast(
+    "one zero-*",
+    "first order-rest-0.3",
+    "biproper-free state, offset-0.3",
+    "resonant-rest-0.3",
+)
 def test_without_forgetting_it_ends_where_offline_does(name, options, noise):
     record, _ = recorded(name, 2500, noise, offset=2.0 if options is FREE else 0.0)
     agreed(record, asked(name, options))
@@ -282,6 +293,7 @@ def test_ends_where_offline_does_over_draws(name, seed, n_samples):
         *(pytest.param(*x, marks=pytest.mark.slow) for x in ((2e-5, "zoh"), (2e4, "foh"))),
     ],
 )
+@pytest.mark.fast("20000.0-zoh")
 def test_ends_where_offline_does_on_any_clock(intersample, scale):
     # of one white record in ten the scatter of the scores says that it is not: not of this one
     record, _ = recorded("one zero", 3000, 0.1, seed=3, intersample=intersample, scale=scale)
@@ -364,6 +376,7 @@ def test_a_jittered_run_is_the_fold_over_its_intervals():
 
 
 @pytest.mark.parametrize("kind", ["at random", "in stretches"])
+@pytest.mark.fast("at random")
 def test_ends_where_offline_does_with_missing_outputs(kind):
     record, _ = recorded("one zero", 4000, 0.1)
     y = np.array(record.y)
@@ -388,6 +401,7 @@ def test_one_of_two_outputs_missing():
     agreed(Record(u, y, dt=DT), Structure(2, [[1], [0]], **REST))
 
 
+@pytest.mark.slow
 def test_how_the_beginning_was_chosen_does_not_show_at_the_end():
     """From the search, or from a model that is off by a third: the same end."""
     record, _ = recorded("one zero", 6000, 0.1)

@@ -96,6 +96,7 @@ def test_unit_of_time_moves_coefficients_by_powers(key, seed, exponent, noise):
 
 @FEW
 @given(seed=SEED)
+@pytest.mark.fast("refined-instrumental-variable", "output-error")
 def test_turning_both_signals_around_changes_nothing(key, seed):
     u, y = signals(seed, 0.2)
     one = attempt(Record(u, y, dt=DT), Structure(2, 1), key)
@@ -107,6 +108,7 @@ def test_turning_both_signals_around_changes_nothing(key, seed):
 # ---------------------------------------------------------------- experiments and channels
 @FEW
 @given(seed=SEED)
+@pytest.mark.fast("output-error", "svf-least-squares")
 def test_the_same_record_twice_is_half_the_variance(key, seed):
     # Noise that comes twice is not white: a test of whiteness has every right to object.
     method = ThreeModel(noise="white") if key == "three-model" else METHODS[key]()
@@ -120,6 +122,7 @@ def test_the_same_record_twice_is_half_the_variance(key, seed):
 
 @FEW
 @given(seed=SEED)
+@pytest.mark.fast("output-error", "svf-least-squares")
 def test_two_inputs_superpose(key, seed):
     """One record with both inputs, or two with one each: the same system within its bars."""
     rng = np.random.default_rng(seed)
@@ -141,6 +144,7 @@ def test_two_inputs_superpose(key, seed):
 
 @FEW
 @given(seed=SEED, scale=st.sampled_from([1e-8, 1.0, 1e8]))
+@pytest.mark.fast("output-error", "svf-instrumental-variable")
 def test_order_and_units_of_outputs_are_of_no_account(key, seed, scale):
     rng = np.random.default_rng(seed)
     num, den = plant(rng)

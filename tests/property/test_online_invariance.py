@@ -81,6 +81,7 @@ def test_unit_of_time_moves_coefficients_by_powers(key, seed, exponent):
     cuts=st.lists(st.integers(1, 499), max_size=5),
     gaps=st.lists(st.integers(0, 499), max_size=20),
 )
+@pytest.mark.fast("three-model", "least squares", "kalman")
 def test_any_chunking_is_the_same_stream(key, seed, cuts, gaps, tmp_path_factory):
     """Saved and loaded at any sample, with any samples missing: as in one go."""
     folder = tmp_path_factory.mktemp("state")
@@ -104,6 +105,7 @@ def test_any_chunking_is_the_same_stream(key, seed, cuts, gaps, tmp_path_factory
 @every_method
 @FEW
 @given(seed=SEED, later=st.integers(510, 990))
+@pytest.mark.fast("three-model", "least squares, filter", "gradient")
 def test_what_comes_later_does_not_change_what_was_said(key, seed, later):
     """Causal: the trajectory up to a sample does not know the samples after it."""
     u, y = signals(seed)

@@ -43,6 +43,7 @@ def test_two_poles_are_those_of_a_rough_fit(records, judged):
 
 
 @pytest.mark.parametrize(("poles", "zeros"), [(2, 1), (3, 0)])
+@pytest.mark.fast("2-1")
 def test_more_coefficients_do_not_help(records, judged, poles, zeros):
     """The remainder is not linear: it does not shrink with the order."""
     estimate = identify(records[0], structure(poles, zeros), PLAIN)

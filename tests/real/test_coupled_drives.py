@@ -54,6 +54,7 @@ def test_the_harder_record_is_hardly_predicted(record, judged):
         *(pytest.param(f"data_prbs{k}.csv", marks=pytest.mark.slow) for k in (2, 3)),
     ],
 )
+@pytest.mark.slow
 def test_both_signs_give_no_linear_model(record, judged, name):
     estimate = identify(record(name), THREE, PLAIN, throw=False)
     assert estimate.fit[0] < 10.0

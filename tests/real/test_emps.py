@@ -105,6 +105,7 @@ def test_the_other_record_is_predicted(record, estimate, judged):
     assert fit > judged(estimate.model, record("data_pulses.csv", ["u_pulse"]))[0]
 
 
+@pytest.mark.slow
 def test_the_reference_alone_gives_mass_and_friction(shared_data):
     """Mass and viscous friction; what stands for dry friction is an input and a reference."""
     table = np.genfromtxt(shared_data / "emps" / "data.csv", delimiter=",", names=True)

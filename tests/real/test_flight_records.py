@@ -206,6 +206,7 @@ def test_jsbsim_standard_errors_are_those_of_its_readme(folder, name):
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_attas_first_samples_of_the_second_flight_are_named(folder):
     """They are wild; four poles with a free start fit them, and predict the rest no better."""
     first, second = (attas(folder, name, ["y_q"]) for name in ATTAS)

@@ -56,6 +56,7 @@ def test_the_plant_depends_on_the_level(record):
     assert slow[0] / slow[1] > 5.0
 
 
+@pytest.mark.slow
 def test_two_poles_without_a_zero_are_refused(record):
     """The second pole runs away from the record: the data do not ask for it."""
     first, _ = record.split(800.0)
@@ -64,6 +65,7 @@ def test_two_poles_without_a_zero_are_refused(record):
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_a_lamp_that_heats_a_plate_is_not_said_to_do_nothing(record):
     """The fit with coloured noise ends in a valley where noise alone does as well."""
     estimate = identify(record, Structure(2, 1), throw=False)

@@ -40,6 +40,7 @@ from tridentify.studies.processes import THREADS, run_batches
 from tridentify.studies.step_2_alone import step_2_alone
 from tridentify.transfer_function import TransferFunction
 
+DRAWS = 4
 SHORT = AircraftStudy(ratios=(0.0, 1.0), lengths=((100, 0.05), (120, 0.05)))
 
 
@@ -47,7 +48,7 @@ SHORT = AircraftStudy(ratios=(0.0, 1.0), lengths=((100, 0.05), (120, 0.05)))
 def counted():
     """A small run, and what its progress callback was told."""
     told: list[tuple[int, int]] = []
-    result = SHORT.run(draws=7, seed=3, workers=1, progress=lambda *now: told.append(now))
+    result = SHORT.run(draws=DRAWS, seed=3, workers=1, progress=lambda *now: told.append(now))
     return result, told
 
 
@@ -173,7 +174,7 @@ def test_the_table_of_studies_keeps_its_promise(counted):
 @pytest.mark.slow
 def test_the_result_does_not_depend_on_workers_or_batches(counted, monkeypatch):
     monkeypatch.setattr(module, "BATCH", 3)
-    other = SHORT.run(draws=7, seed=3, workers=2)
+    other = SHORT.run(draws=DRAWS, seed=3, workers=2)
     for one, two in zip(counted[0].conditions, other.conditions, strict=True):
         np.testing.assert_array_equal(one.theta, two.theta)
         assert one.events == two.events
@@ -182,7 +183,7 @@ def test_the_result_does_not_depend_on_workers_or_batches(counted, monkeypatch):
 
 def test_progress_counts_every_record(counted):
     told = counted[1]
-    total = 2 * (1 + 7)
+    total = 2 * (1 + DRAWS)
     assert told[0] == (0, total)
     assert told[-1] == (total, total)
     assert [done for done, _ in told] == sorted(done for done, _ in told)
@@ -211,6 +212,7 @@ def test_numbers_that_make_no_sense_are_refused(options):
         SHORT.run(**options)
 
 
+@pytest.mark.slow
 def test_processes_are_single_threaded_and_the_caller_is_left_alone(monkeypatch):
     monkeypatch.setenv(THREADS[0], "7")
     monkeypatch.delenv(THREADS[1], raising=False)

@@ -85,6 +85,7 @@ def test_two_processes_give_the_numbers_of_one(undisturbed: list[dict[str, Any]]
 
 
 @pytest.mark.parametrize("cut", [1, 40, 10_000])
+@pytest.mark.fast("40")
 def test_a_line_that_was_cut_short_is_done_again(
     tmp_path: Path, undisturbed: list[dict[str, Any]], cut: int
 ) -> None:
@@ -115,6 +116,7 @@ def test_lines_that_are_damaged_are_dropped(
     assert numbers(found) == [row for row in undisturbed if row["draw"] == 0]
 
 
+@pytest.mark.slow
 def test_an_interrupt_keeps_what_is_done(tmp_path: Path, undisturbed: list[dict[str, Any]]) -> None:
     def interrupt(done: int, _: int) -> None:
         if done >= 20:
@@ -128,6 +130,7 @@ def test_an_interrupt_keeps_what_is_done(tmp_path: Path, undisturbed: list[dict[
 
 
 @pytest.mark.skipif(os.name == "nt", reason="no SIGKILL there")
+@pytest.mark.slow
 def test_a_worker_that_dies_is_told_and_gone_on_with(
     tmp_path: Path, undisturbed: list[dict[str, Any]]
 ) -> None:
@@ -154,6 +157,7 @@ def test_a_run_that_is_complete_does_nothing(
     assert again.table() == before.table()
 
 
+@pytest.mark.slow
 def test_more_draws_go_on_and_fewer_count_the_first(
     tmp_path: Path, undisturbed: list[dict[str, Any]]
 ) -> None:
@@ -218,6 +222,7 @@ def test_two_runs_in_one_folder_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no device that is always full")
+@pytest.mark.slow
 def test_a_full_disk_is_told_and_gone_on_with(
     tmp_path: Path, undisturbed: list[dict[str, Any]]
 ) -> None:
@@ -244,6 +249,7 @@ def test_numbers_that_make_no_sense_are_refused(name: str, value: int) -> None:
     ("workers", "kills"),
     [(1, 2), pytest.param(2, 20, marks=[pytest.mark.slow, pytest.mark.timeout(900)])],
 )
+@pytest.mark.slow
 def test_kills_at_random_moments_lose_and_repeat_nothing(
     file: Path, tmp_path: Path, undisturbed: list[dict[str, Any]], workers: int, kills: int
 ) -> None:

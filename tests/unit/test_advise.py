@@ -54,6 +54,7 @@ def test_a_good_record_is_called_so(good):
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.fast("0")
 def test_right_records_with_coloured_noise_raise_nothing(seed):
     u = held(seed)
     rng = np.random.default_rng([seed, 3])
@@ -78,6 +79,7 @@ def test_the_first_sample_but_two_may_be_bad(good):
 
 
 @pytest.mark.parametrize("length", [40, 300])
+@pytest.mark.fast("40")
 def test_a_sensor_that_hangs(good, length):
     y = good.y[:, 0].copy()
     y[200 : 200 + length] = y[199]
@@ -138,10 +140,15 @@ def test_feedback():
     assert "feedback" in codes(advise(Record(u, y, dt=DT)))
 
 
-def test_a_drift_and_a_slow_disturbance(good):
+def test_a_drift(good):
     t = np.arange(N) / N
     size = np.std(good.y)
     assert "drift" in codes(advise(Record(good.u, good.y[:, 0] + 2.0 * size * t, dt=DT)))
+
+
+@pytest.mark.slow
+def test_a_disturbance_that_wanders(good):
+    size = np.std(good.y)
     found = 0
     for seed in range(6):
         steps = np.random.default_rng(seed).standard_normal(N) / np.sqrt(N)

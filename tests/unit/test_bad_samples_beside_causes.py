@@ -21,6 +21,7 @@ def spiky(seed):
 
 
 @pytest.mark.parametrize("seed", [pytest.param(2, marks=pytest.mark.slow), 3])
+@pytest.mark.slow
 def test_one_look_at_the_cause_decides_as_the_whole_comparison_does(seed, monkeypatch):
     record = spiky(seed)
     estimate = identify(record, Structure(2, 0))
@@ -46,6 +47,7 @@ def test_one_look_at_the_cause_decides_as_the_whole_comparison_does(seed, monkey
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.fast("1")
 def test_wild_samples_at_the_start_of_another_record_are_not_taken_for_two_poles_more(seed):
     """A larger model with a free start fits whatever stands there."""
     rng = np.random.default_rng(seed)
@@ -65,6 +67,7 @@ def test_wild_samples_at_the_start_of_another_record_are_not_taken_for_two_poles
     assert "order-low" not in [f.code for f in checked.findings]
 
 
+@pytest.mark.slow
 def test_a_sample_at_the_start_that_only_too_few_poles_leave_far_is_not_bad():
     """A larger model that was fitted without it foretells it."""
     rng = np.random.default_rng(21)
@@ -77,6 +80,7 @@ def test_a_sample_at_the_start_that_only_too_few_poles_leave_far_is_not_bad():
 
 
 @pytest.mark.parametrize("seed", [3, 4])
+@pytest.mark.fast("3")
 def test_identify_itself_names_wild_samples_at_the_start(seed):
     """They stand together, so that none stands alone, and the noise model takes what it can."""
     rng = np.random.default_rng(seed)

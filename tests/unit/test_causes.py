@@ -183,6 +183,7 @@ def test_the_cause_is_named_first(code):
         assert "With it: " in first.effect
 
 
+@pytest.mark.slow
 def test_a_delay_is_told_with_its_size_and_what_it_brings():
     (record,) = late(4)
     first = identify(record, ASKED, throw=False).findings[0]
@@ -196,6 +197,7 @@ def test_a_delay_is_told_with_its_size_and_what_it_brings():
     assert not better.cautions
 
 
+@pytest.mark.slow
 def test_an_order_that_is_too_low_is_told_where_nothing_earlier_explains_it():
     codes = [f.code for f in identify(one_pole_missing(5), ASKED, throw=False).findings]
     # a fast pole is nearly a delay, which comes first and explains as much
@@ -219,6 +221,7 @@ LIMITS = {
         pytest.param(clipped, 3, marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.fast("stopped-3")
 def test_a_limit_is_told_with_its_level_and_what_it_brings(made, seed):
     (record,) = made(seed)
     first = identify(record, ASKED, throw=False).findings[0]
@@ -281,6 +284,7 @@ def test_lost_rows_are_told_with_their_times_and_the_cut_mends_them():
 
 
 @pytest.mark.parametrize("seed", range(4))
+@pytest.mark.fast("1")
 def test_single_bad_samples_and_steps_of_the_input_are_no_lost_rows(seed):
     u = held(seed)
     y = response(u) + noise(seed)
@@ -329,6 +333,7 @@ def test_a_reference_that_stands_still_for_long_does_not_hide_the_controller():
     assert finding.severity == "warning"
 
 
+@pytest.mark.slow
 def test_a_plant_that_only_its_controller_holds_is_feedback_and_not_a_drift():
     drawn = loops.draw(12)
     assert drawn.poles.real.max() >= 0.0
@@ -336,6 +341,7 @@ def test_a_plant_that_only_its_controller_holds_is_feedback_and_not_a_drift():
     assert "feedback" in [f.code for f in findings]
 
 
+@pytest.mark.slow
 def test_a_commanded_staircase_is_no_feedback_whatever_the_model_misses():
     (record,) = cubic(8)
     estimate = identify(record, Structure(1, 0), throw=False)
@@ -370,6 +376,7 @@ def test_a_slow_disturbance_is_named_where_the_noise_has_no_model():
 @pytest.mark.parametrize(
     "seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in range(1, 5))]
 )
+@pytest.mark.slow
 def test_a_stretch_at_rest_in_coloured_noise_shows_no_response(seed):
     rng = np.random.default_rng(seed)
     u = 0.001 * rng.standard_normal(400)
@@ -388,6 +395,7 @@ def test_two_random_walks_have_nothing_to_do_with_each_other(seed):
     assert estimate.findings[0].code == "no-response", [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 def test_a_response_that_a_random_walk_hides_is_still_one():
     rng = np.random.default_rng(5)
     u = np.cumsum(rng.standard_normal(400))
@@ -397,6 +405,7 @@ def test_a_response_that_a_random_walk_hides_is_still_one():
     assert "no-response" not in [f.code for f in estimate.findings]
 
 
+@pytest.mark.slow
 def test_a_weak_response_in_coloured_noise_is_still_one():
     u = held(12)
     wander = lfilter([1.0], [1.0, -0.97], np.random.default_rng(12).standard_normal(N))
@@ -417,6 +426,7 @@ def test_right_records_with_other_inputs_and_noise_are_left_alone():
     assert len(told) <= 1, told
 
 
+@pytest.mark.slow
 def test_no_output_is_looked_at_twice_and_nothing_is_tried_beside_lost_rows_in_vain(monkeypatch):
     looked, made = [], []
     examine, rivals = tried.examine, explain._rivals

@@ -12,6 +12,7 @@ from tridentify.judgement.cautions import judged
 
 
 @pytest.mark.parametrize(("delay", "told"), [(0.0, True), (0.31, False)])
+@pytest.mark.fast("0.0-True")
 def test_a_delay_that_may_be_zero_is_named_as_such(delay, told):
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], 60), 5)
@@ -39,6 +40,7 @@ def test_other_delays_are_a_caution():
     assert "standard errors allow for them" in one.message
 
 
+@pytest.mark.slow
 def test_a_delay_that_a_numerator_stands_for_is_not_to_be_left_out():
     rng = np.random.default_rng(3)
     t = np.arange(400) * 0.05

@@ -108,6 +108,7 @@ def test_quantised_input_is_nothing_to_mention():
     "side", [*(pytest.param(s, marks=pytest.mark.slow) for s in ("top", "bottom")), "both"]
 )
 @pytest.mark.parametrize("step", [0.0, 0.3])
+@pytest.mark.fast("0.3-both")
 def test_saturation_is_named_with_its_limit(side, step):
     record, sigma = noisy(1)
     low, high = np.quantile(record.y, [0.06, 0.94])
@@ -126,6 +127,7 @@ def test_saturation_is_named_with_its_limit(side, step):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_marking_saturated_samples_as_missing_takes_most_of_the_bias_away():
     """The rest stays: noise decides which samples near the limit are beyond it."""
     truth = np.concatenate([DEN[1:], NUM])
@@ -166,6 +168,7 @@ def test_repeated_rows_are_counted():
     [2, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 5, 8))],
 )
 @pytest.mark.parametrize("step", [0.0, 0.3])
+@pytest.mark.fast("0.3-2")
 def test_slow_sensor_is_named_with_its_factor_and_a_remedy(factor, step):
     record, sigma = noisy(11, n_samples=960)
     y = np.repeat(record.y[::factor, 0], factor)
@@ -179,6 +182,7 @@ def test_slow_sensor_is_named_with_its_factor_and_a_remedy(factor, step):
     assert "Record.from_rates" in line
 
 
+@pytest.mark.slow
 def test_slow_sensor_without_a_fixed_ratio_is_named_with_the_mean():
     record, _ = noisy(11)
     held = np.floor(np.floor(np.arange(800) * 0.3 + 1e-9) / 0.3).astype(int)
@@ -216,6 +220,7 @@ SLOW_DEN = np.array([1.0, 1.0, 9.0])
     [(0.05, 0.0), *(pytest.param(*x, marks=pytest.mark.slow) for x in ((0.0, 0.0), (0.05, 0.5)))],
 )
 @pytest.mark.parametrize("noise", ["white", pytest.param("auto", marks=pytest.mark.slow)])
+@pytest.mark.fast("white-0.05-0.0-2-0.02")
 def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
     rng = np.random.default_rng(13)
     u = np.repeat(rng.choice([-1.0, 1.0], 40), 25)
@@ -242,6 +247,7 @@ def test_saturation_is_noticed_at_any_share(share, sides, level, steps, noise):
     [0.0, pytest.param(0.02, marks=pytest.mark.slow), pytest.param(0.1, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("level", [0.0, pytest.param(0.003, marks=pytest.mark.slow)])
+@pytest.mark.fast("0.0-0.0-0.003")
 def test_flat_tops_of_a_fast_system_raise_no_alarm(ratio, steps, level):
     """Plateaus at both ends that are entered at a jump, and a model of too low an order."""
     rng = np.random.default_rng(14)
@@ -260,6 +266,7 @@ def test_flat_tops_of_a_fast_system_raise_no_alarm(ratio, steps, level):
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_saturated_measured_input():
     rng = np.random.default_rng(6)
     true = np.repeat(rng.uniform(-1.0, 1.0, 80), 10)
@@ -312,14 +319,13 @@ def test_sound_records_raise_no_alarm(kind, level):
     assert said(record)[0] == set()
 
 
-@pytest.mark.parametrize(
-    "n_samples", [30, *(pytest.param(n, marks=pytest.mark.slow) for n in (15, 60))]
-)
-def test_short_sound_records_raise_no_alarm(n_samples):
-    for seed in range(6):
-        u = np.where(np.arange(n_samples) < n_samples // 2, 1.0, -1.0)
-        record, _ = noisy(seed, level=0.1, u=u)
-        assert said(record, Structure(1, 0, offset=False, initial_state="rest"))[0] == set()
+@pytest.mark.parametrize("n_samples", [15, 30, 60])
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.fast("0-30", "1-30")
+def test_short_sound_records_raise_no_alarm(n_samples, seed):
+    u = np.where(np.arange(n_samples) < n_samples // 2, 1.0, -1.0)
+    record, _ = noisy(seed, level=0.1, u=u)
+    assert said(record, Structure(1, 0, offset=False, initial_state="rest"))[0] == set()
 
 
 def test_counts_with_noise_of_their_own_raise_no_alarm():
@@ -382,6 +388,7 @@ def test_with_outputs_refuses_what_does_not_fit(y, error):
         two_outputs().with_outputs(y)
 
 
+@pytest.mark.slow
 def test_a_simulation_that_rests_before_its_manoeuvre_has_no_stuck_sensor():
     """Without noise the output stands still until the input moves, but for its last digit."""
     u = np.repeat([0.0, 1.0, -1.0, 0.0], [200, 100, 100, 600])

@@ -217,6 +217,7 @@ def test_fit_is_that_of_the_simulated_output():
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_standard_errors_grow_with_slow_noise(monkeypatch):
     record = coloured([-0.95], seed=2)
     seen = identify(record, STRUCTURE, ThreeModel(noise="white"))
@@ -281,6 +282,7 @@ def test_noise_free_record_is_not_whitened():
 
 
 @pytest.mark.judged
+@pytest.mark.slow
 def test_missing_response_is_not_taken_for_noise():
     """Without noise, a model of too low an order: nearly all of its residual is a response."""
     u = excitation(800)
@@ -319,6 +321,7 @@ def test_experiments_share_the_noise_model_and_gaps_are_allowed():
 
 
 @pytest.mark.parametrize("factor", [1e-6, 1e6])
+@pytest.mark.fast("1e-06")
 def test_time_scale_makes_no_difference(factor):
     record = coloured([-0.9], 500)
     estimate = identify(record, STRUCTURE)

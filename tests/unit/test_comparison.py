@@ -144,6 +144,7 @@ def test_an_offset_is_fitted_where_prediction_holds_it():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_the_drift_of_an_estimate_is_fitted_along():
     model = CASES["second order"][0]
     record = noisy(model, EVEN, "zoh")

@@ -74,6 +74,12 @@ def test_delays_are_plain_data():
 @pytest.mark.parametrize("steps", [0.3, 1.0, 7.77])
 @pytest.mark.parametrize("method", [ThreeModel(), OutputError()], ids=["ThreeModel", "OutputError"])
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.fast(
+    "zoh-ThreeModel-7.77-*",
+    "foh-ThreeModel-0.3-*",
+    "zoh-OutputError-0.3-*",
+    "foh-OutputError-1.0-*",
+)
 def test_noise_free_records_give_the_truth(n, steps, method, intersample):
     num, den = TRUTH[n]
     rng = np.random.default_rng(7)
@@ -104,6 +110,7 @@ def in_flight(jitter=0.0, seed=5):
 
 @pytest.mark.parametrize("jitter", [0.0, 0.5])
 @pytest.mark.parametrize("state", ["free", "auto"])
+@pytest.mark.fast("auto-0.5", "free-0.0")
 def test_an_unknown_past_does_not_bias(jitter, state):
     records = [in_flight(jitter, seed=k) for k in (5, 6)]
     structure = Structure(2, [[1, 0], [0, 1]], delay=LATE, initial_state=state, offset=True)

@@ -42,6 +42,7 @@ EDGES = (([30], 0.0), ([30], 0.1), ([25, 40, 52], 0.035), ([140, 160], 0.0))
         for twin in [sign > 0.0 and case is not EDGES[0]]
     ],
 )
+@pytest.mark.fast("edges1-*", "edges4-*")
 def test_the_edges_are_seen_however_early_they_come(edges, delay, sign):
     record = few_edges(edges, delay, sign=sign)
     known = identify(record, Structure(2, 0, delay=delay, initial_state="free"), OutputError())
@@ -54,6 +55,7 @@ def test_the_edges_are_seen_however_early_they_come(edges, delay, sign):
     assert not any(LATER in line for line in estimate.cautions)
 
 
+@pytest.mark.slow
 def test_a_long_delay_is_found_and_what_it_leaves_out_is_told():
     record = few_edges([40, 90, 150], 0.6)
     estimate = identify(record, free(initial_state="free", offset=True), OutputError())
@@ -71,6 +73,7 @@ def test_samples_left_out_count_from_a_tenth_on():
     assert price(60.0, 300.0) == 30.0
 
 
+@pytest.mark.slow
 def test_what_an_input_that_comes_again_leaves_open_is_told():
     u = np.tile(np.repeat([1.0, -1.0], 25), 16)
     model = TransferFunction([6.0], [1.0, 2.0, 6.0], delay=0.05)

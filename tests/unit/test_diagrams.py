@@ -195,6 +195,7 @@ def made(
 
 @pytest.mark.parametrize("draw", ALL)
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 6])
+@pytest.mark.fast("6-*", "1-*")
 def test_orders_leave_every_text_in_its_place(draw, order):
     for zeros in {0, order - 1, order}:
         assert faults(draw(made(order, zeros))) == []

@@ -98,6 +98,7 @@ def test_the_default_method_has_it_too():
     assert estimate.errors == "scores"
 
 
+@pytest.mark.slow
 def test_a_posterior_mean_has_wider_intervals(monkeypatch):
     seen = record(2, gusts, 1.0)
     method = ThreeModel(noise="white", finish="posterior")
@@ -145,6 +146,7 @@ def left_over(g, e):
 
 
 @pytest.mark.parametrize("k", [1, 3, 8])
+@pytest.mark.fast("3")
 def test_white_scores_pass_as_often_as_stated(k):
     rng = np.random.default_rng(k)
     fired = 0

@@ -85,6 +85,7 @@ def test_remedies_that_contradict_each_other_are_reconciled():
 
 
 @pytest.mark.parametrize("seed", [3, 4, 5])
+@pytest.mark.fast("3")
 def test_a_larger_model_is_advice_where_the_fit_rises(seed):
     record = with_a_mode(seed, 0.02, 0.05)
     estimate = identify(record, Structure(2, 0), throw=False)
@@ -113,6 +114,7 @@ def spoiled(loss, seed=6):
 
 
 @pytest.mark.parametrize("loss", ["huber", "student"])
+@pytest.mark.fast("huber")
 def test_a_robust_fit_is_not_told_to_use_a_robust_loss(loss):
     estimate, _ = spoiled(loss)
     # bad samples of another record were not set aside
@@ -124,6 +126,7 @@ def test_a_robust_fit_is_not_told_to_use_a_robust_loss(loss):
     assert "use a robust loss" not in said.lower()
 
 
+@pytest.mark.slow
 def test_a_robust_fit_in_coloured_noise_is_not_told_of_a_noise_model_it_cannot_have():
     u = held(7)
     y = simulate(PLANT, Record(u, u, dt=DT))[:, 0]
@@ -135,6 +138,7 @@ def test_a_robust_fit_in_coloured_noise_is_not_told_of_a_noise_model_it_cannot_h
 
 
 @pytest.mark.parametrize("drift", [False, True])
+@pytest.mark.fast("True")
 def test_what_drifts_under_a_noise_model_is_not_told_to_have_one(drift):
     record = wandering(3)
     structure = Structure(2, 0, drift=drift)

@@ -87,6 +87,7 @@ def test_a_frame_without_key_is_one_unit(frame: pl.DataFrame) -> None:
     assert row["coefficients"].to_list() == other["coefficients"].to_list()
 
 
+@pytest.mark.slow
 def test_a_limit_is_kept_by_a_process_beside(records: dict[str, Record]) -> None:
     frame = fleets.frame_of(records)
     slow = fleet.fit_frame(

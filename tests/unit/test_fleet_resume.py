@@ -188,6 +188,7 @@ def test_a_folder_of_something_else(tmp_path: Path, folder: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are of POSIX")
+@pytest.mark.slow
 def test_a_full_disk_ends_the_run_in_one_line_and_the_next_goes_on(
     folder: Path, undisturbed: pl.DataFrame, tmp_path: Path
 ) -> None:

@@ -128,20 +128,30 @@ def test_the_summary_counts_causes_and_shows_the_distribution(moody: fleet.Run) 
     assert "a0" in text
 
 
-def test_failed_units_are_tried_again_and_the_old_rows_stay(tmp_path: Path) -> None:
-    source = fleets.units(2) | {"hang": fleets.unit(np.random.default_rng(5), name="hang")}
+@pytest.mark.parametrize(
+    ("mood", "status", "said"),
+    [
+        ("raise", "fault", "of the method's own making"),
+        pytest.param("hang", "over time", "within 1 s", marks=pytest.mark.slow),
+    ],
+)
+def test_failed_units_are_tried_again_and_the_old_rows_stay(
+    tmp_path: Path, mood: str, status: str, said: str
+) -> None:
+    source = fleets.units(2) | {mood: fleets.unit(np.random.default_rng(5), name=mood)}
     run = fleet.fit(
-        source, (2, 0), fleets.Moody(), out=tmp_path, time_limit=0.5, progress=False, judge=False
-    )
+        source, (2, 0), fleets.Moody(), out=tmp_path, workers=1, time_limit=0.5, progress=False,
+        judge=False,
+    )  # fmt: skip
     with pytest.raises(OptionError, match="no failed unit that is crashed"):
         run.retry(status="crashed")
-    again = run.retry(status="over time", time_limit=1.0)
+    again = run.retry(status=status, time_limit=1.0)
     rows = {row["key"]: row for row in again.rows().to_dicts()}
-    assert rows["hang"]["attempt"] == 1
-    assert "within 1 s" in rows["hang"]["message"]
+    assert rows[mood]["attempt"] == 1
+    assert said in rows[mood]["message"]
     assert rows["u0000"]["attempt"] == 0
     stored = pl.concat(pl.read_parquet(path) for path in again.store.files())
-    assert stored.filter(key="hang")["attempt"].sort().to_list() == [0, 1]
+    assert stored.filter(key=mood)["attempt"].sort().to_list() == [0, 1]
 
 
 # --------------------------------------------------------------------------------------- sources

@@ -80,6 +80,7 @@ def test_derivatives_are_those_of_the_cost() -> None:
         np.testing.assert_allclose(gradient, slope, rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_fleet_of_two_inputs_and_outputs(tmp_path: Path) -> None:
     records = {str(k): two_outputs(np.random.default_rng(k)) for k in range(4)}
     structure = Structure(2, ((0, 1), (1, 0)), offset=True, initial_state="free")

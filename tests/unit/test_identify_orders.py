@@ -40,6 +40,7 @@ def test_the_record_chooses_its_order_and_the_estimate_says_so(record):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_without_a_structure_the_default_candidates_are_tried(monkeypatch, record):
     seen = []
 

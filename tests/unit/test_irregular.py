@@ -152,6 +152,12 @@ TRUTH = {
 @pytest.mark.parametrize("n", TRUTH)
 @pytest.mark.parametrize("kind", ["jitter", "jitter and gap", "missing rows"])
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.fast(
+    "foh-jitter and gap-1",
+    "zoh-jitter and gap-4",
+    "zoh-jitter and gap-2",
+    "foh-jitter and gap-3",
+)
 def test_noise_free_records_give_the_truth(n, kind, intersample):
     num, den = TRUTH[n]
     t = instants(kind, n=300)

@@ -111,6 +111,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
+@pytest.mark.fast("held", "several channels with gaps", "direct path", "delayed*")
 def test_numbers_are_those_in_memory(name: str, saved: Saved) -> None:
     """Coefficients, errors, fit, nuisance terms and fingerprint, from tiny parts."""
     record, structure = CASES[name]
@@ -131,6 +132,7 @@ def test_numbers_are_those_in_memory(name: str, saved: Saved) -> None:
 
 
 @pytest.mark.parametrize("chunk", [617, 4096, 50_000])
+@pytest.mark.fast("617")
 def test_the_size_of_the_parts_does_not_show(chunk: int, saved: Saved) -> None:
     record, structure = single(20_000, "foh", 0.137), Structure(2, 1, delay=0.137)
     path = saved(record)
@@ -147,6 +149,7 @@ def test_a_million_samples(saved: Saved) -> None:
     assert apart(found, record, structure) < SAME
 
 
+@pytest.mark.slow
 def test_coloured_noise_is_whitened_by_the_model_of_the_stretch(saved: Saved) -> None:
     plain, rng = single(20_000), np.random.default_rng(5)
     noise = np.zeros(20_000)

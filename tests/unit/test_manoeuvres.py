@@ -59,6 +59,7 @@ def test_the_best_one_is_told_with_what_moved_and_what_answered():
     ],
     ids=["at rest", "noise alone", "no answer", "an answer below the noise"],
 )
+@pytest.mark.fast("noise alone", "an answer below the noise")
 def test_nothing_is_offered_where_there_is_nothing(record):
     assert find_manoeuvres(record) == ()
 

@@ -187,6 +187,7 @@ def settler(base):
 
 @pytest.mark.parametrize("outputs", [1, 2])
 @pytest.mark.parametrize("nuisance", [False, True])
+@pytest.mark.fast("True-1", "False-2")
 def test_a_misspent_pair_finds_the_weak_resonance(outputs, nuisance):
     base = weak_resonance(outputs, nuisance)
     settled = settler(base)

@@ -94,22 +94,39 @@ def compare(method: Any, structure: Structure, u: Any, y: Any) -> None:
 
 @pytest.mark.parametrize("name", METHODS)
 @pytest.mark.parametrize("kind", ["plain", "damaged"])
+@pytest.mark.fast("damaged-*", "plain-gradient", "plain-forgetting", "plain-complex filter")
 def test_blocks_are_steps_for_every_estimator(name, kind):
     compare(METHODS[name], STRUCTURES["auto"], *samples(1, 1, kind, 1000))
 
 
 @pytest.mark.parametrize("structure", STRUCTURES)
 @pytest.mark.parametrize("name", ["least squares", "forgetting", "three models"])
+@pytest.mark.fast(
+    "three models-proper",
+    "three models-equilibrium",
+    "three models-rest",
+    "least squares-*",
+    "forgetting-*",
+)
 def test_blocks_are_steps_for_every_structure(name, structure):
     compare(METHODS[name], STRUCTURES[structure], *samples(2, 2, "plain", 1000))
 
 
 @pytest.mark.parametrize("kind", ["coarse", "clipped", "resting", "changing"])
 @pytest.mark.parametrize("name", ["least squares", "three models"])
+@pytest.mark.fast(
+    "three models-resting",
+    "three models-clipped",
+    "three models-coarse",
+    "least squares-coarse",
+    "least squares-clipped",
+    "least squares-changing",
+)
 def test_blocks_are_steps_whatever_the_samples_are(name, kind):
     compare(METHODS[name], STRUCTURES["rest"], *samples(3, 1, kind))
 
 
+@pytest.mark.slow
 def test_blocks_are_steps_with_several_outputs():
     u, y = samples(4, 1, "damaged")
     y = np.hstack([y, samples(5, 1, "damaged")[1]])
@@ -167,6 +184,7 @@ def test_a_record_that_cannot_be_written_to_is_taken():
     assert state.n_samples == 300
 
 
+@pytest.mark.slow
 def test_a_start_is_kept_until_the_samples_tell_the_poles():
     """A bank on poles that are mostly noise misses part of the output: that looks like a change."""
     stiff = TransferFunction([-6400.0, 1600.0], [1.0, 5.0, 408.0, 416.0, 1600.0])

@@ -117,6 +117,7 @@ def test_the_bread_is_the_covariance_under_white_noise(monkeypatch):
     assert np.allclose(bread, plain.cov, rtol=0.25, atol=0.05 * np.abs(plain.cov).max())
 
 
+@pytest.mark.slow
 def test_turning_the_directions_changes_no_standard_error():
     state, estimate = ended(noisy(4, coloured=True))
     stage, x = state.stage, state.values.copy()
@@ -133,6 +134,7 @@ def test_turning_the_directions_changes_no_standard_error():
     assert np.allclose(before, after)
 
 
+@pytest.mark.slow
 def test_white_noise_keeps_its_standard_errors_and_coloured_noise_gets_its_own(monkeypatch):
     kept, wider, changes = 0, [], 0
     for seed in range(3):

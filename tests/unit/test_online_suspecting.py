@@ -60,6 +60,7 @@ def alarm(state):
 
 # ------------------------------------------------------------------------------ a false alarm
 @every_method
+@pytest.mark.fast("gradient", "kalman")
 def test_a_false_alarm_is_dropped_and_leaves_the_estimate_alone(key):
     """Before, every alarm was believed, and the samples until then were lost."""
     method = METHODS[key]
@@ -99,6 +100,7 @@ def _usual(state, scale):
         for seed in range(3)
     ],
 )
+@pytest.mark.slow
 def test_coloured_noise_that_swells_is_no_change(key, seed):
     """The scores leave what was usual of them; the plant stays."""
     method = METHODS[key]
@@ -114,6 +116,7 @@ def test_coloured_noise_that_swells_is_no_change(key, seed):
 
 # ----------------------------------------------------------------------------- a true change
 @pytest.mark.parametrize("key", ["least squares", "kalman"])
+@pytest.mark.fast("kalman")
 def test_the_old_answer_stays_until_the_new_one_is_better(key):
     method = METHODS[key]
     u, y = samples(4, 4200, second=OTHER, when=2500)
@@ -133,6 +136,7 @@ def test_the_old_answer_stays_until_the_new_one_is_better(key):
 
 
 @pytest.mark.parametrize("key", ["least squares", "kalman"])
+@pytest.mark.fast("kalman")
 def test_a_change_that_is_only_flagged_is_flagged_once(key):
     """The witness goes over to the new plant; what was kept for the look is dropped."""
     method = type(METHODS[key])(on_change="flag")
@@ -171,6 +175,7 @@ def ended(slices):
 
 
 @pytest.mark.parametrize("second", [TRUTH, OTHER], ids=["same", "other"])
+@pytest.mark.fast("other")
 def test_a_biased_answer_is_no_reason_for_a_change(second):
     """The present answer explains the samples badly in both cases; the witness knows why."""
     u, y = samples(8, 1600, noise=0.02, second=second, when=800, colour=0.2)
@@ -226,6 +231,7 @@ def test_room_for_samples_is_that_of_a_plan_made_with_it(key):
 
 
 @every_method
+@pytest.mark.fast("kalman")
 def test_a_suspicion_goes_on_from_a_file(key, tmp_path):
     method = METHODS[key]
     u, y = samples(11, 3400)
@@ -240,6 +246,7 @@ def test_a_suspicion_goes_on_from_a_file(key, tmp_path):
 
 
 @every_method
+@pytest.mark.fast("least squares")
 def test_samples_and_blocks_are_the_same_stream_through_a_suspicion(key):
     method = METHODS[key]
     u, y = samples(12, 3300)

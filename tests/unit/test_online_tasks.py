@@ -114,6 +114,7 @@ def test_an_estimate_asked_for_during_the_search_is_there_and_changes_nothing():
 
 
 # --------------------------------------------------------------------------- a change is suspected
+@pytest.mark.slow
 def test_the_old_answer_stays_until_the_new_one_is_better():
     u, y = samples(4, 4000)
     other = TransferFunction([2.0, 3.0], [1.0, 3.0, 14.0])
@@ -207,6 +208,7 @@ def test_whitened_gain_of_equal_residuals_is_nothing():
 
 
 # -------------------------------------------------------------------------------------- findings
+@pytest.mark.slow
 def test_no_estimate_before_the_input_has_moved_the_plant():
     rng = np.random.default_rng(11)
     u, y = samples(11, 2000, noise=0.0)
@@ -268,7 +270,7 @@ def fed(method, u, y):
 
 def test_an_estimator_that_forgets_does_not_keep_its_samples_for_ever():
     """Its newest samples were run against the search of all of them, which always won."""
-    u, y = samples(6, 4000)
+    u, y = samples(6, 2600)
     state = fed(online.ThreeModel(forgetting=0.99), u, y)
     assert len(kept_samples(state)) <= 2100
     assert fed(online.ThreeModel(forgetting=0.9), u, y).stage.past == ()

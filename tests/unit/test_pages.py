@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import html
 import re
+from functools import cache
 
 import numpy as np
 import pytest
@@ -78,10 +79,15 @@ def test_a_contradiction_says_how_much_it_matters(found):
     assert f"fit of position from {before:.2f} to {after:.2f} %" in finding.effect
 
 
-def test_a_selection_shows_the_recommended_model_and_all_candidates(tmp_path):
+@cache
+def selected():
+    """A record, and what is recommended for it."""
     record = record_of(PLANT, 2)
-    orders = [Structure(1, 0), Structure(2, 0), Structure(3, 0)]
-    selection = select_structure(record, orders)
+    return record, select_structure(record, [Structure(1, 0), Structure(2, 0), Structure(3, 0)])
+
+
+def test_a_selection_shows_the_recommended_model_and_all_candidates(tmp_path):
+    record, selection = selected()
     text, first = first_of(
         write_selection_report(selection, record, tmp_path / "r.html", figures=tmp_path)
     )
@@ -100,8 +106,7 @@ def test_a_selection_shows_the_recommended_model_and_all_candidates(tmp_path):
 
 
 def test_a_selection_without_a_recommendation_says_why(tmp_path):
-    record = record_of(PLANT, 2)
-    selection = select_structure(record, [Structure(1, 0), Structure(2, 0)])
+    record, selection = selected()
     none = dataclasses.replace(selection, recommended=None, reason="nothing can be estimated")
     _, first = first_of(write_selection_report(none, record, tmp_path / "r.html"))
     assert 'class="verdict bad"' in first

@@ -78,6 +78,7 @@ EXACT = [
 
 
 @pytest.mark.parametrize(("model", "values", "dt", "known"), EXACT)
+@pytest.mark.fast("model2-*", "model3-*", "model4-*", "model5-*", "model0-*")
 def test_noise_free_records_give_the_truth(model, values, dt, known):
     estimate = estimate_physical(resting(model), flown(model, values, dt), WHITE, known=known)
     assert np.allclose(estimate.values, list(values.values()), rtol=1e-5)
@@ -143,6 +144,7 @@ def test_the_likelihood_is_at_its_maximum():
 
 
 @pytest.mark.parametrize(("offset", "state"), [(True, "free"), (True, "rest"), (False, "free")])
+@pytest.mark.fast("True-free")
 def test_nuisance_terms_are_eliminated(offset, state):
     model = short_period()
     structure = Structure(2, [[1], [1]], offset=offset, initial_state=state)
@@ -343,6 +345,7 @@ def test_of_equal_solutions_the_nearest_to_the_guesses_is_taken():
 
 @settings(max_examples=6)
 @given(seed=st.integers(0, 1000))
+@pytest.mark.slow
 def test_units_of_the_parameters_scale_the_answer(seed):
     factors = 10.0 ** np.random.default_rng(seed).integers(-6, 7, 3)
     scale = dict(zip(OSCILLATOR, factors.tolist(), strict=True))

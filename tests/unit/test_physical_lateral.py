@@ -80,6 +80,7 @@ def excess(found, truth: dict[str, float]) -> float:
     ],
     ids=["rudder", "aileron", "rudder, Y_r", "dead time"],
 )
+@pytest.mark.fast("aileron")
 def test_parameters_come_back_within_their_errors(model, record, truth, seeds) -> None:
     found = [estimate_physical(model, record(seed)) for seed in seeds]
     squared = [excess(one, truth) for one in found]
@@ -91,6 +92,7 @@ def test_parameters_come_back_within_their_errors(model, record, truth, seeds) -
         assert np.all(np.sqrt(np.diag(one.cov)) < 0.1 * sizes)
 
 
+@pytest.mark.slow
 def test_roll_that_is_left_out_contradicts_the_map() -> None:
     alone, rolling = (estimate_physical(dutch_roll(), flown(0, c)) for c in (0.0, 1.0))
     assert alone.p_value > UNLIKELY

@@ -47,6 +47,7 @@ def of(case):
         *(lambda case, f=f: f(case.estimate) for f, _ in SEVERAL.values()),
     ],
 )
+@pytest.mark.fast("<lambda>0", "<lambda>4", "<lambda>8", "<lambda>10", "<lambda>5")
 def test_pyplot_has_the_figure(single, draw, tmp_path):
     assert plt.get_fignums() == []
     picture = draw(single)
@@ -114,6 +115,7 @@ print(len(pictures), len(caught.outputs), "Axes" in caught.stdout, shell.user_ns
 
 
 @pytest.mark.parametrize(("backend", "inline"), [("Agg", False), ("Agg", True)])
+@pytest.mark.fast("Agg-True")
 def test_a_notebook_shows_the_picture_once_and_no_list(backend, inline):
     pytest.importorskip("IPython")
     done = subprocess.run(
@@ -281,6 +283,12 @@ def test_an_estimate_and_a_model_draw_themselves(single, tmp_path):
             assert len(getattr(one, name)()) == count
     assert len(estimate.bode([1.0, 2.0], level=0.9)) == 2
     assert len(estimate.plot(single.record)) == 2
+    assert "<svg" in estimate.report(tmp_path / "page.html", single.record).read_text()
+
+
+@pytest.mark.slow
+def test_an_estimate_writes_its_report_of_what_it_is_given(single, tmp_path):
+    estimate = single.estimate
     first = estimate.report(tmp_path / "bare.html")
     second = estimate.report(tmp_path / "full.html", single.record, title="A flight")
     turned = estimate.report(single.record, tmp_path / "turned.html")
@@ -336,6 +344,7 @@ QUICKLY = ("online", "plots", "report")
     # a process each; all rooms are opened in the same way
     [pytest.param(r, marks=[] if r in QUICKLY else [pytest.mark.slow]) for r in ROOMS],
 )
+@pytest.mark.fast("plots", "online")
 def test_a_room_is_there_on_first_use(room):
     assert room in dir(tridentify)
     code = f"import tridentify; print(tridentify.{room}.__name__)"

@@ -163,6 +163,7 @@ def test_default_frequencies_resolve_a_resonance(single):
 
 
 @pytest.mark.parametrize("den", [[1.0, 0.0], [1.0, 2.0, 1.0], [1.0, 0.0, 0.0]])
+@pytest.mark.fast("den0", "den2")
 def test_integrators_and_repeated_poles_can_be_drawn(single, den):
     n = len(den) - 1
     names = (*(f"a{k}" for k in reversed(range(n))), "b0")
@@ -237,6 +238,7 @@ def test_convergence_of_hardly_any_pass(single, steps):
 
 
 @pytest.mark.parametrize("costs", [(9.0, 0.4, 0.2), (3e5, 2.0, 1.9), (1.02, 1.01, 1.0), (0.5,)])
+@pytest.mark.fast("costs0", "costs3")
 def test_tick_labels_of_the_cost_do_not_overlap(single, costs):
     passes = tuple(Pass(k, (), single.estimate.theta, cost) for k, cost in enumerate(costs, 1))
     estimate = dataclasses.replace(single.estimate, trace=Trace(passes))

@@ -78,6 +78,14 @@ def overlaps(figure):
 
 @pytest.mark.parametrize("plant", PLANTS)
 @pytest.mark.parametrize("picture", PICTURES)
+@pytest.mark.fast(
+    "nyquist-rao-garnier",
+    "nyquist-integrator",
+    "step-unstable",
+    "step-far apart",
+    "*-biproper",
+    "*-undamped",
+)
 def test_every_plant_can_be_drawn_without_texts_that_overlap(single, picture, plant):
     (ax,) = PICTURES[picture](with_model(single, *PLANTS[plant]))
     assert overlaps(ax.figure) == []
@@ -111,6 +119,7 @@ def test_long_names_with_dollars_stay_in_the_figure(single, picture):
 
 @pytest.mark.parametrize("std", [0.0, math.nan])
 @pytest.mark.parametrize("picture", PICTURES)
+@pytest.mark.fast("step-nan", "nyquist-0.0", "impulse-0.0")
 def test_without_standard_errors_there_is_a_line_and_no_band(single, picture, std):
     estimate = dataclasses.replace(single.estimate, cov=np.full((3, 3), std))
     (ax,) = PICTURES[picture](estimate)
@@ -331,6 +340,7 @@ def renamed(case):
         lambda estimate, record: plots.plot_comparison([estimate]),
     ],
 )
+@pytest.mark.fast("<lambda>3", "plot_residual")
 def test_long_names_neither_overlap_nor_leave_any_picture(double, draw):
     axes = draw(*renamed(double))
     assert overlaps(axes[0].figure) == []

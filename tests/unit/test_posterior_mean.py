@@ -362,6 +362,7 @@ def late_motor():
 
 
 @pytest.mark.parametrize("finish", ["auto", "posterior"])
+@pytest.mark.fast("auto")
 def test_the_mean_of_models_on_a_curve_explains_the_record(finish):
     found = identify(late_motor(), Structure(4, 3), ThreeModel(finish=finish))
     assert found.fit[0] > 97.8
@@ -373,6 +374,7 @@ def test_the_mean_of_models_on_a_curve_explains_the_record(finish):
 # ------------------------------------------------------------------------------ the finish option
 @pytest.mark.parametrize("ratio", [0.05, 1.0, 3.0])
 @pytest.mark.parametrize("seed", range(2))
+@pytest.mark.fast("0-1.0", "1-3.0", "1-0.05")
 def test_likelihood_never_gives_it_and_posterior_always(ratio, seed):
     record = noisy(ratio, seed)
     likelihood, mean = run(record, "likelihood"), run(record, "posterior")
@@ -400,6 +402,7 @@ def test_long_records_never():
 
 
 @pytest.mark.parametrize("seed", range(3))
+@pytest.mark.fast("1")
 def test_a_well_identified_record_stays_on_the_maximum(seed):
     rng = np.random.default_rng(seed)
     u = np.repeat(np.sign(rng.standard_normal(50)), 8)
@@ -435,6 +438,7 @@ def unseen_pair():
     return record, run(record, "auto", Structure(4, 3, **REST))
 
 
+@pytest.mark.slow
 def test_every_value_lies_in_its_interval(unseen_pair):
     """The mean of whole denominators moved the slow pair along with the fast one."""
     _, estimate = unseen_pair
@@ -447,6 +451,7 @@ def test_every_value_lies_in_its_interval(unseen_pair):
     assert slow.interval()[0] < shown < slow.interval()[1]
 
 
+@pytest.mark.slow
 def test_it_explains_the_record_nearly_as_well_as_the_maximum(unseen_pair):
     record, estimate = unseen_pair
     best = run(record, "likelihood", Structure(4, 3, **REST))

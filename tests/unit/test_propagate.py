@@ -101,6 +101,7 @@ ORDERS = {
 
 @pytest.mark.parametrize("intersample", [pytest.param("zoh", marks=pytest.mark.slow), "foh"])
 @pytest.mark.parametrize("poles", ORDERS.values(), ids=ORDERS)
+@pytest.mark.fast("three and a pair across the fourth-foh", "one-foh")
 def test_long_records_have_the_same_states(poles, intersample):
     bank = cascade(poles)
     matrices = step(bank, intersample)
@@ -116,6 +117,7 @@ def test_long_records_have_the_same_states(poles, intersample):
 
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.fast("zoh")
 def test_chunks_of_a_long_record_are_the_whole(intersample):
     bank = cascade(ORDERS["three and a pair across the fourth"])
     matrices, n = step(bank, intersample), LONG_INPUT + 1

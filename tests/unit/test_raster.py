@@ -33,6 +33,7 @@ def uniform():
     return identify(Record(u, y, dt=DT), STRUCTURE, METHOD)
 
 
+@pytest.mark.slow
 def test_jitter_keeps_the_noise_model(uniform):
     t, u, y = recorded(0, jitter=0.005)
     record = Record(u, y, t=t)
@@ -45,6 +46,7 @@ def test_jitter_keeps_the_noise_model(uniform):
 
 @pytest.mark.judged
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.fast("zoh")
 def test_lost_rows_are_missing_samples(intersample):
     """The same answer as with the rows there and the outputs missing."""
     t, u, y = recorded(1, intersample=intersample)

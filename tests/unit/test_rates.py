@@ -119,6 +119,7 @@ def test_aliases_are_gone():
 
 
 @pytest.mark.parametrize("intersample", ["zoh", "foh"])
+@pytest.mark.fast("zoh")
 def test_decimation_keeps_the_model(intersample):
     rng = np.random.default_rng(3)
     u = binary(20_000, 37)

@@ -43,6 +43,7 @@ NAMES = ["run.parquet", pytest.param("run.feather", marks=pytest.mark.slow), "ru
 
 
 @pytest.mark.parametrize("name", WRITERS)
+@pytest.mark.fast("run.parquet", "run.npz")
 def test_a_table_comes_back(tmp_path: Path, name: str) -> None:
     path = WRITERS[name](tmp_path / name, pl.DataFrame(COLUMNS))
     record = read_record(path, time="t", inputs=["u"], outputs=["y"], intersample="foh")
@@ -54,6 +55,7 @@ def test_a_table_comes_back(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.fast("run.npz")
 def test_the_content_decides_and_not_the_suffix(tmp_path: Path, name: str) -> None:
     path = WRITERS[name](tmp_path / name, pl.DataFrame(COLUMNS))
     renamed = path.rename(path.with_suffix(".csv"))
@@ -62,6 +64,7 @@ def test_the_content_decides_and_not_the_suffix(tmp_path: Path, name: str) -> No
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.fast("run.npz")
 def test_channels_are_listed_with_units_and_samples(tmp_path: Path, name: str) -> None:
     path = WRITERS[name](tmp_path / name, pl.DataFrame(COLUMNS))
     listed = [(c.name, c.unit, c.samples) for c in list_channels(path)]
@@ -81,6 +84,7 @@ def test_channels_are_listed_with_units_and_samples(tmp_path: Path, name: str) -
         ),
     ],
 )
+@pytest.mark.fast("*-run.npz", "MissingColumnError-*-run.parquet")
 def test_refusals(tmp_path: Path, name: str, error: type[Exception], options, words: str) -> None:
     path = WRITERS[name](tmp_path / name, pl.DataFrame(COLUMNS))
     asked = {"time": "t", "inputs": ["u"], "outputs": ["y"], **options}
@@ -91,6 +95,7 @@ def test_refusals(tmp_path: Path, name: str, error: type[Exception], options, wo
 
 
 @pytest.mark.parametrize("name", NAMES)
+@pytest.mark.fast("run.npz")
 def test_no_row_is_refused(tmp_path: Path, name: str) -> None:
     path = WRITERS[name](tmp_path / name, pl.DataFrame(COLUMNS).clear())
     with pytest.raises((errors.EmptyFileError, errors.TooFewSamplesError), match="expected"):
@@ -98,6 +103,7 @@ def test_no_row_is_refused(tmp_path: Path, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["run.parquet", "run.feather"])
+@pytest.mark.fast("run.feather")
 def test_text_in_a_column_that_is_needed_is_refused(tmp_path: Path, name: str) -> None:
     path = WRITERS[name](tmp_path / name, pl.DataFrame({"u": ["a", "b"], "y": [1, 2]}))
     with pytest.raises(errors.TextInColumnError, match="String in column 'u'"):
@@ -189,6 +195,7 @@ def test_an_archive_that_unpacks_to_more_than_memory_is_refused(
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "feather"])
+@pytest.mark.fast("feather")
 def test_columns_that_unpack_to_more_than_memory_are_refused(
     tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

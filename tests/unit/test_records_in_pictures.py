@@ -14,6 +14,8 @@ from tridentify.report import write_report
 from tridentify.report.settings import settings_table
 from tridentify.uncertainty import derived, sample, sampled_derived, sampled_response_band
 
+pytestmark = pytest.mark.unjudged
+
 DT = 0.02
 SYSTEM = TransferFunction([2.0, 3.0], [1.0, 3.0, 9.0])
 UNITS = {"elevator": "rad", "q": "rad/s"}

@@ -70,6 +70,7 @@ def test_validation_after_identification_is_the_judgement_that_came_with_it(coun
         ),
     ],
 )
+@pytest.mark.fast("<lambda>1")
 def test_anything_else_is_judged_by_itself(other, counted):
     estimate, record, options = other(identify(RECORD, Structure(1, 0), QUICK, throw=False))
     validate(estimate, record, **options)

@@ -265,6 +265,7 @@ def test_several_experiments_each_get_their_figures(single, tmp_path):
     assert {"fit-1.svg", "fit-2.svg", "bode.svg"} < names
 
 
+@pytest.mark.slow
 def test_estimate_without_trace_or_covariance_has_a_report(single, tmp_path):
     bare = dataclasses.replace(
         single.estimate,
@@ -287,6 +288,7 @@ def test_long_record_makes_a_small_page(single, tmp_path):
     assert path.stat().st_size < 1_500_000
 
 
+@pytest.mark.slow
 def test_page_and_figures_together_are_those_apart_and_drawn_once(single, tmp_path, monkeypatch):
     from matplotlib.figure import Figure
 
@@ -381,6 +383,7 @@ def test_columns_of_figures_are_of_like_height():
     assert second.columns == ((pictures[4],),)
 
 
+@pytest.mark.slow
 def test_a_sheet_leaves_room_for_all_that_stands_around_its_axes(double, single):
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 

@@ -50,6 +50,7 @@ def test_it_is_told_where_white_weights_explain_far_more(missed):
 
 
 @pytest.mark.parametrize("seed", [0, 1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.fast("0")
 def test_a_right_model_in_coloured_noise_has_no_such_word(seed):
     _, estimate = fitted(TransferFunction([2.0], [1.0, 2.0, 4.0]), Structure(2, 0), 0.9, seed)
     assert not told(estimate)

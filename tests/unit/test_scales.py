@@ -117,6 +117,7 @@ def test_signals_whose_products_of_variances_are_no_numbers_are_not_identified_f
         ),
     ],
 )
+@pytest.mark.fast("0-0-37")
 def test_what_just_enters_is_identified_and_judged_as_in_any_unit(into, out, time):
     plain = identify(Record(U, Y, dt=0.1), FIRST, OutputError(), throw=False)
     record = Record(U * 10.0**into, Y * 10.0**out, dt=0.1 * 10.0**time)
@@ -215,6 +216,7 @@ def test_weights_of_one_equality_too_far_apart_are_refused_with_the_structure():
 
 
 @pytest.mark.parametrize("scale", [1e-310, 1e-200, 1e200, 1e308])
+@pytest.mark.fast("1e-310", "1e+308")
 def test_the_scale_of_an_equality_says_nothing(scale):
     record = Record(U, Y, dt=0.1)
 

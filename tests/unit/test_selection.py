@@ -79,6 +79,7 @@ def test_every_row_is_what_identify_gives_for_it_alone_to_the_last_bit(record, s
     assert row.estimate.findings == alone.findings
 
 
+@pytest.mark.slow
 def test_a_row_does_not_change_with_the_company_it_keeps(record, selection):
     alone = select_structure(record, CANDIDATES[1:2]).rows[0]
     row = selection.rows[1]
@@ -215,6 +216,7 @@ def test_a_second_record_judges_with_a_start_of_its_own(record):
     assert poor < 70.0
 
 
+@pytest.mark.slow
 def test_an_executor_changes_nothing(record):
     plain = select_structure(record, CANDIDATES[1:3])
     with ThreadPoolExecutor(2) as pool:
@@ -245,6 +247,7 @@ def test_where_all_fail_nothing_is_recommended():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_several_channels_and_experiments_share_the_denominator():
     plant = TransferFunction(
         [[[2.0], [1.0]], [[1.0, 0.0], [3.0]]], [[[1.0, 2.0, 9.0]] * 2, [[1.0, 2.0, 9.0]] * 2]
@@ -258,6 +261,7 @@ def test_several_channels_and_experiments_share_the_denominator():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_coloured_noise_is_no_reason_for_more_poles():
     clean = made(n=300, level=0.0)
     e = np.random.default_rng(5).standard_normal(300)
@@ -274,6 +278,7 @@ def test_coloured_noise_is_no_reason_for_more_poles():
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_offset_and_start_are_the_same_for_all_candidates():
     record = made(seed=3)
     lifted = Record(record.u, record.y + 4.0, dt=record.dt)
@@ -293,6 +298,7 @@ def test_other_methods_and_unknown_delays_stand_in_the_table_too(record):
 
 
 @pytest.mark.unjudged
+@pytest.mark.slow
 def test_a_delay_is_found_instead_of_poles():
     late = TransferFunction([9.0], [1.0, 3.0, 9.0], delay=0.2)
     record = made(late, n=240)

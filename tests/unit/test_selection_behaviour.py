@@ -1,6 +1,7 @@
 """What the input does between its samples is asked of a candidate that explains the record."""
 
 import numpy as np
+import pytest
 
 from tridentify import Record, TransferFunction, select_structure, simulate
 
@@ -22,6 +23,7 @@ def flexible_arm(seed: int) -> Record:
     return Record(u, y, dt=dt, intersample="auto")
 
 
+@pytest.mark.slow
 def test_the_likeliest_candidate_is_asked_too() -> None:
     found = select_structure(flexible_arm(1), [(3, 1), (4, 2)])
     assert found.recommended is not None

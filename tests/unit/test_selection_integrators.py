@@ -24,6 +24,7 @@ def battery():
     return select_structure(charged_battery(1), asked, integrators=True)
 
 
+@pytest.mark.slow
 def test_a_charge_is_an_integrator(battery):
     chosen = battery.recommended
     assert chosen.structure.fixed == {"a0": 0.0}
@@ -31,6 +32,7 @@ def test_a_charge_is_an_integrator(battery):
     assert "at zero" in battery.reason
 
 
+@pytest.mark.slow
 def test_its_lags_are_those_of_the_battery(battery):
     estimate = battery.recommended.estimate
     rates = sorted(estimate.model.poles.real)[:2]

@@ -86,6 +86,7 @@ LOCALS = {
 
 @SYSTEMS
 @pytest.mark.parametrize("method", [METHOD, OutputError()], ids=["three-model", "output-error"])
+@pytest.mark.fast("three-model-separate", "output-error-shared")
 def test_records_of_other_steps_lengths_and_trims_as_one_dense_problem(system, method):
     model, _, states = system
     locals_ = LOCALS[states]

@@ -60,6 +60,7 @@ def test_missing_samples_are_not_looked_at():
     assert places(v) == [350]
 
 
+@pytest.mark.slow
 def test_the_estimate_says_when():
     rng = np.random.default_rng(3)
     u = np.repeat(rng.choice([-1.0, 1.0], N // 10), 10)
@@ -74,6 +75,7 @@ def test_the_estimate_says_when():
     assert found[0].times == pytest.approx((150 * DT, 420 * DT))
 
 
+@pytest.mark.slow
 def test_whiteness_of_a_robust_fit_leaves_outliers_out():
     """Pairs of outliers two samples apart: a correlation that the noise does not have."""
     rng = np.random.default_rng(4)

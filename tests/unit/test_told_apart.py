@@ -32,6 +32,7 @@ def silent(controller: str, delay: int, seed: int = 0, order: int = 2, **options
 @pytest.mark.parametrize(
     ("controller", "delay", "lags"), [("P", 0, 0), ("P", 1, 1), ("lead", 0, 1), ("lead", 1, 2)]
 )
+@pytest.mark.fast("P-1-1", "lead-1-2", "P-0-0")
 def test_the_memory_of_a_controller_is_counted(controller, delay, lags):
     (law,) = laws([silent(controller, delay).record])
     assert law.lags == lags
@@ -84,6 +85,7 @@ def test_a_plant_of_more_poles_than_the_controller_remembers_is_not_told():
     assert said not in trust
 
 
+@pytest.mark.slow
 def test_a_controller_with_memory_enough_is_a_warning():
     drawn = silent("lead", 1)
     estimate = identify(drawn.record, drawn.structure, throw=False)

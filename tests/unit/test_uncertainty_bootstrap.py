@@ -64,6 +64,7 @@ class Awkward:
         return dataclasses.replace(known, theta=np.full(3, largest))
 
 
+@pytest.mark.slow
 def test_spread_is_the_standard_error(case):
     estimate, _, copies = case
     assert copies.n_draws == 60
@@ -81,6 +82,7 @@ def test_spread_is_the_standard_error(case):
         assert width == pytest.approx(3.92 * estimate.std, rel=0.5)
 
 
+@pytest.mark.slow
 def test_other_quantities_come_from_the_copies(case):
     _, _, copies = case
     sample = copies.sample

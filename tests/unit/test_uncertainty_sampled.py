@@ -53,6 +53,7 @@ def test_small_errors_agree_with_the_delta_method(double):
         assert found == pytest.approx(expected, abs=0.03 * width)
 
 
+@pytest.mark.slow
 def test_small_errors_agree_with_the_bands(double):
     estimate = shrunk(double, 1e-3)
     sample = uncertainty.sample(estimate, 20000)

@@ -20,6 +20,7 @@ def jittered(seed: int) -> Record:
 
 
 @pytest.mark.parametrize("seed", [0, 2])
+@pytest.mark.fast("0")
 def test_what_is_advised_can_be_done(seed: int) -> None:
     record = jittered(seed)
     estimate = identify(record, Structure(2, 0))
@@ -28,6 +29,7 @@ def test_what_is_advised_can_be_done(seed: int) -> None:
     assert not any("noise='ar'" in one.remedy for one in found)
 
 
+@pytest.mark.slow
 def test_errors_from_the_scores_are_not_told_to_be_too_small() -> None:
     record = jittered(0)
     estimate = identify(record, Structure(2, 0))

@@ -163,6 +163,7 @@ def test_an_order_that_is_too_low_is_named(low):
     assert [f.code for f in low.findings if f.matters] == ["order-low"]
 
 
+@pytest.mark.slow
 def test_a_noise_model_does_not_hide_a_missing_pole(record):
     coloured = identify(record, Structure(1, 0, offset=False), ThreeModel(noise="ar"))
     assert coloured.noise_model[0].size
@@ -237,6 +238,7 @@ def test_feedback_is_named():
     assert "feedback" in found.verdict
 
 
+@pytest.mark.slow
 def test_feedback_within_the_sample_is_not_called_a_missing_delay():
     n, rng = 1500, np.random.default_rng(2)
     b, a = _held()
@@ -263,6 +265,7 @@ def _held():
     return b.ravel(), a
 
 
+@pytest.mark.slow
 def test_a_response_that_is_not_linear_is_hinted_at():
     u = np.random.default_rng(9).choice([-1.0, 0.3, 1.0], N // 8).repeat(8)
     y = response(u)
@@ -353,6 +356,7 @@ def test_missing_samples_and_uneven_time():
     assert found.uneven
 
 
+@pytest.mark.slow
 def test_several_experiments_and_channels_are_judged_by_name():
     rng = np.random.default_rng(31)
     u = rng.choice([-1.0, 1.0], (100, 2)).repeat(8, axis=0)
@@ -454,6 +458,7 @@ def test_what_is_no_record_is_refused(estimate):
         validate(estimate, [])
 
 
+@pytest.mark.slow
 def test_another_piece_in_which_nothing_moves_tells_nothing_of_the_coefficients():
     whole = short_period()
     low = identify(whole.slice(0.5, 7.8), (1, 0), throw=False)
