@@ -71,6 +71,7 @@ def channels_of(
 
     Examples
     --------
+    >>> from tridentify.physical import short_period
     >>> channels_of(short_period(), ["de"], ["q", "AoA"])
     {'elevator': 'de', 'alpha': 'AoA', 'q': 'q'}
     >>> channels_of(short_period(), ["elevator=de"], ["q=y2", "alpha=y1"])

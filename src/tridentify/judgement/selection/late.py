@@ -2,9 +2,10 @@
 
 Dead time is in most plants of process engineering, and a candidate without it makes do with poles:
 each is a little of a delay (a Pade approximation). Then a larger candidate is adequate, sound, and
-not what the plant is. So every candidate that is no larger than the recommended one is fitted with
+not what the plant is. So every candidate that is smaller than the recommended one is fitted with
 a delay, as a cause is that is looked for (`causes.delay`); where that explains the record better
-than the recommended one does, the candidate joins the rows with its delay free.
+than the recommended one does, the candidate joins the rows with its delay free. A delay beside as
+many coefficients is no other order: `identify` and `validate` find it, and say what it would gain.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.judgement.causes.explain import CLEARLY, explain, settle
+from tridentify.judgement.causes.explain import explain, settle
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.judgement.selection.result import SelectionRow
@@ -53,8 +54,8 @@ def delayed(
     Returns
     -------
     list of Structure
-        Of rows that are no larger than the recommended one, with ``delay="free"``; at most `MOST`.
-        Fewer unknowns, the delay counted, have to lower AICc, and as many clearly so.
+        Of rows that are smaller than the recommended one, with ``delay="free"``; at most `MOST`.
+        Those whose AICc is lower, the delay counted.
     """
     if place is None or not _is_able(rows[place]):
         return []
@@ -67,12 +68,10 @@ def delayed(
         if ended is None:
             return []
         for row in rows:
-            if not _is_able(row) or row.n_coefficients > rows[place].n_coefficients:
+            if not _is_able(row) or row.n_coefficients >= rows[place].n_coefficients:
                 continue
-            fewer = row.n_coefficients < rows[place].n_coefficients
-            least = ended.criterion if fewer else ended.criterion - CLEARLY
             late = _fitted(row, records, best.noise_model)
-            if late is not None and late.criterion < least:
+            if late is not None and late.criterion < ended.criterion:
                 found.append(late)
     except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
         return []

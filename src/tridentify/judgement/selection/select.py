@@ -95,8 +95,8 @@ def select_structure(
         Whether a row with a pole at zero joins the candidates where one of them ends with a time
         constant longer than the record. Default: where `candidates` are left out.
     delays : bool, optional
-        Whether rows with a delay that is estimated along join the candidates, where a candidate no
-        larger than the recommended one then explains the record better. Default: where
+        Whether rows with a delay that is estimated along join the candidates, where a candidate
+        smaller than the recommended one then explains the record better. Default: where
         `candidates` are left out.
     executor : executor of concurrent.futures, optional
         Runs the candidates side by side. The result does not depend on it.
