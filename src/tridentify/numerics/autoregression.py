@@ -136,30 +136,31 @@ def _innovate(
     """Innovations of every row over a block; ``past`` (n_rows, p), oldest first, is carried on."""
     p, count = a.size, seen.size
     line, total = np.empty(p + count), np.empty(count)
+    steady = gain[:, 0] == -1.0
     for c in range(rows.shape[0]):
         line[:p] = past[c]
         line[p:] = rows[c, :count]
         t = 0
         while t < count:
             stop = t
-            while stop < count and gain[stop, 0] == -1.0:
+            while stop < count and steady[stop]:
                 stop += 1
-            for i in range(t, stop):
-                total[i] = line[p + i]
+            # views from zero on: no index can be negative, so that several samples go at once
+            own = total[t:stop]
+            own[:] = line[p + t : p + stop]
             k = 1
             # four coefficients at a time: the sums are the same, each is loaded and stored once
             while k + 3 <= p:
                 a0, a1, a2, a3 = a[k - 1], a[k], a[k + 1], a[k + 2]
-                for i in range(t, stop):
-                    j = p + i - k
-                    total[i] = (
-                        ((total[i] + a0 * line[j]) + a1 * line[j - 1]) + a2 * line[j - 2]
-                    ) + a3 * line[j - 3]
+                l0, l1 = line[p + t - k :], line[p + t - k - 1 :]
+                l2, l3 = line[p + t - k - 2 :], line[p + t - k - 3 :]
+                for i in range(own.size):
+                    own[i] = (((own[i] + a0 * l0[i]) + a1 * l1[i]) + a2 * l2[i]) + a3 * l3[i]
                 k += 4
             while k <= p:
-                a0 = a[k - 1]
-                for i in range(t, stop):
-                    total[i] += a0 * line[p + i - k]
+                a0, l0 = a[k - 1], line[p + t - k :]
+                for i in range(own.size):
+                    own[i] += a0 * l0[i]
                 k += 1
             t = stop
             if t == count:

@@ -146,10 +146,10 @@ def with_noise_model(
                 found, "noise taken as white: the residual is not, but most of it follows the input"
             )
     question.say("coloured noise")
-    best = _alternate(question, found, tinted, starts.count)
+    best = _alternate(question, found, tinted, starts)
     if in_loop:
         question.say("coloured noise, from the predictor")
-        best = _from_predictor(question, found, tinted, starts.count, best)
+        best = _from_predictor(question, found, tinted, starts, best)
     if _misses(best.end.point, tinted):
         question.say("coloured noise, a model for every start")
         best = _elsewhere(question, best, tinted)
@@ -161,12 +161,12 @@ def with_noise_model(
 
 
 def _from_predictor(
-    question: Question, found: Maximum, tinted: tuple[bool, ...], n_starts: int, best: Maximum
+    question: Question, found: Maximum, tinted: tuple[bool, ...], starts: Starts, best: Maximum
 ) -> Maximum:
     """The likelier of an end and of that to which the noise of the predictor leads."""
     first = predictor_noise(found.end.point.problem)
     try:
-        other = _alternate(question, found, tinted, n_starts, first)
+        other = _alternate(question, found, tinted, starts, first)
     except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
         return best
     if other.end.status is not Status.CONVERGED:
@@ -217,7 +217,7 @@ def _elsewhere(question: Question, found: Maximum, tinted: tuple[bool, ...]) -> 
         return found
     start = min(known, key=_criterion)
     begun = replace(found, end=replace(found.end, point=start), tried=())
-    other = _alternate(question, begun, tinted, 0)
+    other = _alternate(question, begun, tinted, None)
     end = other.end.point
     left = output_rss(end) > MOST_LEFT * end.problem.power * end.counts
     if other.end.status is not Status.CONVERGED or np.any(left):
@@ -255,7 +255,7 @@ def _alternate(
     question: Question,
     found: Maximum,
     tinted: tuple[bool, ...],
-    n_starts: int,
+    starts: Starts | None,
     first: tuple[Array, ...] | None = None,
 ) -> Maximum:
     """Noise model and coefficients in turn, until the coefficients stand still.
@@ -267,8 +267,8 @@ def _alternate(
         Where to begin.
     tinted : tuple of bool
         Outputs whose noise gets a model.
-    n_starts : int
-        Starts of the search on whitened samples; none without one.
+    starts : Starts or None
+        The search before; None where whitened samples are not to be searched.
     first : tuple of (p,) arrays, optional
         The noise to begin with; by default that of the residual.
     """
@@ -280,9 +280,9 @@ def _alternate(
         if count < OPEN_ROUNDS:
             whole = question.whitened(model)
             following = decide(whole, [best.point.poles])
-            if n_starts and not count:
+            if starts is not None and not count:
                 question.say("another search, on whitened samples")
-                anew = search(whole.held, n_starts)
+                anew = search(whole.held, starts.count, starts.far)
                 tried = tuple(replace(one, name=f"whitened: {one.name}") for one in anew.tried)
                 other = decide(whole, anew.seeds)
                 if other.best.criterion < following.best.criterion - SAME_END:

@@ -102,6 +102,7 @@ ALIKE = 0.02
 """Relative difference of poles within which the window's end has been followed on the whole record
 already."""
 OF_WINDOW = "window of the record: "
+OF_AVERAGES = "record averaged: "
 FURTHER = ("discrete", "spread", "relaxed")
 
 
@@ -158,6 +159,20 @@ class Scan:
 
 
 @dataclass(frozen=True, eq=False)
+class Far:
+    """Where the search of an averaged record led: it knows nothing of the noise between its samples,
+    so that a search on whitened ones need not repeat it.
+
+    ``settled`` says that the window had nothing left to be found, and one start was followed.
+    """
+
+    settled: bool
+    point: Point
+    passes: tuple[Pass, ...]
+    scan: Scan | None
+
+
+@dataclass(frozen=True, eq=False)
 class Starts:
     """What a search found: where to finish from, and what was seen on the way.
 
@@ -175,6 +190,8 @@ class Starts:
         Triangles of the whole record, where they were made.
     scan : Scan, optional
         The last places looked at.
+    far : Far, optional
+        What an averaged record gave.
     """
 
     seeds: tuple[Complex, ...]
@@ -183,6 +200,7 @@ class Starts:
     count: int
     known: KnownTriangles | None = None
     scan: Scan | None = None
+    far: Far | None = None
 
     @property
     def triangles(self) -> dict[bytes, tuple[Regression, ...]]:
@@ -203,7 +221,7 @@ class Starts:
         )
 
 
-def search(question: Question, n_starts: int) -> Starts:
+def search(question: Question, n_starts: int, far: Far | None = None) -> Starts:
     """Steps 1 and 2 from several operators, repeated until a richer model has nothing to add.
 
     Parameters
@@ -211,11 +229,13 @@ def search(question: Question, n_starts: int) -> Starts:
     question : Question
     n_starts : int
         Most starts of a kind that are followed.
+    far : Far, optional
+        What the averaged record gave to the search of the same records before they were whitened.
     """
-    worker = Search(n_starts)
+    worker = Search(n_starts, far=far)
     worker.run(question.base, question.variants)
     seeds, trails, tried = tuple(worker.seeds), tuple(worker.trails), tuple(worker.starts)
-    return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan)
+    return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan, worker.far)
 
 
 def search_again(question: Question, nuisances: Nuisances, poles: Complex) -> tuple[Complex, Start]:
@@ -301,6 +321,8 @@ class Search:
         Starts that were followed to an end that is not good enough, and where they led.
     ends : list of Met
         Where steps on the cost ended.
+    far : Far, optional
+        What the averaged record gave.
     """
 
     n_starts: int
@@ -315,6 +337,7 @@ class Search:
     further: tuple[str, ...] = FURTHER
     followed: list[Followed] = field(default_factory=list)
     ends: list[Met] = field(default_factory=list)
+    far: Far | None = None
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
@@ -337,13 +360,23 @@ class Search:
         if first is None or near is None or not is_usable(little):
             drain(self.running(base, variants))
             return
-        if first.settled:
-            second = self.begin(little, variants, "record averaged: ", most=1)
-        else:
-            second = drain(self.following(little, variants, "record averaged: "))
-        far = self.move(second, "record averaged: ")
+        far = self._averaged(little, variants, first.settled)
         blind = explained(far) < WORTHWHILE <= explained(near)
         self._choose(base, near.poles, far.poles, passes, blind)
+
+    def _averaged(self, little: Problem, variants: Sequence[Variant], settled: bool) -> Point:
+        """Where the search of the averaged record leads."""
+        known = self.far
+        if known is not None and known.settled == settled:
+            self.recorder.passes[:], self.scan = known.passes, known.scan
+            return known.point
+        if settled:
+            second = self.begin(little, variants, OF_AVERAGES, most=1)
+        else:
+            second = drain(self.following(little, variants, OF_AVERAGES))
+        point = self.move(second, OF_AVERAGES)
+        self.far = Far(settled, point, tuple(self.recorder.passes), self.scan)
+        return point
 
     def running(self, base: Problem, variants: Sequence[Variant]) -> Slices[None]:
         """Find poles from all samples of the record, in slices."""
