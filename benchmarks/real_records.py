@@ -6,7 +6,8 @@ who published them and under which licence stands in the README of each of their
 
 *Halves* are identified by themselves with the same structure, where the input moves in both; the
 largest difference of a coefficient is told in joint standard errors. *Another record* is one of the
-same system: the fit there is with the coefficients held, its start and offset its own. Published
+same system: the fit there is with the coefficients held, its start and offset its own, and *again*
+compares the coefficients that it has by itself, whatever else was different. Published
 values that have no stated error count as exact. The simulated flights (JSBSim) get the noise of a
 typical flight test.
 """
@@ -189,7 +190,20 @@ def halves(item: Item, record: Record) -> tuple[float, int, int]:
     moved = [float(np.std(part.u)) for part in record.split(middle)]
     if min(moved) < ACTIVE * max(moved):
         return float("nan"), 0, 0
-    first, second = (_identified(item, part) for part in record.split(middle))
+    return agreement(*(_identified(item, part) for part in record.split(middle)))
+
+
+def again(item: Item, estimate: Estimate) -> tuple[float, int, int]:
+    """As `halves`, of this record and another one; two that name each other count once."""
+    path = shared_data() / item.folder / item.other
+    named = [(one.folder, one.other) for one in ITEMS[: ITEMS.index(item)]]
+    if not item.other or not path.is_file() or (item.folder, item.file) in named:
+        return float("nan"), 0, 0
+    return agreement(estimate, _identified(item, load(item, item.other)))
+
+
+def agreement(first: Estimate | None, second: Estimate | None) -> tuple[float, int, int]:
+    """Largest difference of a coefficient [joint errors], how many are within 3, of how many."""
     if first is None or second is None:
         return float("nan"), 0, 0
     joint = np.sqrt(first.std**2 + second.std**2)
@@ -249,6 +263,7 @@ def _judged(item: Item) -> dict[str, Any]:
         "identify": _first(estimate.findings),
         "changed": any(f.code in CHANGED for f in estimate.findings),
         "halves": halves(item, record),
+        "again": again(item, estimate),
     }
     begun = time.process_time()
     try:
@@ -291,32 +306,32 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
     """Two tables: what is said of each record, and the coefficients."""
     lines = [
         f"{'record':20s}{'samples':>8s}{'asked':>7s}{'chosen':>8s}{'right':>7s}{'fit %':>7s}"
-        f"{'other %':>8s}{'halves':>12s}{'identify s':>11s}{'validate s':>11s}{'select s':>9s}"
+        f"{'other %':>8s}{'halves':>12s}{'again':>12s}"
+        f"{'identify s':>11s}{'validate s':>11s}{'select s':>9s}"
     ]
     known = [row for row in rows if "fit" in row]
     for row in known:
-        worst, within, of = row["halves"]
-        agreed = f"{worst:.1f} ({within}/{of})" if of else "-"
+        halves, twice = _agreed(row["halves"]), _agreed(row["again"])
         other = "-" if row["elsewhere"] is None else f"{row['elsewhere']:.1f}"
         right = {True: "yes", False: "no", None: "-"}[row["right"]]
         lines.append(
             f"{row['name']:20s}{row['samples']:8d}{row['structure']:>7s}{row['order']:>8s}"
-            f"{right:>7s}{row['fit'][0]:7.1f}{other:>8s}{agreed:>12s}{row['seconds']:11.1f}"
-            f"{row['seconds_validate']:11.1f}{row['seconds_select']:9.1f}"
+            f"{right:>7s}{row['fit'][0]:7.1f}{other:>8s}{halves:>12s}{twice:>12s}"
+            f"{row['seconds']:11.1f}{row['seconds_validate']:11.1f}{row['seconds_select']:9.1f}"
         )
     for row in rows:
         if "absent" in row:
             lines.append(f"{row['name']:20s} not among the shared records: left out")
         elif "refused" in row:
             lines.append(f"{row['name']:20s} refused: {row['refused']}")
-    agree = [row["halves"] for row in known if row["halves"][2]]
-    within, of = sum(one[1] for one in agree), sum(one[2] for one in agree)
     told = sum(row["halves"][2 if row["changed"] else 1] for row in known)
+    of = sum(row["halves"][2] for row in known)
     judged = [row["right"] for row in known if row["right"] is not None]
     lines += [
         "",
         f"right order: {sum(judged)} of {len(judged)} where one is known",
-        f"coefficients of two halves within 3 joint standard errors: {within} of {of}",
+        f"coefficients of two halves within 3 joint standard errors: {_counted(known, 'halves')}",
+        f"coefficients of two records within 3 joint standard errors: {_counted(known, 'again')}",
         f"agree or told (the estimate of the whole says that they differ): {told} of {of}",
         "",
         f"{'record':20s}{'identify, first finding':>26s}{'validate, first finding':>26s}",
@@ -330,6 +345,16 @@ def table(rows: Sequence[dict[str, Any]]) -> list[str]:
         if any(one["published"] is not None for one in row["coefficients"]):
             lines.append(f"{'':20s}  published: {row['source']}")
     return lines
+
+
+def _agreed(found: tuple[float, int, int]) -> str:
+    worst, within, of = found
+    return f"{worst:.1f} ({within}/{of})" if of else "-"
+
+
+def _counted(rows: Sequence[dict[str, Any]], key: str) -> str:
+    found = [row[key] for row in rows]
+    return f"{sum(one[1] for one in found)} of {sum(one[2] for one in found)}"
 
 
 def _against(one: dict[str, Any]) -> str:
