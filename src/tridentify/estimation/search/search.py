@@ -160,8 +160,9 @@ class Scan:
 
 @dataclass(frozen=True, eq=False)
 class Far:
-    """Where the search of an averaged record led: it knows nothing of the noise between its samples,
-    so that a search on whitened ones need not repeat it.
+    """Where the search of an averaged record led.
+
+    It knows nothing of the noise between its samples: whitened ones need not be searched again.
 
     ``settled`` says that the window had nothing left to be found, and one start was followed.
     """
