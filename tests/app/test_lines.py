@@ -137,3 +137,27 @@ def test_models_are_compared_by_lines_that_run(card, tmp_path, capsys, monkeypat
     assert main([*words[1:], "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["fits"]
+
+
+def test_models_are_compared_under_their_own_channels_on_what_validates(card):
+    ranges = [RANGE, {"start": 15.0, "end": 19.0, "use": "validate"}]
+    other = {**card, "outputs": ["elsewhere"], "ranges": ranges}
+    same = lines.compared_card(other, ["force"], ["position"])
+    told = lines.compare_in_python([{"name": "one"}], same)
+    assert "outputs=['position']" in told
+    assert f"pieces = [record.slice({T0 + 15.0}, {T0 + 19.0})]" in told
+    assert "], pieces)" in told
+    words = shlex.split(lines.compare_in_shell([{"name": "one"}], same))
+    assert words[words.index("--output") + 1] == "position"
+    assert words[words.index("--from") + 1] == str(T0 + 15.0)
+
+
+def test_bad_samples_that_were_marked_twice_are_left_out_once(card):
+    bad = {"start": 2.0, "end": 3.0}
+    assert lines.record_in_python({**card, "bad": [bad, bad]}).count("mask") == 1
+
+
+def test_a_map_takes_columns_by_their_names(card):
+    own = {**card, "inputs": ["u_elevator"], "outputs": ["y_q", "y_alpha"]}
+    told = lines.model_in_python(own, {"poles": "2", "physical": "short-period"})
+    assert "{'elevator': 'u_elevator', 'alpha': 'y_alpha', 'q': 'y_q'}" in told

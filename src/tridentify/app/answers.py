@@ -117,13 +117,14 @@ def _physical(
     if chosen["physical"] == "none" or record is None:
         return None, ""
     model = MODELS[chosen["physical"]]()
+    channels = columns_of(model, record.input_names, record.output_names)
     try:
         found = estimate_physical(
             model,
             pieces(record, card, "identify"),
             method_of({**chosen, "loss": "squared"}),
             known=known_parameters(chosen),
-            channels=columns_of(model, record.input_names, record.output_names),
+            channels=channels,
         )
     except TridentifyError as error:
         return None, f"The map {chosen['physical']} gives nothing: {error}."
@@ -135,7 +136,10 @@ def _physical(
         )
     ]
     rows += list(found.combinations)
-    return [_physical_row(one) for one in rows], " ".join(map(_as_sentence, found.notes))
+    taken = [f"{ours} is {theirs}" for ours, theirs in channels.items() if ours != theirs]
+    said = [f"channels by their names: {', '.join(taken)}"] if taken else []
+    notes = " ".join(map(_as_sentence, [*found.notes, *said]))
+    return [_physical_row(one) for one in rows], notes
 
 
 def _as_sentence(note: str) -> str:

@@ -339,10 +339,11 @@ class Bench:
             documents=[self._kept(name)[1]["estimate"] for name in models],
             names=[card["name"] for card in cards],
         )  # fmt: skip
+        same = lines.compared_card(on, found.pop("inputs"), found["outputs"])
         return {
             **found,
-            "python": lines.compare_in_python(cards, on),
-            "command_line": lines.compare_in_shell(cards, on),
+            "python": lines.compare_in_python(cards, same),
+            "command_line": lines.compare_in_shell(cards, same),
         }
 
     def change_model(self, name: str, changes: Mapping[str, Any]) -> Card:

@@ -17,6 +17,7 @@ from tridentify.options import (
     structure_of,
 )
 from tridentify.physical import MODELS, PhysicalModel
+from tridentify.physical.channels import match_channels
 from tridentify.structure import AutoStructure, Structure
 
 SWITCHES = {one.name: one.switch for one in list_options()}
@@ -44,8 +45,8 @@ def record_in_python(card: Mapping[str, Any]) -> str:
         "",
         f"record = read_record({_path(card)!r}, {_arguments({**roles, **behaviour, **step})})",
     ]
-    for one in card["bad"]:
-        start, end = (card["t0"] + one[side] for side in ("start", "end"))
+    for start, end in dict.fromkeys((one["start"], one["end"]) for one in card["bad"]):
+        start, end = card["t0"] + start, card["t0"] + end
         lines.append(f"record = record.mask((record.t >= {start!r}) & (record.t <= {end!r}))")
     for use, name in (("identify", "pieces"), ("validate", "other")):
         chosen = [one for one in card["ranges"] if one["use"] == use]
@@ -195,23 +196,33 @@ def _columns(name: str, card: Mapping[str, Any]) -> dict[str, str]:
 def columns_of(
     model: PhysicalModel, inputs: Sequence[str], outputs: Sequence[str]
 ) -> dict[str, str]:
-    """Channels of a map by their own name where the record has it, the others in order."""
-    found: dict[str, str] = {}
-    for ours, theirs in ((model.input_names, inputs), (model.output_names, outputs)):
-        named = [name for name in ours if name in theirs]
-        rest = iter([name for name in theirs if name not in named])
-        found |= {name: name if name in named else next(rest, name) for name in ours}
-    return found
+    """Channels of a map by their names (`match_channels`); one that has no column keeps its own."""
+    own = {name: name for name in (*model.input_names, *model.output_names)}
+    return (
+        own
+        | match_channels(model.input_names, inputs)
+        | match_channels(model.output_names, outputs)
+    )
+
+
+def compared_card(
+    record: Mapping[str, Any], inputs: Sequence[str], outputs: Sequence[str]
+) -> dict[str, Any]:
+    """The record as it is compared on: under the models' channels, on what validates, if any."""
+    own = [one for one in record["ranges"] if one["use"] == "validate"] or record["ranges"]
+    used = [{**one, "use": "identify"} for one in own]
+    return {**record, "inputs": list(inputs), "outputs": list(outputs), "ranges": used}
 
 
 def compare_in_python(cards: Sequence[Mapping[str, Any]], record: Mapping[str, Any]) -> str:
     """Lines that compare saved models on a record."""
     names = [f"Estimate.load({card['name'] + '.json'!r})" for card in cards]
+    of = "pieces" if _identified(record) else "record"
     return "\n".join(
         [
             "from tridentify import Estimate, compare",
             record_in_python(record),
-            f"print(compare([{', '.join(names)}], record).summary())",
+            f"print(compare([{', '.join(names)}], {of}).summary())",
         ]
     )
 

@@ -252,6 +252,7 @@ def compared(
     part = sources.pieces(record, card, "validate") or sources.pieces(record, card, "identify")
     found = compare(estimates, part, names=list(names))
     return {
+        "inputs": roles["inputs"],
         "outputs": list(found.output_names),
         "fits": [[number(fit) for fit in row] for row in panels.mean_fits(found)],
         "summary": _summary(found, names, _stretches(card)),

@@ -13,6 +13,7 @@ from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.terminal import show, show_json
 from tridentify.errors import ChannelCountError, OptionError, UnitMismatchError, shown
 from tridentify.physical import MODELS, PhysicalModel
+from tridentify.physical.channels import match_channels
 from tridentify.record.record import Record
 from tridentify.writing.layout import unit_factors, unit_product
 
@@ -54,8 +55,8 @@ def channels_of(
     ----------
     model : PhysicalModel
     inputs, outputs : sequence of str
-        Columns: ``elevator=de`` says which channel one is, those that are called as the model calls
-        its channels are these, the others follow in the order of the model.
+        Columns: ``elevator=de`` says which channel one is, those that have a channel's name in
+        their own are these (`match_channels`), the others follow in the order of the model.
 
     Returns
     -------
@@ -74,6 +75,8 @@ def channels_of(
     >>> from tridentify.physical import short_period
     >>> channels_of(short_period(), ["de"], ["q", "AoA"])
     {'elevator': 'de', 'alpha': 'AoA', 'q': 'q'}
+    >>> channels_of(short_period(), ["de"], ["y_q", "y_alpha"])
+    {'elevator': 'de', 'alpha': 'y_alpha', 'q': 'y_q'}
     >>> channels_of(short_period(), ["elevator=de"], ["q=y2", "alpha=y1"])
     {'elevator': 'de', 'alpha': 'y1', 'q': 'y2'}
     """
@@ -101,8 +104,8 @@ def channels_of(
                 stated[named[0]] = named[1]
             else:
                 rest.append(text)
-        left = iter(rest)
-        found |= {name: stated[name] if name in stated else next(left) for name in ours}
+        others = match_channels([name for name in ours if name not in stated], rest)
+        found |= {name: stated[name] if name in stated else others[name] for name in ours}
     return found
 
 
