@@ -430,6 +430,10 @@ def test_a_model_leaves_as_a_file(ask, made, kind, ending, tmp_path):
         exec(path.read_text(), place)
         assert isinstance(place["model"], control.TransferFunction)
         assert np.abs(place["model"].poles()) == pytest.approx([2.0, 2.0], abs=0.1)
+    elif kind == "c":
+        model = tmp_path / "model.json"
+        model.write_bytes(ask.get(f"/api/models/{made[1]}/export/json").content)
+        assert f"Sampling interval: {Estimate.load(model).dt!r} s" in path.read_text()
     else:
         assert path.stat().st_size > 100
 

@@ -62,6 +62,9 @@ def _written(ending: str, estimate: Estimate, records: Records, name: str) -> by
 
 
 def _step(estimate: Estimate, records: Records) -> float:
+    """Of the record, so that the filter runs where the model was recorded."""
+    if estimate.dt is not None:
+        return estimate.dt
     fastest = float(np.max(np.abs(poles(estimate).roots), initial=1.0))
     return typical_step(records[0].t) if records else 1.0 / (PER_MODE * fastest)
 

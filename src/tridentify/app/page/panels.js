@@ -231,7 +231,7 @@ function testsOf(rows) {
     const test = one.tests.find((other) => parts(other)[0] === text);
     if (!test) return "\u2013";
     return test.passed ? bare(parts(test)[1])
-      : make("span", { class: "failed" }, make("strong", {}, "failed"), `\u00a0${bare(parts(test)[1])}`);
+      : make("span", { class: "failed" }, make("strong", {}, "failed"), ` ${bare(parts(test)[1])}`);
   };
   return table(["test of the residual, p", ...rows.map(({ model }) => model.name)],
     asked.map((text) => [text, ...rows.map((row) => cell(row, text))]),
