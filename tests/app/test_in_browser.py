@@ -505,7 +505,8 @@ def test_the_current_model_is_in_sight_after_a_reload(seen):
 def test_only_exact_advice_becomes_an_option(seen):
     found = seen.page.evaluate(ADVICE)
     assert found == [{"intersample": "auto"}, None, {"poles": "auto", "zeros": "auto"},
-                     {"noise": "ar", "loss": "squared", "method": "three-model"}, None]  # fmt: skip
+                     {"noise": "ar", "loss": "squared", "method": "three-model"}, {"fixed": "a0=0"},
+                     None]  # fmt: skip
 
 
 ADVICE = """async () => {
@@ -514,6 +515,7 @@ ADVICE = """async () => {
     ["intersample", "State how the controller works (controller='sampled')."],
     ["order-low", "Use poles=3 and zeros=2, or compare (select_structure; tridentify select)."],
     ["drift", "Use a noise model (noise='ar', --noise ar); a drift (drift=True) does not."],
+    ["outside-the-record", "Fix the pole at zero if it integrates (--fix a0=0), or record longer."],
     ["nonlinear", "Use smaller amplitudes."]].map(([code, remedy]) => optionsOf({ code, remedy }));
 }"""
 

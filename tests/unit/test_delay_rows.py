@@ -23,7 +23,11 @@ def test_dead_time_is_recommended_in_place_of_poles_that_stand_for_it():
     assert chosen.label == "1, 0, free delay"
     estimate = chosen.estimate
     assert estimate.parameters["delay"].value == pytest.approx(6.3, abs=0.3)
-    without = select_structure(given, CANDIDATES).recommended
+
+
+@pytest.mark.slow
+def test_without_such_rows_poles_are_recommended():
+    without = select_structure(record([2.0], [10.0, 1.0], 6.3), CANDIDATES).recommended
     assert without.structure.poles > 1
     assert without.structure.delay == 0.0
 

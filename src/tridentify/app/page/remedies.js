@@ -22,6 +22,7 @@ const REMEDIES = [
   ["order-low", /select_structure/, { poles: "auto", zeros: "auto" }],
   ["order-high", /select_structure/, { poles: "auto", zeros: "auto" }],
   ["bad-samples", /loss='huber'/, ROBUST],
+  ["outside-the-record", /^Fix the pole at zero .*--fix a0=0/, { fixed: "a0=0" }],
 ];
 
 /** Options that do what a finding advises, or null. */
@@ -33,6 +34,7 @@ export function remedyButton(finding, model) {
   const changes = optionsOf(finding);
   if (!changes || !recordOf(model?.record ?? state.record)) return null;
   const now = model?.options ?? state.chosen;
+  if (changes.fixed && now.fixed) return null; // what is known already stays
   const news = state.options.filter(({ name, default: usual }) =>
     name in changes && String(now[name] ?? usual) !== changes[name]);
   if (!news.length) return null;

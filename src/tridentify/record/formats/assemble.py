@@ -54,8 +54,10 @@ __all__ = ["TIME_NAMES", "Instants", "Wanted", "record_from", "time_channels"]
 
 Instants = Literal["auto", "outputs", "all"]
 
-TIME_NAMES = ("t", "time")
-"""What a channel of time is called, in any case."""
+ENGLISH_NAMES = ("t", "time")
+TIME_NAMES = (*ENGLISH_NAMES, "zeit", "temps", "tiempo", "tempo", "tijd")
+"""What a channel of time is called, in any case: the first two come before what other languages
+call it."""
 
 DATE_NAMES = ("timestamp", "datetime", "date")
 """What a channel of time may be called besides if it holds dates: numbers under such a name count
@@ -240,11 +242,13 @@ def _kept_units(
 def time_channels(source: OpenFile) -> list[Channel]:
     """Give the channels that are time by their name, in any case, without a time of their own.
 
-    Those called t or time; where there are none, those called `DATE_NAMES` that hold dates.
+    Those called t or time; where there are none, those that another language calls so, and then
+    those called `DATE_NAMES` that hold dates.
     """
     free = [channel for channel in source.channels if not channel.clock]
     named = [channel for channel in free if channel.name.casefold() in TIME_NAMES]
-    return named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
+    english = [channel for channel in named if channel.name.casefold() in ENGLISH_NAMES]
+    return english or named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
 
 
 def _with_time(source: OpenFile, wanted: Wanted) -> Wanted:
