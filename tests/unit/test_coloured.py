@@ -23,7 +23,9 @@ from tridentify.estimation.likelihood import curvature
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.curvature import taken
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.noise_model import leaves_coloured_noise
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
+from tridentify.estimation.likelihood.question import Question
 from tridentify.models.regression import BLOCK, Experiment, regress, response_of, restricted
 from tridentify.numerics.autoregression import whiten
 from tridentify.numerics.levinson import autocovariance, polynomial
@@ -377,3 +379,21 @@ def test_noise_model_survives_saving_and_old_files_still_load(tmp_path):
     (tmp_path / "old.json").write_text(json.dumps(document), encoding="utf-8")
     old = Estimate.load(tmp_path / "old.json")
     assert [a.size for a in old.noise_model] == [0]
+
+
+def test_the_search_leaves_coloured_noise_to_whitened_samples() -> None:
+    rng = np.random.default_rng(8)
+    u = np.repeat(rng.choice([-1.0, 1.0], 100), 6)
+    model = TransferFunction([0.5], [1.0, 1.0, 3.0])
+    clean = simulate(model, Record(u, u, dt=0.05))[:, 0]
+    white = rng.standard_normal(u.size)
+    slow = lfilter([1.0], [1.0, -0.9], white)
+    poles = np.array([-0.5 + 1.658j, -0.5 - 1.658j])
+    for noise, expected in ((slow / slow.std(), True), (white, False)):
+        record = Record(u, clean + 0.2 * clean.std() * noise, dt=0.05)
+        problem = Question.of([record], Structure(2, 0)).base
+        assert leaves_coloured_noise(evaluate(problem, poles)) is expected
+    # a residual that follows the input asks for other poles, whatever its colour
+    record = Record(u, clean + 0.01 * clean.std() * slow / slow.std(), dt=0.05)
+    problem = Question.of([record], Structure(1, 0)).base
+    assert not leaves_coloured_noise(evaluate(problem, np.array([-3.0 + 0j])))

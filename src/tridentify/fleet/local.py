@@ -14,21 +14,22 @@ that is given and not fitted.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from tridentify.errors import UnsupportedError
-from tridentify.estimation.likelihood.cost import Point, bank_of, free_states, linear_blocks
+from tridentify.estimation.likelihood.cost import Linear, Point, bank_of
 from tridentify.estimation.likelihood.curvature import physical_transform
+from tridentify.estimation.likelihood.linear_columns import free_states, linear_blocks
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.estimation.methods.base import check
 from tridentify.estimation.methods.capability import EVERYTHING
 from tridentify.fleet.job import Item
 from tridentify.models.regression import regress
-from tridentify.models.response import Response
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.record.formats.assemble import Wanted
@@ -257,13 +258,14 @@ def _shared(width: dict[object, slice]) -> Any:
 
 def _held(problem: Problem, theta: Array) -> tuple[Point, list[Array]]:
     """The point of given coefficients, with the best nuisance terms; residuals of each output."""
-    bank, branches = bank_of(problem, poles_at(problem, theta), 2)
+    found = bank_of(problem, poles_at(problem, theta), 2)
+    bank, branches = found.cascade, found.branches
     regressions = tuple(regress(e, bank) for e in problem.experiments)
     rows = np.zeros((problem.n_outputs, problem.n_inputs, bank.order))
     direct = np.zeros((problem.n_outputs, problem.n_inputs))
     free = np.zeros((len(problem.experiments), problem.n_outputs, bank.order))
-    response = Response(rows, direct, free)
-    point = Point(problem, bank.poles, bank, branches, regressions, (), response)
+    triangles = Triangles.of(regressions, found)
+    point = Point(problem, found.poles, triangles, Linear.given(rows, direct, free))
     betas = _numerators(point, theta)
     residuals = []
     for i in range(problem.n_outputs):
@@ -286,7 +288,7 @@ def _held(problem: Problem, theta: Array) -> tuple[Point, list[Array]]:
                     free[e, i, started] = terms[: started.size]
             parts.append(target)
         residuals.append(np.concatenate(parts))
-    return replace(point, response=Response(rows, direct, free)), residuals
+    return Point(problem, found.poles, triangles, Linear.given(rows, direct, free)), residuals
 
 
 def _numerators(point: Point, theta: Array) -> dict[tuple[int, int], Array]:

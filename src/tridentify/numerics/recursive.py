@@ -48,68 +48,14 @@ R. Kulhavy, Automatica 23(5) (1987), 589-600.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from functools import cache
-from pathlib import Path
-from typing import Any, TypeVar, cast
-
-import numba
 import numpy as np
 
 from tridentify.numerics.arrays import Array
-
-Function = TypeVar("Function", bound=Callable[..., object])
+from tridentify.numerics.compiled import compiled
 
 NEGLIGIBLE = 1e-11
 RENEWED, LOST = 0.05, 1e-20
 TINY = 1e-250
-
-
-def compiled(
-    signature: Any, *, inline: bool = False, wide: bool = False
-) -> Callable[[Function], Function]:
-    """Decorator: machine code for a signature, kept on disk where that is possible.
-
-    The code of a function contains that of the functions it calls, and what is kept would survive
-    a change of theirs if these stand in another file. So it is stamped with the sources of all
-    kernels.
-
-    Parameters
-    ----------
-    signature : str or numba.core.typing.Signature
-        As numba writes it.
-    inline : bool
-        Whether its code is put into that of its callers: a call hands over every array in seven
-        pieces, which takes longer than a small function does.
-    wide : bool
-        Whether its loops are long enough for vector instructions; with loops over a few numbers
-        these are slower.
-    """
-    # a test for a division by zero keeps a loop from being vectorised
-    options: dict[str, Any] = {
-        "forceinline": inline,
-        "error_model": "numpy" if wide else "python",
-    }
-
-    def wrap(function: Function) -> Function:
-        try:
-            found: Any = numba.njit(**options, cache=True)(function)
-            found._cache._cache_file._source_stamp = _stamp()
-        except (AttributeError, RuntimeError):  # no folder can hold it, or another numba
-            found = numba.njit(**options)(function)
-        found.compile(signature)
-        found.disable_compile()
-        return cast(Function, found)
-
-    return wrap
-
-
-@cache
-def _stamp() -> tuple[tuple[str, float, int], ...]:
-    """Names, times and sizes of all files with compiled functions."""
-    here = Path(__file__)
-    files = [here, *sorted((here.parent.parent / "online" / "kernels").glob("*.py"))]
-    return tuple((one.name, one.stat().st_mtime, one.stat().st_size) for one in files)
 
 
 @compiled("UniTuple(float64, 2)(float64[::1], int64, int64, int64, int64, int64)", inline=True)

@@ -18,7 +18,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Status
-from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate
+from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate, point_at
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Recorder,
     at_rounding,
@@ -29,6 +29,7 @@ from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import EQUAL, TRUSTED
+from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Complex
 from tridentify.numerics.slices import Slices, drain
@@ -148,12 +149,13 @@ def _predict(
     """Every choice one Gauss-Newton step ahead of the best seed; and which seed that is."""
     found = []
     for poles in seeds:
-        bank = bank_of(base, poles, 2)[0]
-        whole = known.get(poles.tobytes()) or tuple(regress(e, bank) for e in base.experiments)
+        bank = bank_of(base, poles, 2)
+        whole = known.get(poles.tobytes())
+        whole = whole or tuple(regress(e, bank.cascade) for e in base.experiments)
         own = []
         for v in variants:
             yield
-            own.append(evaluate(v.problem(base), poles, 2, v.regressions(whole, bank)))
+            own.append(point_at(v.problem(base), Triangles.of(whole, bank, v)))
         found.append(own)
     lowest = [min(point.objective for point in points) for points in found]
     seed = lowest.index(min(lowest))

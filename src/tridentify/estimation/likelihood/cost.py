@@ -29,7 +29,6 @@ are those of its innovations (`regression`), and so are ``RSS`` and everything m
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -37,19 +36,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.estimation.likelihood.bank import Bank
 from tridentify.estimation.likelihood.held_poles import at_slow_limit, conditions, left_by
-from tridentify.estimation.likelihood.problem import TOO_SLOW, Problem, Variant
+from tridentify.estimation.likelihood.linear_columns import linear_blocks
+from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_SLOW, Problem, Variant
+from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import LONG, Regression, regress, response_of
-from tridentify.models.response import (
-    Branch,
-    ColumnBlocks,
-    FilteredResponse,
-    Response,
-    nuisance_blocks,
-)
-from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.least_squares import Solution, solve
-from tridentify.numerics.realization import Cascade, filter_map, roots_of, side_by_side
+from tridentify.models.response import Branch, ColumnBlocks, FilteredResponse, Response
+from tridentify.numerics.arrays import Array, Complex, Indices
+from tridentify.numerics.least_squares import Solution
+from tridentify.numerics.realization import Cascade, filter_map, roots_of
 
 FLOOR = 1e-30
 """Share of the output's power added to a residual's: (1e-15)^2, its rounding. The logarithm of a
@@ -59,6 +55,29 @@ LEAST_VARIANCE = 1e-300
 FAR = 0.1
 """Fall of ``-2 log L`` a sample that a step promises, above which the quadratic it rests on is not
 that of the end: 5 % of the residual. What is poor now may lead elsewhere, so no pole is held."""
+
+
+class Linear(NamedTuple):
+    """The linear fits of all outputs, as `compiled_cost.fit_outputs` gives them."""
+
+    rows: Array
+    direct: Array
+    started: Array
+    costs: Array
+    conditions: Array
+    matrices: Array
+    sizes: Indices
+    solutions: Array
+    bases: Array
+    ranks: Indices
+    residuals: Array
+
+    @classmethod
+    def given(cls, rows: Array, direct: Array, started: Array) -> Linear:
+        """Outputs that were not fitted here."""
+        none, whole = np.zeros((0, 0)), np.zeros(0, dtype=np.int64)
+        empty, zero = np.zeros((0, 0, 0)), np.zeros(0)
+        return cls(rows, direct, started, zero, zero, empty, whole, none, empty, whole, none)
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,9 +127,12 @@ class Bend(NamedTuple):
 
 
 class _Decomposition(NamedTuple):
-    """SVD of the scores along the directions that count, scaled; the residual on them, its norm."""
+    """SVD of the scores along the directions that count, scaled; the residual on them, its norm.
 
-    basis: Array
+    ``basis`` are these directions; None where all count.
+    """
+
+    basis: Array | None
     s: Array
     vt: Array
     scale: Array
@@ -128,16 +150,15 @@ class _Decomposition(NamedTuple):
     def step(self, damping: float) -> Array:
         """(n_scores,) change of ``alpha`` and the delays."""
         moved = self.vt.T @ (self.gain(damping) * self.projection)
-        return np.asarray(-self.basis @ (moved / self.scale))
+        moved = moved / self.scale
+        return -moved if self.basis is None else np.asarray(-self.basis @ moved)
 
 
 def _decomposed(scores: Array, residual: Array, basis: Array, held: str = "") -> _Decomposition:
-    own = scores @ basis
-    norms = np.sqrt(np.einsum("ij,ij->j", own, own))
-    scale = np.where(norms > 0, norms, 1.0)
-    u, s, vt = np.linalg.svd(own / scale, full_matrices=False)
-    total = float(np.sqrt(residual @ residual))
-    return _Decomposition(basis, s, vt, scale, u.T @ residual, total, held)
+    from tridentify.estimation.likelihood.compiled_cost import decomposed
+
+    own = np.ascontiguousarray(scores @ basis)
+    return _Decomposition(basis, *decomposed(own, residual), held)
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,36 +169,76 @@ class Point:
     ----------
     problem : Problem
     poles : (n,) complex array
-    bank : Cascade
-        The poles repeated.
-    branches : tuple of Branch
-        The part of the bank that belongs to each denominator.
-    regressions : tuple of Regression
-    fits : tuple of OutputFit
-    response : Response
-        ``y_0`` on ``bank``, without offset and drift.
+    triangles : Triangles
+    linear : Linear
     """
 
     problem: Problem
     poles: Complex
-    bank: Cascade
-    branches: tuple[Branch, ...]
-    regressions: tuple[Regression, ...]
-    fits: tuple[OutputFit, ...]
-    response: Response
+    triangles: Triangles
+    linear: Linear
+
+    @property
+    def bank(self) -> Cascade:
+        """The poles repeated."""
+        return self.triangles.bank.cascade
+
+    @property
+    def branches(self) -> tuple[Branch, ...]:
+        """The part of the bank that belongs to each denominator."""
+        return self.triangles.bank.branches
+
+    @property
+    def regressions(self) -> tuple[Regression, ...]:
+        """The triangle of each experiment."""
+        return self.triangles.regressions
 
     @cached_property
+    def response(self) -> Response:
+        """``y_0`` on ``bank``, without offset and drift."""
+        return Response(self.linear.rows, self.linear.direct, self.linear.started)
+
+    def answering(self, response: Response) -> Point:
+        """The same place with outputs that were not fitted to the triangles."""
+        own = self.linear._replace(
+            rows=response.rows, direct=response.direct, started=response.free
+        )
+        return replace(self, linear=own)
+
+    @cached_property
+    def fits(self) -> tuple[OutputFit, ...]:
+        """The fit of each output, with its columns by name."""
+        found, linear = [], self.linear
+        for i, n in enumerate(linear.sizes.tolist()):
+            columns = ColumnBlocks()
+            for e, regression in enumerate(self.regressions):
+                blocks = linear_blocks(self.problem, self.branches, regression, e, i)
+                columns.add(blocks, regression.targets[i])
+            rows = self.triangles.unstacked
+            solution = Solution(
+                linear.solutions[i, :n],
+                float(linear.costs[i]),
+                float(linear.conditions[i]),
+                rows(linear.bases[i, :, : linear.ranks[i]]),
+            )
+            matrix, residual = rows(linear.matrices[i, :, :n]), rows(linear.residuals[i])
+            found.append(OutputFit(columns, matrix, solution, residual))
+        return tuple(found)
+
+    @property
+    def condition(self) -> float:
+        """Of the linear fits, the largest over the outputs."""
+        return float(self.linear.conditions.max())
+
+    @property
     def counts(self) -> Array:
         """(n_outputs,) samples used."""
-        return np.array(
-            [sum(r.counts[i] for r in self.regressions) for i in range(self.problem.n_outputs)],
-            dtype=np.float64,
-        )
+        return self.triangles.counts
 
-    @cached_property
+    @property
     def rss(self) -> Array:
         """(n_outputs,) residual sums of squares."""
-        return np.array([fit.solution.cost for fit in self.fits])
+        return self.linear.costs
 
     @cached_property
     def variance(self) -> Array:
@@ -189,7 +250,7 @@ class Point:
         """Minus two log likelihood, up to a constant: ``sum_i N_i log variance_i``."""
         return float(self.counts @ np.log(np.maximum(self.variance, LEAST_VARIANCE)))
 
-    @property
+    @cached_property
     def weights(self) -> Array:
         """(n_outputs,) one over the residual standard deviations."""
         return np.asarray(1.0 / np.sqrt(np.maximum(self.variance, LEAST_VARIANCE)))
@@ -225,20 +286,40 @@ class Point:
         return np.stack(found, axis=1) if found else np.zeros((regression.targets[output].size, 0))
 
     @cached_property
+    def _seen(self) -> tuple[Array, Array, _Decomposition]:
+        """Scores, residual and decomposition, with nothing held."""
+        from tridentify.estimation.likelihood.compiled_cost import scores_at
+
+        triangles, linear, pattern = self.triangles, self.linear, self.problem.pattern
+        bank = triangles.bank
+        scores, residual, s, vt, scale, projection, total = scores_at(
+            triangles.stack,
+            triangles.which,
+            int(triangles.layout.free),
+            triangles.free,
+            pattern.orders,
+            pattern.firsts,
+            pattern.group,
+            bank.repeats,
+            bank.cascade.a,
+            bank.cascade.b,
+            bank.maps,
+            linear.rows,
+            linear.direct,
+            linear.started,
+            linear.bases,
+            linear.ranks,
+            linear.residuals,
+            self.weights,
+            self.problem.n_delays,
+        )
+        found = _Decomposition(None, s, vt, scale, projection, total, "")
+        return scores, residual, found
+
+    @property
     def _scores(self) -> tuple[Array, Array]:
         """Minus the derivatives by ``alpha`` and the delays, projected, and the residual."""
-        projected, residuals = [], []
-        for i, fit in enumerate(self.fits):
-            raw = np.vstack(
-                [
-                    np.hstack([self.score_states.signals(r, e, i), self.slopes(r, i)])
-                    for e, r in enumerate(self.regressions)
-                ]
-            )
-            q = fit.solution.basis
-            projected.append(self.weights[i] * (raw - q @ (q.T @ raw)))
-            residuals.append(self.weights[i] * fit.residual)
-        return np.vstack(projected), np.concatenate(residuals)
+        return self._seen[:2]
 
     @cached_property
     def _decomposition(self) -> _Decomposition:
@@ -247,10 +328,14 @@ class Point:
         Delays that lie at an end of their range and pull outward stay there, and so do poles at a
         slow limit (`held_poles`).
         """
-        scores, residual = self._scores
+        scores, residual, found = self._seen
         n = scores.shape[1]
-        found = _decomposed(scores, residual, np.eye(n))
-        is_slow = at_slow_limit(self.poles, self.problem.slowest).any()
+        slowest = self.problem.slowest
+        # a pole is not slow where its decay is above both of the limits
+        near = any(
+            -z.real <= 1.001 * max(slowest, LEAST_DAMPED * abs(z)) for z in self.poles.tolist()
+        )
+        is_slow = near and at_slow_limit(self.poles, slowest).any()
         if self.problem.limits is None and not is_slow:
             return found
         rows: Array = np.zeros((0, n))
@@ -378,7 +463,8 @@ class Point:
         found = self._decomposition
         if not found.s[-1] > 0:
             return float("inf")
-        root = found.basis @ (found.vt.T / found.s / found.scale[:, None])
+        root = found.vt.T / found.s / found.scale[:, None]
+        root = root if found.basis is None else found.basis @ root
         worst = 0.0
         for one in self.branches:
             z, right = np.linalg.eig(one.inner.a)
@@ -487,38 +573,7 @@ class Point:
         return columns, columns.assemble()[0], np.concatenate(owner)
 
 
-def linear_blocks(
-    problem: Problem,
-    branches: Sequence[Branch],
-    regression: Regression,
-    experiment: int,
-    output: int,
-) -> dict[object, Array]:
-    """Columns of ``b``, the free response, offset and drift at fixed denominators."""
-    q = regression.layout.order
-    blocks: dict[object, Array] = {}
-    for j, m in enumerate(problem.n_zeros[output]):
-        branch = next(one for one in branches if one.channels[output, j])
-        n = branch.inner.order
-        rows = np.zeros((q, min(m + 1, n)))
-        rows[branch.own] = branch.basis.rows[: min(m + 1, n)].T
-        block = regression.input_signal(output, j, rows)
-        if m == n:
-            direct = regression.signals[output][:, regression.layout.direct(j)]
-            block = np.column_stack([block, direct])
-        blocks["b", j] = block
-    if regression.layout.free:
-        blocks["free", experiment] = regression.signals[output][:, free_states(branches, output)]
-    return blocks | nuisance_blocks(regression, experiment, output)
-
-
-def free_states(branches: Sequence[Branch], output: int) -> NDArray[np.intp]:
-    """States of the bank that span the free response of one output."""
-    used = [one.own for one in branches if one.channels[output].any()]
-    return np.concatenate([np.arange(own.start, own.stop) for own in used])
-
-
-def bank_of(problem: Problem, poles: Complex, repeats: int) -> tuple[Cascade, tuple[Branch, ...]]:
+def bank_of(problem: Problem, poles: Complex, repeats: int) -> Bank:
     """The poles repeated, a branch for each denominator.
 
     Parameters
@@ -527,19 +582,8 @@ def bank_of(problem: Problem, poles: Complex, repeats: int) -> tuple[Cascade, tu
     poles : (n,) complex array
         Admissible poles.
     repeats : int
-
-    Returns
-    -------
-    bank : Cascade
-    branches : tuple of Branch
     """
-    branches = []
-    for group in problem.groups:
-        channels = np.zeros((problem.n_outputs, problem.n_inputs), dtype=bool)
-        channels[tuple(np.transpose(group.channels))] = True
-        own = poles[group.poles]
-        branches.append(Branch.of(own, repeats, repeats * group.first, group.first, channels))
-    return side_by_side([branch.bank for branch in branches]), tuple(branches)
+    return Bank.of(problem.pattern, poles, repeats)
 
 
 def evaluate(
@@ -549,7 +593,6 @@ def evaluate(
     regressions: tuple[Regression, ...] | None = None,
     delays: Array | None = None,
     pinned: NDArray[np.bool_] | None = None,
-    banks: tuple[Cascade, tuple[Branch, ...]] | None = None,
 ) -> Point:
     """Filter the records on the poles (repeated) and fit all that is linear.
 
@@ -566,8 +609,6 @@ def evaluate(
         Of the inputs [s], in place of the problem's.
     pinned : (n_inputs,) bool array, optional
         Delays that are to stay there.
-    banks : tuple, optional
-        As of `bank_of`, where they are known already.
 
     Returns
     -------
@@ -575,34 +616,10 @@ def evaluate(
     """
     if delays is not None:
         problem = replace(problem.delayed(delays), pinned=pinned)
-    bank, branches = bank_of(problem, poles, repeats) if banks is None else banks
+    bank = bank_of(problem, poles, repeats)
     if regressions is None:
-        regressions = tuple(regress(e, bank) for e in problem.experiments)
-    q = bank.order
-    rows = np.zeros((problem.n_outputs, problem.n_inputs, q))
-    direct = np.zeros((problem.n_outputs, problem.n_inputs))
-    free = np.zeros((len(problem.experiments), problem.n_outputs, q))
-    fits = []
-    for i in range(problem.n_outputs):
-        columns = ColumnBlocks()
-        for e, regression in enumerate(regressions):
-            blocks = linear_blocks(problem, branches, regression, e, i)
-            columns.add(blocks, regression.targets[i])
-        matrix, target = columns.assemble()
-        solution = solve(matrix, target)
-        fits.append(OutputFit(columns, matrix, solution, target - matrix @ solution.x))
-        for j, m in enumerate(problem.n_zeros[i]):
-            branch = next(one for one in branches if one.channels[i, j])
-            n = branch.inner.order
-            beta = columns.pick(solution.x, ("b", j))
-            rows[i, j, branch.own] = beta[:n] @ branch.basis.rows[: min(m + 1, n)]
-            direct[i, j] = beta[n] if m == n else 0.0
-        started = free_states(branches, i)
-        for e, regression in enumerate(regressions):
-            if regression.layout.free:
-                free[e, i, started] = columns.pick(solution.x, ("free", e))
-    response = Response(rows, direct, free)
-    return Point(problem, poles, bank, branches, regressions, tuple(fits), response)
+        regressions = tuple(regress(e, bank.cascade) for e in problem.experiments)
+    return point_at(problem, Triangles.of(regressions, bank))
 
 
 def evaluate_variant(
@@ -615,6 +632,25 @@ def evaluate_variant(
     """As `evaluate`, for a choice of nuisance terms of a problem that has more of them."""
     if delays is not None:
         base = base.delayed(delays)
-    banks = bank_of(base, poles, repeats)
-    whole = variant.regressions(tuple(regress(e, banks[0]) for e in base.experiments), banks[0])
-    return evaluate(variant.problem(base), poles, repeats, whole, banks=banks)
+    bank = bank_of(base, poles, repeats)
+    whole = tuple(regress(e, bank.cascade) for e in base.experiments)
+    return point_at(variant.problem(base), Triangles.of(whole, bank, variant))
+
+
+def point_at(problem: Problem, triangles: Triangles) -> Point:
+    """The best fit of all that is linear, where the triangles were made."""
+    from tridentify.estimation.likelihood.compiled_cost import fit_outputs
+
+    bank = triangles.bank
+    found = fit_outputs(
+        triangles.stack,
+        triangles.which,
+        triangles.targets,
+        int(triangles.layout.free),
+        triangles.free,
+        triangles.nuisance,
+        *problem.pattern,
+        bank.repeats,
+        bank.basis,
+    )
+    return Point(problem, bank.poles, triangles, Linear(*found))

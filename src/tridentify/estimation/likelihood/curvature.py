@@ -153,7 +153,7 @@ def degrees_of_freedom(point: Point) -> Array:
 
     A denominator is split evenly among the outputs that share it.
     """
-    own = np.array([fit.matrix.shape[1] for fit in point.fits], dtype=np.float64)
+    own = point.linear.sizes.astype(np.float64)
     shared = np.zeros(own.size)
     for group in point.problem.groups:
         outputs = sorted({i for i, _ in group.channels})

@@ -268,12 +268,11 @@ def _settled(held: str) -> Status:
 
 
 def _error_step(point: Point, damping: float) -> Step:
-    condition = max(fit.solution.condition for fit in point.fits)
     note = f"damping {damping:.1e}" if damping else ""
     return Step(
         "output error",
         point.problem.lower_coefficients(point.poles),
         float(point.rss.sum() / point.counts.sum()),
-        condition,
+        point.condition,
         note,
     )

@@ -37,7 +37,7 @@ from tridentify.numerics.autoregression import (
     fit_autoregression,
     most_coefficients,
 )
-from tridentify.numerics.whiteness import input_share
+from tridentify.numerics.whiteness import input_share, is_white
 
 NoiseChoice = Literal["white", "ar", "auto"]
 
@@ -124,8 +124,21 @@ def follows_input(point: Point, output: int, series: Sequence[Array]) -> bool:
 
 def most_orders(point: Point, output: int) -> int:
     """Highest order for one output: what its samples leave after the other unknowns."""
-    own = point.fits[output].matrix.shape[1] + point.problem.n_poles
+    own = int(point.linear.sizes[output]) + point.problem.n_poles
     return most_coefficients(int(point.counts[output] - PER_UNKNOWN * own))
+
+
+def leaves_coloured_noise(point: Point) -> bool:
+    """Whether a model of the noise is what the residual of a point asks for.
+
+    A richer model of the plant explains coloured noise, too, and AICc for white noise cannot tell:
+    so long as nothing but noise is left, that is no sign of poles at a wrong place.
+    """
+    if refusal(point) is not None:
+        return False
+    series = residual_series(point, TESTED)
+    tinted = [i for i, own in enumerate(series) if not is_white(own)]
+    return bool(tinted) and not any(follows_input(point, i, series[i]) for i in tinted)
 
 
 def refusal(point: Point) -> UnsupportedError | TooFewSamplesError | None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.models.regression import Experiment, Regression, restricted
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Flags, Indices
 from tridentify.numerics.realization import Cascade, denominator, sort_poles
 from tridentify.structure import Structure
 
@@ -60,6 +61,25 @@ class Group(NamedTuple):
     def of_output(self, output: int) -> bool:
         """Whether any of its channels leads to an output."""
         return any(i == output for i, _ in self.channels)
+
+
+class Pattern(NamedTuple):
+    """Which channel has which denominator, as arrays (`compiled_cost`).
+
+    ``orders``, ``firsts`` (n_groups,): number of poles of each denominator, and the first of them
+    among all; ``group``, ``zeros`` (n_outputs, n_inputs): the denominator of each channel and the
+    degree of its numerator.
+    """
+
+    orders: Indices
+    firsts: Indices
+    group: Indices
+    zeros: Indices
+
+    @property
+    def channels(self) -> tuple[Flags, ...]:
+        """For each denominator (n_outputs, n_inputs), which channels have it."""
+        return tuple(self.group == g for g in range(self.orders.size))
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,6 +192,25 @@ class Problem:
     def freed(self, limits: Array | None, floors: Array | None = None) -> Problem:
         """The same problem with delays estimated along within limits, or known (None)."""
         return replace(self, limits=limits, floors=floors)
+
+    @cached_property
+    def pattern(self) -> Pattern:
+        """Its orders and channels as arrays."""
+        group = np.zeros((self.n_outputs, self.n_inputs), dtype=np.int64)
+        for g, own in enumerate(self.groups):
+            for i, j in own.channels:
+                group[i, j] = g
+        return Pattern(
+            np.array([own.order for own in self.groups], dtype=np.int64),
+            np.array([own.first for own in self.groups], dtype=np.int64),
+            group,
+            np.array(self.n_zeros, dtype=np.int64).reshape(group.shape),
+        )
+
+    @cached_property
+    def smaller(self) -> dict[Variant, Problem]:
+        """The problems of choices of nuisance terms, made once (`Variant.problem`)."""
+        return {}
 
     @property
     def n_delays(self) -> int:
@@ -346,11 +385,14 @@ class Variant:
 
     def problem(self, base: Problem) -> Problem:
         """The smaller problem; its inputs are the base's, so it is for counting only."""
-        experiments = tuple(
-            replace(e, free=self.free, offset=self.offset, drift=self.drift)
-            for e in base.experiments
-        )
-        return replace(base, experiments=experiments)
+        found = base.smaller.get(self)
+        if found is None:
+            experiments = tuple(
+                replace(e, free=self.free, offset=self.offset, drift=self.drift)
+                for e in base.experiments
+            )
+            found = base.smaller[self] = replace(base, experiments=experiments)
+        return found
 
     def regressions(self, whole: Sequence[Regression], bank: Cascade) -> tuple[Regression, ...]:
         """Triangles of the smaller problem from those of the base."""

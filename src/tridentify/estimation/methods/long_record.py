@@ -25,13 +25,14 @@ from tridentify.estimation.answer.assemble import Request, assemble
 from tridentify.estimation.answer.estimate import Estimate, Status, Trace
 from tridentify.estimation.likelihood.answer import Ending, solved_at
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decisions_in_words
-from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate_variant, linear_blocks
+from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate_variant
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Patience,
     Recorder,
     criterion,
     finish,
 )
+from tridentify.estimation.likelihood.linear_columns import linear_blocks
 from tridentify.estimation.likelihood.nuisance import (
     SLACK,
     Nuisances,
@@ -337,7 +338,7 @@ def _plain_rss(question: LongQuestion, end: Finished) -> Array:
     """(n_outputs,) sums of squares of the residual as it is, not whitened: one more reading."""
     point, variant = end.point, question.variants[question.choices.index(end.nuisances)]
     base = question.base.whitened(())
-    bank = bank_of(base, point.poles, 2)[0]
+    bank = bank_of(base, point.poles, 2).cascade
     whole: tuple[Regression, ...] = tuple(regress(e, bank) for e in base.experiments)
     (regression,) = variant.regressions(whole, bank)
     found = []

@@ -225,7 +225,7 @@ class OutputError:
             "series-parallel" if start is None else "output error",
             base.lower_coefficients(first.poles),
             mean_square(first),
-            max(fit.solution.condition for fit in first.fits),
+            first.condition,
             note,
         )
         recorder.add(first, (step,), np.nan, note)

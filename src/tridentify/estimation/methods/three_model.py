@@ -222,15 +222,15 @@ class ThreeModel:
         question = Question.of(records, structure, patience=self.patience, say=say)
         if located is not None:
             question = question.delayed(located.place.delays)
+        route, noise = taken_by(self.route, self.noise)
         say("the three models, from several starts")
         # Steps 1 and 2, the parallel and the series-parallel model, from several operators
-        starts = search(question, self.starts)
+        starts = search(question, self.starts, whitened_later=noise != "white")
         if located is not None:
             question, starts = question.freed(located.limits), starts.beside(located.place.poles)
         # Step 4: repeated on adapted operators, to the stationary point of the output error
         best = maximum(question, starts)
         # the noise modelled where it is not white, and all steps again on whitened samples
-        route, noise = taken_by(self.route, self.noise)
         ended, in_loop = question.ended(best.end.point), route == "direct"
         best = with_noise_model(noise, ended, starts, best, in_loop=in_loop)
         # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there

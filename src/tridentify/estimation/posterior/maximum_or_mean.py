@@ -223,7 +223,7 @@ def _continued(trace: Trace, point: Point, found: Posterior, told: str) -> Trace
         "posterior",
         denominator(point.poles)[1:],
         float(point.rss.sum() / point.counts.sum()),
-        max(fit.solution.condition for fit in point.fits),
+        point.condition,
         f"{found.evaluated} denominators, worth {found.effective:.0f}",
     )
     recorder.add(point, (step,), np.nan, "")

@@ -29,7 +29,13 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Pass, Start
-from tridentify.estimation.likelihood.cost import Point, bank_of, evaluate, evaluate_variant
+from tridentify.estimation.likelihood.cost import (
+    Point,
+    bank_of,
+    evaluate,
+    evaluate_variant,
+    point_at,
+)
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Recorder,
     at_rounding,
@@ -39,7 +45,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finishing,
     mean_square,
 )
-from tridentify.estimation.likelihood.noise_model import TESTED
+from tridentify.estimation.likelihood.noise_model import TESTED, leaves_coloured_noise
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
@@ -52,6 +58,7 @@ from tridentify.estimation.likelihood.thresholds import (
     PLAUSIBLE,
     WORTHWHILE,
 )
+from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.estimation.search.one_mode_moved import Move, moving_poles
 from tridentify.estimation.search.passes import MOST_ADAPTED, adapting
 from tridentify.estimation.search.stand_ins import (
@@ -222,7 +229,9 @@ class Starts:
         )
 
 
-def search(question: Question, n_starts: int, far: Far | None = None) -> Starts:
+def search(
+    question: Question, n_starts: int, far: Far | None = None, *, whitened_later: bool = False
+) -> Starts:
     """Steps 1 and 2 from several operators, repeated until a richer model has nothing to add.
 
     Parameters
@@ -232,8 +241,11 @@ def search(question: Question, n_starts: int, far: Far | None = None) -> Starts:
         Most starts of a kind that are followed.
     far : Far, optional
         What the averaged record gave to the search of the same records before they were whitened.
+    whitened_later : bool
+        Whether noise that is not white will get a model, and whitened samples a search of their
+        own: then this one need not follow what only coloured noise asks for.
     """
-    worker = Search(n_starts, far=far)
+    worker = Search(n_starts, far=far, whitened_later=whitened_later)
     worker.run(question.base, question.variants)
     seeds, trails, tried = tuple(worker.seeds), tuple(worker.trails), tuple(worker.starts)
     return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan, worker.far)
@@ -324,6 +336,8 @@ class Search:
         Where steps on the cost ended.
     far : Far, optional
         What the averaged record gave.
+    whitened_later : bool
+        Whether coloured noise is left to a search of whitened samples.
     """
 
     n_starts: int
@@ -339,6 +353,7 @@ class Search:
     followed: list[Followed] = field(default_factory=list)
     ends: list[Met] = field(default_factory=list)
     far: Far | None = None
+    whitened_later: bool = False
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
@@ -514,6 +529,8 @@ class Search:
                 return SearchEnd(base, best, variant, reachable, True)
             before = criterion(best)
             best = yield from self._best_of(enriched[:2], reachable, best, where)
+            if self.whitened_later and leaves_coloured_noise(best):
+                break
             if criterion(best) < before - EQUAL:
                 continue
             if not further:
@@ -649,9 +666,9 @@ class Search:
 def _end_of(base: Problem, variants: Sequence[Variant], near: Point, loosest: float) -> End | None:
     """Where a window's poles lead on the whole record; None where that is no end of use."""
     poles, variant = _sharpened(base, near.poles), variants[-1]
-    bank = bank_of(base, poles, 2)[0]
-    whole = tuple(regress(e, bank) for e in base.experiments)
-    point = evaluate(variant.problem(base), poles, 2, variant.regressions(whole, bank))
+    bank = bank_of(base, poles, 2)
+    whole = tuple(regress(e, bank.cascade) for e in base.experiments)
+    point = point_at(variant.problem(base), Triangles.of(whole, bank, variant))
     if at_rounding(point) or point.looseness > HOPELESS_RATIO * loosest:
         return None
     alone = len(variants) == 1 and _is_all_of(variant, base)

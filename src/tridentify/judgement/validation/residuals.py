@@ -24,8 +24,9 @@ from tridentify.errors import ChannelCountError, DataError, TooFewSamplesError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Status
-from tridentify.estimation.likelihood.cost import Point, evaluate, free_states
+from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import physical_map
+from tridentify.estimation.likelihood.linear_columns import free_states
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.raster import on_raster
 from tridentify.judgement.causes.first_samples import beginning
@@ -183,7 +184,7 @@ def look(
         what = "the record that was identified" if identified else f"as experiment {experiment}"
         told.insert(0, f"{what}: offset and initial state are those of the estimate")
         point = _point(estimate, kept, chosen)
-        point = replace(point, response=_response(estimate, point, whose))
+        point = point.answering(_response(estimate, point, whose))
         residual = [
             estimate.residual(record, experiment=e) for record, e in zip(kept, whose, strict=True)
         ]
@@ -324,7 +325,7 @@ def _fitted_start(
         criterion += aicc_price(float(k), n)
         if best is None or criterion < best[0]:
             response = replace(_response(estimate, point, None), free=free)
-            best = criterion, chosen, replace(point, response=response), residual
+            best = criterion, chosen, point.answering(response), residual
     assert best is not None
     return best[1:]
 

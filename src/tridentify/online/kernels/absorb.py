@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.recursive import compiled, forget, innovate, rotate
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.recursive import forget, innovate, rotate
 from tridentify.online.kernels.intake import doubt, learn, noise_scale, watch
 from tridentify.online.kernels.slots import (
     AT_ROW,

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.recursive import compiled, correct, drift, predict, solve_triangle
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.recursive import correct, drift, predict, solve_triangle
 from tridentify.online.kernels.absorb import absorb, refuse
 from tridentify.online.kernels.intake import count, doubt, learn, noise_scale, take_in, watch
 from tridentify.online.kernels.slots import (

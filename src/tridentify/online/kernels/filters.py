@@ -7,7 +7,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.recursive import compiled
+from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels.signatures import INTS, SAMPLES, TABLE, VECTOR
 from tridentify.online.kernels.slots import (
     AT_LINE,

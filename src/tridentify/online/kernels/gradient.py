@@ -22,7 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.recursive import along, compiled, descend
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.recursive import along, descend
 from tridentify.online.kernels.absorb import refuse
 from tridentify.online.kernels.gradient_slots import (
     ANSWERS,

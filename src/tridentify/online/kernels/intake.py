@@ -43,7 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.recursive import compiled
+from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels.slots import (
     ALARM,
     ALERT,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.recursive import compiled
+from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels.absorb import absorb
 from tridentify.online.kernels.intake import count, take_in
 from tridentify.online.kernels.slots import (

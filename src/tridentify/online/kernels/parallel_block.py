@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.recursive import compiled
+from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels.blocks import SHORTEST, absorb_block, count_block, quiet
 from tridentify.online.kernels.filters import direct_terms, line_up, run_inputs
 from tridentify.online.kernels.signatures import MANY

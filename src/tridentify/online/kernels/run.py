@@ -13,7 +13,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.recursive import compiled
+from tridentify.numerics.compiled import compiled
 from tridentify.online.kernels.signatures import INTS, MANY, ONE, ROOM, TABLE, WHICH
 from tridentify.online.kernels.slots import (
     AT_WATCH,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.recursive import LOST, NEGLIGIBLE, RENEWED, TINY, compiled
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.recursive import LOST, NEGLIGIBLE, RENEWED, TINY
 from tridentify.online.kernels.workspace import COSINES, FIT, LEFT, LEVERAGE, NOW, REFERENCE, SINES
 
 

@@ -1,0 +1,72 @@
+"""The bank that a cost is worked out on: the poles of every denominator, several times over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tridentify.estimation.likelihood.problem import Pattern
+from tridentify.models.response import Branch
+from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.realization import Cascade
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """Poles repeated, a cascade for each denominator beside the others.
+
+    Attributes
+    ----------
+    pattern : Pattern
+    poles : (n_poles,) complex array
+        Once, group by group.
+    repeats : int
+    cascade : Cascade
+        All states (q).
+    basis : (n_poles, largest order) array
+        Each group's numerators sorted by degree.
+    maps : flat array
+        How the filter of each group answers to the states of its bank.
+    """
+
+    pattern: Pattern
+    poles: Complex
+    repeats: int
+    cascade: Cascade
+    basis: Array
+    maps: Array
+
+    @classmethod
+    def of(cls, pattern: Pattern, poles: Complex, repeats: int) -> Bank:
+        """The bank of admissible poles.
+
+        Raises
+        ------
+        ValueError
+            If a pole is not in the open left half plane or a pair is torn apart.
+        """
+        from tridentify.numerics.kernels.cascades import bank_parts
+
+        poles = np.ascontiguousarray(poles, dtype=np.complex128)
+        orders = pattern.orders
+        a, b, basis, _, maps = bank_parts(poles, orders, repeats, max(orders.tolist()))
+        if orders.size == 1:
+            every = np.concatenate([poles] * repeats)
+        else:
+            starts = zip(pattern.firsts.tolist(), orders.tolist(), strict=True)
+            every = np.concatenate([np.tile(poles[at : at + n], repeats) for at, n in starts])
+        return cls(pattern, poles, repeats, Cascade(a, b, every), basis, maps)
+
+    @cached_property
+    def branches(self) -> tuple[Branch, ...]:
+        """The part of the bank that belongs to each denominator."""
+        pattern = self.pattern
+        starts = zip(
+            pattern.firsts.tolist(), pattern.orders.tolist(), pattern.channels, strict=True
+        )
+        return tuple(
+            Branch.of(self.poles[at : at + n], self.repeats, self.repeats * at, at, channels)
+            for at, n, channels in starts
+        )

@@ -1,0 +1,344 @@
+"""The cost at one denominator in machine code: linear fits, scores and their decomposition.
+
+What `likelihood.cost` derives, on the triangles of all experiments at once and without Python. Any
+structure is a few index arrays: which group of channels (denominator) a channel belongs to, the
+degree of its numerator, where the poles and states of each group begin. The triangles of output
+``i`` in experiment ``e`` are ``stack[which[e, i]]``, with rows of zeros where one is shorter: such
+rows change no least-squares problem.
+
+Columns of a triangle: impulse states (where ``first_input`` is one), states of every input, the
+inputs themselves, and the constant and the ramp, of which ``nuisance`` names those that are kept.
+
+Unknowns of an output's fit: the numerators, then per experiment the free response and the nuisance
+terms.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tridentify.numerics.arrays import Array, Indices
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.kernels.small_least_squares import solve_small
+
+Linear = tuple[Array, Array, Array, Array, Array, Array, Indices, Array, Array, Indices, Array]
+"""What `fit_outputs` gives."""
+
+
+@compiled("(int64[:,::1], int64, int64, int64)")
+def _leads_to(group: Indices, output: int, g: int, n_inputs: int) -> bool:
+    """Whether any channel of a group leads to an output."""
+    found = False
+    for j in range(n_inputs):
+        found = found or group[output, j] == g
+    return found
+
+
+@compiled(
+    "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
+    " int64[::1], int64[:,::1], int64[:,::1], int64, float64[:,::1])",
+    free=True,
+)
+def fit_outputs(
+    stack: Array,
+    which: Indices,
+    targets: Array,
+    first_input: int,
+    free: bool,
+    nuisance: Indices,
+    orders: Indices,
+    firsts: Indices,
+    group: Indices,
+    zeros: Indices,
+    repeats: int,
+    basis: Array,
+) -> Linear:
+    """Fit all that is linear, output by output.
+
+    Parameters
+    ----------
+    stack : (n_triangles, r, n_columns) array
+    which : (n_experiments, n_outputs) int array
+        The triangle of each.
+    targets : (n_experiments, n_outputs, r) array
+    first_input : int
+        One where the first states of a triangle are those of an impulse, else zero.
+    free : bool
+        Whether a free initial state is fitted.
+    nuisance : (k,) int array
+        Columns of constant and ramp that are kept.
+    orders, firsts : (n_groups,) int arrays
+        Number of poles of each denominator, and the first of them among all.
+    group, zeros : (n_outputs, n_inputs) int arrays
+        The denominator of each channel, and the degree of its numerator.
+    repeats : int
+        How often each pole stands in the bank.
+    basis : (n_poles, most) array
+        Degree bases (`numerics.kernels.cascades.bank_parts`).
+
+    Returns
+    -------
+    rows : (n_outputs, n_inputs, q) array
+    direct : (n_outputs, n_inputs) array
+    started : (n_experiments, n_outputs, q) array
+    costs, conditions : (n_outputs,) arrays
+    matrices : (n_outputs, n_experiments r, most unknowns) array
+    sizes : (n_outputs,) int array
+        Unknowns of each output.
+    solutions : (n_outputs, most unknowns) array
+    bases : as ``matrices``
+        Orthonormal columns that span each.
+    ranks : (n_outputs,) int array
+    residuals : (n_outputs, n_experiments r) array
+    """
+    n_experiments, n_outputs, height = targets.shape
+    n_inputs, n_groups = group.shape[1], orders.size
+    q = repeats * (firsts[-1] + orders[-1])
+    first_direct = q * (n_inputs + first_input)
+    sizes = np.zeros(n_outputs, dtype=np.int64)
+    for i in range(n_outputs):
+        for j in range(n_inputs):
+            sizes[i] += zeros[i, j] + 1
+        local = nuisance.size
+        if free:
+            for g in range(n_groups):
+                if _leads_to(group, i, g, n_inputs):
+                    local += orders[g]
+        sizes[i] += n_experiments * local
+    most = sizes.max()
+    rows, direct = np.zeros((n_outputs, n_inputs, q)), np.zeros((n_outputs, n_inputs))
+    started = np.zeros((n_experiments, n_outputs, q))
+    costs, conditions = np.zeros(n_outputs), np.zeros(n_outputs)
+    matrices = np.zeros((n_outputs, n_experiments * height, most))
+    bases = np.zeros((n_outputs, n_experiments * height, most))
+    solutions, ranks = np.zeros((n_outputs, most)), np.zeros(n_outputs, dtype=np.int64)
+    residuals = np.zeros((n_outputs, n_experiments * height))
+    for i in range(n_outputs):
+        matrix = np.zeros((n_experiments * height, sizes[i]))
+        target = np.empty(n_experiments * height)
+        shared = 0
+        for j in range(n_inputs):
+            shared += zeros[i, j] + 1
+        at = shared
+        for e in range(n_experiments):
+            s, top = stack[which[e, i]], e * height
+            for r in range(height):
+                target[top + r] = targets[e, i, r]
+            place = 0
+            for j in range(n_inputs):
+                g = group[i, j]
+                n, pole = orders[g], firsts[g]
+                state = q * (j + first_input) + pole * repeats
+                count = min(zeros[i, j] + 1, n)
+                for d in range(count):
+                    weights = basis[pole + d]
+                    for r in range(height):
+                        total = 0.0
+                        for k in range(n):
+                            total += s[r, state + k] * weights[k]
+                        matrix[top + r, place + d] = total
+                if zeros[i, j] == n:
+                    for r in range(height):
+                        matrix[top + r, place + n] = s[r, first_direct + j]
+                place += zeros[i, j] + 1
+            if free:
+                for g in range(n_groups):
+                    if _leads_to(group, i, g, n_inputs):
+                        for k in range(orders[g]):
+                            for r in range(height):
+                                matrix[top + r, at] = s[r, firsts[g] * repeats + k]
+                            at += 1
+            for k in range(nuisance.size):
+                for r in range(height):
+                    matrix[top + r, at] = s[r, nuisance[k]]
+                at += 1
+        x, cost, condition, span, residual = solve_small(matrix, target)
+        costs[i], conditions[i], ranks[i] = cost, condition, span.shape[1]
+        matrices[i, :, : sizes[i]], bases[i, :, : ranks[i]] = matrix, span
+        solutions[i, : sizes[i]], residuals[i] = x, residual
+        place = 0
+        for j in range(n_inputs):
+            n, pole = orders[group[i, j]], firsts[group[i, j]]
+            for d in range(min(zeros[i, j] + 1, n)):
+                for k in range(n):
+                    rows[i, j, pole * repeats + k] += x[place + d] * basis[pole + d, k]
+            if zeros[i, j] == n:
+                direct[i, j] = x[place + n]
+            place += zeros[i, j] + 1
+        if free:
+            for e in range(n_experiments):
+                for g in range(n_groups):
+                    if _leads_to(group, i, g, n_inputs):
+                        for k in range(orders[g]):
+                            started[e, i, firsts[g] * repeats + k] = x[place]
+                            place += 1
+                place += nuisance.size
+    return (
+        rows, direct, started, costs, conditions, matrices, sizes, solutions, bases, ranks,
+        residuals,
+    )  # fmt: skip
+
+
+@compiled("(float64[:,::1], float64[::1])")
+def decomposed(scores: Array, residual: Array) -> tuple[Array, Array, Array, Array, float]:
+    """Singular values of scores with columns of length one, and the residual in their terms.
+
+    Parameters
+    ----------
+    scores : (rows, n) array
+    residual : (rows,) array
+
+    Returns
+    -------
+    s, vt, scale, projection, total
+        As of `scores_at`.
+    """
+    tall, n = scores.shape
+    scale = np.zeros(n)
+    for r in range(tall):
+        for c in range(n):
+            scale[c] += scores[r, c] * scores[r, c]
+    for c in range(n):
+        scale[c] = np.sqrt(scale[c]) if scale[c] > 0.0 else 1.0
+    own = np.empty((tall, n))
+    total = 0.0
+    for r in range(tall):
+        total += residual[r] * residual[r]
+        for c in range(n):
+            own[r, c] = scores[r, c] / scale[c]
+    u, s, vt = np.linalg.svd(own, full_matrices=False)
+    projection = np.zeros(s.size)
+    for r in range(tall):
+        for k in range(s.size):
+            projection[k] += u[r, k] * residual[r]
+    return s, np.ascontiguousarray(vt), scale, projection, np.sqrt(total)
+
+
+@compiled(
+    "(float64[:,:,::1], int64[:,::1], int64, boolean, int64[::1], int64[::1], int64[:,::1], int64,"
+    " float64[:,::1], float64[::1], float64[::1], float64[:,:,::1], float64[:,::1],"
+    " float64[:,:,::1], float64[:,:,::1], int64[::1], float64[:,::1], float64[::1], int64)",
+    free=True,
+)
+def scores_at(
+    stack: Array,
+    which: Indices,
+    first_input: int,
+    free: bool,
+    orders: Indices,
+    firsts: Indices,
+    group: Indices,
+    repeats: int,
+    a: Array,
+    b: Array,
+    maps: Array,
+    rows: Array,
+    direct: Array,
+    started: Array,
+    bases: Array,
+    ranks: Indices,
+    residuals: Array,
+    weights: Array,
+    n_delays: int,
+) -> tuple[Array, Array, Array, Array, Array, Array, float]:
+    """Scores projected off the linear columns, and their singular values.
+
+    Parameters
+    ----------
+    stack, which, first_input, free, orders, firsts, group, repeats
+        As of `fit_outputs`.
+    a, b, maps : arrays
+        The bank and how its filters answer (`numerics.kernels.cascades.bank_parts`).
+    rows, direct, started, bases, ranks, residuals
+        From `fit_outputs`.
+    weights : (n_outputs,) array
+        One over the residual standard deviations.
+    n_delays : int
+        Inputs whose delays have scores, too.
+
+    Returns
+    -------
+    scores : (rows, n_poles + n_delays) array
+        Minus the derivatives of the outputs, weighted.
+    residual : (rows,) array
+        Weighted.
+    s : (k,) array
+        Singular values of the scores with columns of length one.
+    vt : (k, n_poles + n_delays) array
+    scale : (n_poles + n_delays,) array
+        Lengths of the scores.
+    projection : (k,) array
+        The residual on the left singular vectors.
+    total : float
+        Length of the residual.
+    """
+    n_experiments, n_outputs = which.shape
+    height, n_inputs, n_groups = stack.shape[1], group.shape[1], orders.size
+    n_poles, q = firsts[-1] + orders[-1], b.size
+    first_direct = q * (n_inputs + first_input)
+    n, tall = n_poles + n_delays, n_experiments * height
+    scores, residual = np.zeros((n_outputs * tall, n)), np.empty(n_outputs * tall)
+    most = orders.max() * repeats
+    filtered = np.empty((orders.max(), most))
+    for i in range(n_outputs):
+        for e in range(n_experiments):
+            s, top = stack[which[e, i]], i * tall + e * height
+            place = 0
+            for g in range(n_groups):
+                order, own, at = orders[g], orders[g] * repeats, firsts[g] * repeats
+                map_ = maps[place : place + own * order * own].reshape((own, order, own))
+                place += own * order * own
+                for j in range(-1, n_inputs):
+                    if j < 0:
+                        if not free or not _leads_to(group, i, g, n_inputs):
+                            continue
+                        column = at
+                    elif group[i, j] != g:
+                        continue
+                    else:
+                        column = q * (j + first_input) + at
+                    filtered[:order, :own] = 0.0
+                    for k in range(own):
+                        weight = (
+                            started[e, i, at + k]
+                            if j < 0
+                            else rows[i, j, at + k] + direct[i, j] * b[at + k]
+                        )
+                        if weight != 0.0:
+                            for c in range(order):
+                                for d in range(own):
+                                    filtered[c, d] += weight * map_[k, c, d]
+                    for r in range(height):
+                        for c in range(order):
+                            value = 0.0
+                            for d in range(own):
+                                value += s[r, column + d] * filtered[c, d]
+                            scores[top + r, firsts[g] + c] += value
+            for j in range(n_delays):
+                slope, jump = np.zeros(q), 0.0
+                for k in range(q):
+                    weight = rows[i, j, k]
+                    if weight != 0.0:
+                        jump += weight * b[k]
+                        for d in range(q):
+                            slope[d] += weight * a[k, d]
+                column = q * (j + first_input)
+                for r in range(height):
+                    value = jump * s[r, first_direct + j]
+                    for d in range(q):
+                        value += s[r, column + d] * slope[d]
+                    scores[top + r, n_poles + j] = value
+        basis, top = bases[i], i * tall
+        for c in range(n):
+            for k in range(ranks[i]):
+                share = 0.0
+                for r in range(tall):
+                    share += basis[r, k] * scores[top + r, c]
+                for r in range(tall):
+                    scores[top + r, c] -= share * basis[r, k]
+            for r in range(tall):
+                scores[top + r, c] *= weights[i]
+        for r in range(tall):
+            residual[top + r] = weights[i] * residuals[i, r]
+    s, vt, scale, projection, total = decomposed(scores, residual)
+    return scores, residual, s, vt, scale, projection, total

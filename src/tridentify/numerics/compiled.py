@@ -1,0 +1,76 @@
+"""Machine code for loops that Python would be slow in, kept on disk.
+
+numba compiles a function for one signature at the first use on a machine, which takes a second or
+so, and keeps the result beside the source. A module whose functions are wrapped by `compiled` is
+therefore imported where it is needed, not with the package.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+
+Function = TypeVar("Function", bound=Callable[..., object])
+
+KERNELS = (
+    "numerics/recursive.py",
+    "numerics/kernels/*.py",
+    "online/kernels/*.py",
+    "models/compiled_*.py",
+    "estimation/*/compiled_*.py",
+)
+"""Files with compiled functions that call one another, below the package."""
+
+
+def compiled(
+    signature: Any, *, inline: bool = False, wide: bool = False, free: bool = False
+) -> Callable[[Function], Function]:
+    """Decorator: machine code for a signature, kept on disk where that is possible.
+
+    The code of a function contains that of the functions it calls, and what is kept would survive
+    a change of theirs if these stand in another file. So it is stamped with the sources of all
+    kernels.
+
+    Parameters
+    ----------
+    signature : str or numba.core.typing.Signature
+        As numba writes it.
+    inline : bool
+        Whether its code is put into that of its callers: a call hands over every array in seven
+        pieces, which takes longer than a small function does.
+    wide : bool
+        Whether its loops are long enough for vector instructions; with loops over a few numbers
+        these are slower.
+    free : bool
+        Whether other threads may run meanwhile (the interpreter's lock is released).
+    """
+    # a test for a division by zero keeps a loop from being vectorised
+    options: dict[str, Any] = {
+        "forceinline": inline,
+        "error_model": "numpy" if wide else "python",
+        "nogil": free,
+    }
+
+    def wrap(function: Function) -> Function:
+        try:
+            found: Any = numba.njit(**options, cache=True)(function)
+            found._cache._cache_file._source_stamp = _stamp()
+        except (AttributeError, RuntimeError):  # no folder can hold it, or another numba
+            found = numba.njit(**options)(function)
+        found.compile(signature)
+        found.disable_compile()
+        return cast(Function, found)
+
+    return wrap
+
+
+@cache
+def _stamp() -> tuple[tuple[str, float, int], ...]:
+    """Names, times and sizes of all files with compiled functions."""
+    package = Path(__file__).parent.parent
+    files = [one for pattern in KERNELS for one in sorted(package.glob(pattern))]
+    return tuple((one.name, one.stat().st_mtime, one.stat().st_size) for one in files)

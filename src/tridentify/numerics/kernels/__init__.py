@@ -1,0 +1,1 @@
+"""Compiled linear algebra of small systems: cascades and least squares."""
