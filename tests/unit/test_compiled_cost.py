@@ -8,8 +8,11 @@ from tridentify.estimation.likelihood.compiled_cost import decomposed
 from tridentify.estimation.likelihood.cost import evaluate, evaluate_variant
 from tridentify.estimation.likelihood.linear_columns import linear_blocks
 from tridentify.estimation.likelihood.question import Question
+from tridentify.estimation.search.passes import both_steps, parallel_model
 from tridentify.models.response import ColumnBlocks
+from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.kernels.cascades import bank_parts, solve_in_place
+from tridentify.numerics.kernels.polynomials import expanded, numerator_table
 from tridentify.numerics.kernels.small_least_squares import solve_small
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.realization import cascade, degree_basis, filter_map
@@ -24,18 +27,37 @@ POLES = {
 
 @pytest.mark.parametrize("repeats", [1, 2, 3])
 @pytest.mark.parametrize("name", POLES)
-def test_a_bank_is_the_cascade_its_basis_and_its_map(name: str, repeats: int) -> None:
+def test_a_bank_has_its_poles_and_is_orthonormal(name: str, repeats: int) -> None:
     poles = np.array(POLES[name], dtype=np.complex128)
     n = poles.size
     a, b, rows, leading, maps = bank_parts(poles, np.array([n]), repeats, n)
-    bank, inner = cascade(np.tile(poles, repeats)), cascade(poles)
-    basis = degree_basis(inner)
-    assert np.allclose(a, bank.a, rtol=1e-13, atol=0.0)
-    assert np.allclose(b, bank.b, rtol=1e-14)
-    assert np.allclose(rows, basis.rows, atol=1e-12)
-    assert np.allclose(leading, basis.leading, rtol=1e-12)
-    found = maps.reshape(bank.order, n, bank.order)
-    assert np.allclose(found, filter_map(inner, bank), atol=1e-12)
+    size = np.abs(a).max()
+    assert np.allclose(a + a.T + np.outer(b, b), 0.0, atol=1e-13 * size)
+    assert np.allclose(np.poly(a), np.poly(np.tile(poles, repeats)).real, rtol=1e-9)
+    inner, first = a[:n, :n], b[:n]
+    # rows sorted by degree: n - 1 - d Markov parameters of row d vanish, the next is `leading`
+    assert np.allclose(rows @ rows.T, np.eye(n), atol=1e-12)
+    for d in range(n):
+        markov = [rows[d] @ np.linalg.matrix_power(inner, k) @ first for k in range(n - d)]
+        assert np.allclose(markov[:-1], 0.0, atol=1e-9 * np.abs(leading[d]))
+        assert markov[-1] == pytest.approx(leading[d], rel=1e-9)
+    # the map solves A_c P + P A' = - B_c e_k' for every state k
+    found = maps.reshape(a.shape[0], n, a.shape[0])
+    for k, one in enumerate(found):
+        expected = -np.outer(first, np.eye(a.shape[0])[k])
+        assert np.allclose(inner @ one + one @ a.T, expected, atol=1e-9 * size)
+
+
+@pytest.mark.parametrize("name", POLES)
+def test_polynomials_are_those_of_the_state_equation(name: str) -> None:
+    poles = np.array(POLES[name], dtype=np.complex128)
+    bank, whole = cascade(poles), expanded(poles)
+    assert np.allclose(whole, np.poly(poles).real, rtol=1e-12)
+    table = numerator_table(poles)
+    for p in (0.3 + 1j, 2.0 - 0.5j):
+        states = np.linalg.solve(p * np.eye(poles.size) - bank.a, bank.b.astype(np.complex128))
+        values = np.array([np.polyval(row, p) for row in table]) / np.polyval(whole, p)
+        assert np.allclose(values, states, rtol=1e-10)
 
 
 def test_denominators_stand_side_by_side() -> None:
@@ -120,6 +142,31 @@ def test_every_choice_is_fitted_as_its_columns_say(name: str) -> None:
             assert np.allclose(fit.matrix, matrix, atol=1e-10 * np.abs(matrix).max())
             assert point.rss[i] == pytest.approx(expected.cost, rel=1e-9)
             assert np.allclose(fit.residual, target - matrix @ expected.x, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_steps_1_and_2_are_those_of_their_own_rooms(name: str) -> None:
+    records, structure = CASES[name]
+    base = Question.of(records, structure).base
+    poles = -np.linspace(0.7, 3.0, base.n_poles).astype(np.complex128)
+    for variant in Question.of(records, structure).variants:
+        point = evaluate_variant(base, variant, poles, 3)
+        (first, second), found = both_steps(point)
+        parallel = parallel_model(point)
+        expected = fit_denominators(
+            point.regressions,
+            parallel.response,
+            [Filtering.adapted(branch) for branch in point.branches],
+            base.n_zeros,
+            point.weights,
+        )
+        size = np.abs(parallel.beta).max()
+        assert np.allclose(first.coefficients, parallel.beta.ravel(), atol=1e-9 * size)
+        assert first.condition == pytest.approx(parallel.condition, rel=1e-6)
+        assert np.allclose(np.sort(found), np.sort(expected.poles), rtol=1e-7)
+        whole = base.vector(expected.poles, expected.b)
+        assert np.allclose(second.coefficients, whole, rtol=1e-6, atol=1e-7 * np.abs(whole).max())
+        assert second.condition == pytest.approx(expected.condition, rel=1e-6)
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -34,7 +34,6 @@ gives its roots without ever being expanded (`roots_of`).
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -123,30 +122,11 @@ def cascade(poles: Complex) -> Cascade:
     >>> bool(np.allclose(c.a + c.a.T + np.outer(c.b, c.b), 0, atol=1e-14))
     True
     """
+    from tridentify.numerics.kernels.cascades import fill_cascade
+
     poles = np.array(poles, dtype=np.complex128)
-    if np.any(poles.real >= 0):
-        raise ValueError("a cascade needs poles with negative real parts")
-    q = poles.size
-    a = np.zeros((q, q))
-    b = np.zeros(q)
-    listed = poles.tolist()
-    i = 0
-    while i < q:
-        z = listed[i]
-        if z.imag == 0:
-            a[i, i] = z.real
-            b[i] = math.sqrt(-2.0 * z.real)
-            i += 1
-            continue
-        if z.imag < 0 or i + 1 >= q or listed[i + 1] != z.conjugate():
-            raise ValueError("conjugate poles must stand side by side, the upper one first")
-        damping, frequency = -2.0 * z.real, abs(z)
-        a[i, i], a[i, i + 1], a[i + 1, i] = -damping, -frequency, frequency
-        b[i] = math.sqrt(2.0 * damping)
-        i += 2
-    section = np.cumsum(poles.imag >= 0)
-    lower = section[:, None] > section[None, :]
-    a -= lower * np.outer(b, b)
+    a, b = np.zeros((poles.size, poles.size)), np.zeros(poles.size)
+    fill_cascade(poles, 1, a, b)
     return Cascade(a, b, poles)
 
 
@@ -158,13 +138,9 @@ def denominator(poles: Complex) -> Array:
     >>> denominator(np.array([-1 + 2j, -1 - 2j, -3.0])).tolist()
     [1.0, 5.0, 11.0, 15.0]
     """
-    coefficients = np.ones(1)
-    for z in poles:
-        if z.imag > 0:
-            coefficients = np.convolve(coefficients, [1.0, -2.0 * z.real, abs(z) ** 2])
-        elif z.imag == 0:
-            coefficients = np.convolve(coefficients, [1.0, -z.real])
-    return coefficients
+    from tridentify.numerics.kernels.polynomials import expanded
+
+    return expanded(np.ascontiguousarray(poles, dtype=np.complex128))
 
 
 def numerators(poles: Complex) -> Array:
@@ -181,25 +157,9 @@ def numerators(poles: Complex) -> Array:
         Row ``i``: ``n_i``, descending powers ``p^{q-1} .. p^0``, so that state ``i`` is
         ``n_i(p) / prod (p - pole)``.
     """
-    q = len(poles)
-    rows = np.zeros((q, q))
-    before = np.ones(1)
-    i = 0
-    while i < q:
-        z = poles[i]
-        width = 2 if z.imag > 0 else 1
-        after = denominator(poles[i + width :])
-        rest = np.convolve(before, after)
-        if width == 1:
-            rows[i] = np.sqrt(-2.0 * z.real) * rest
-            before = np.convolve(before, [1.0, z.real])
-        else:
-            gain, frequency = np.sqrt(-4.0 * z.real), abs(z)
-            rows[i, : rest.size] = gain * rest
-            rows[i + 1, 1 : 1 + rest.size] = gain * frequency * rest
-            before = np.convolve(before, [1.0, 2.0 * z.real, frequency**2])
-        i += width
-    return rows
+    from tridentify.numerics.kernels.polynomials import numerator_table
+
+    return numerator_table(np.ascontiguousarray(poles, dtype=np.complex128))
 
 
 class DegreeBasis(NamedTuple):
@@ -225,20 +185,12 @@ def degree_basis(bank: Cascade) -> DegreeBasis:
     >>> bool(np.allclose(np.tril(coefficients[:, ::-1]), coefficients[:, ::-1]))
     True
     """
+    from tridentify.numerics.kernels.cascades import fill_basis
+
     q = bank.order
-    krylov = np.zeros((q, q))
-    leading = np.zeros(q)
-    vector = bank.b.copy()
-    gain = 1.0
-    for k in range(q):
-        for _ in range(2):
-            vector = vector - krylov[:k].T @ (krylov[:k] @ vector)
-        norm = float(np.linalg.norm(vector))
-        gain *= norm
-        krylov[k] = vector / norm
-        leading[k] = gain
-        vector = bank.a @ krylov[k]
-    return DegreeBasis(krylov[::-1].copy(), leading[::-1].copy())
+    rows, leading = np.zeros((q, q)), np.zeros(q)
+    fill_basis(bank.a, bank.b, rows, leading)
+    return DegreeBasis(rows, leading)
 
 
 @recent(KEPT)
@@ -263,8 +215,7 @@ def filter_map(inner: Cascade, bank: Cascade) -> Array:
     -----
     The coordinates are inner products of impulse responses, ``P = int z(t) x(t)' dt``, and
     solve the Sylvester equation ``A_c P + P A' = - B_c (row + direct B')``; here for all unit
-    rows at once. The systems are small (q q_c below a few hundred), so the equation is solved
-    as one linear system.
+    rows at once, section by section of the bank (`numerics.kernels.cascades`).
 
     Examples
     --------
@@ -273,16 +224,11 @@ def filter_map(inner: Cascade, bank: Cascade) -> Array:
     >>> np.tensordot(bank.b, filter_map(inner, bank), 1).round(12).tolist()
     [[1.0, 0.0]]
     """
-    q, c = bank.order, inner.order
-    operator = np.zeros((q, c, q, c))
-    index = np.arange(q)
-    operator[index, :, index, :] += inner.a
-    inner_index = np.arange(c)
-    operator[:, inner_index, :, inner_index] += bank.a
-    drive = np.zeros((q, c, q))
-    drive[index, :, index] = -inner.b
-    solution = np.linalg.solve(operator.reshape(q * c, q * c), drive.reshape(q * c, q))
-    return np.ascontiguousarray(solution.reshape(q, c, q).transpose(2, 1, 0))
+    from tridentify.numerics.kernels.cascades import fill_map
+
+    found = np.zeros((bank.order, inner.order, bank.order))
+    fill_map(inner.a, inner.b, bank.a, bank.b, found)
+    return found
 
 
 def monomials(bank: Cascade, count: int) -> Array:

@@ -70,3 +70,11 @@ class Bank:
             Branch.of(self.poles[at : at + n], self.repeats, self.repeats * at, at, channels)
             for at, n, channels in starts
         )
+
+    def inner(self, g: int) -> Cascade:
+        """The poles of one denominator once: the first states of its part of the bank."""
+        n = int(self.pattern.orders[g])
+        first = int(self.pattern.firsts[g])
+        at = first * self.repeats
+        a, b = self.cascade.a[at : at + n, at : at + n], self.cascade.b[at : at + n]
+        return Cascade(a, b, self.poles[first : first + n])

@@ -17,21 +17,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from tridentify.models.compiled_columns import add_combined, add_filtered, leads_to
 from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.kernels.small_least_squares import solve_small
 
 Linear = tuple[Array, Array, Array, Array, Array, Array, Indices, Array, Array, Indices, Array]
 """What `fit_outputs` gives."""
-
-
-@compiled("(int64[:,::1], int64, int64, int64)")
-def _leads_to(group: Indices, output: int, g: int, n_inputs: int) -> bool:
-    """Whether any channel of a group leads to an output."""
-    found = False
-    for j in range(n_inputs):
-        found = found or group[output, j] == g
-    return found
 
 
 @compiled(
@@ -102,7 +94,7 @@ def fit_outputs(
         local = nuisance.size
         if free:
             for g in range(n_groups):
-                if _leads_to(group, i, g, n_inputs):
+                if leads_to(group, i, g):
                     local += orders[g]
         sizes[i] += n_experiments * local
     most = sizes.max()
@@ -129,21 +121,15 @@ def fit_outputs(
                 g = group[i, j]
                 n, pole = orders[g], firsts[g]
                 state = q * (j + first_input) + pole * repeats
-                count = min(zeros[i, j] + 1, n)
-                for d in range(count):
-                    weights = basis[pole + d]
-                    for r in range(height):
-                        total = 0.0
-                        for k in range(n):
-                            total += s[r, state + k] * weights[k]
-                        matrix[top + r, place + d] = total
+                own = basis[pole : pole + min(zeros[i, j] + 1, n), :n]
+                add_combined(s, state, own, 1.0, matrix, top, place)
                 if zeros[i, j] == n:
                     for r in range(height):
                         matrix[top + r, place + n] = s[r, first_direct + j]
                 place += zeros[i, j] + 1
             if free:
                 for g in range(n_groups):
-                    if _leads_to(group, i, g, n_inputs):
+                    if leads_to(group, i, g):
                         for k in range(orders[g]):
                             for r in range(height):
                                 matrix[top + r, at] = s[r, firsts[g] * repeats + k]
@@ -168,7 +154,7 @@ def fit_outputs(
         if free:
             for e in range(n_experiments):
                 for g in range(n_groups):
-                    if _leads_to(group, i, g, n_inputs):
+                    if leads_to(group, i, g):
                         for k in range(orders[g]):
                             started[e, i, firsts[g] * repeats + k] = x[place]
                             place += 1
@@ -273,47 +259,18 @@ def scores_at(
         Length of the residual.
     """
     n_experiments, n_outputs = which.shape
-    height, n_inputs, n_groups = stack.shape[1], group.shape[1], orders.size
+    height, n_inputs = stack.shape[1], group.shape[1]
     n_poles, q = firsts[-1] + orders[-1], b.size
     first_direct = q * (n_inputs + first_input)
     n, tall = n_poles + n_delays, n_experiments * height
     scores, residual = np.zeros((n_outputs * tall, n)), np.empty(n_outputs * tall)
-    most = orders.max() * repeats
-    filtered = np.empty((orders.max(), most))
     for i in range(n_outputs):
         for e in range(n_experiments):
             s, top = stack[which[e, i]], i * tall + e * height
-            place = 0
-            for g in range(n_groups):
-                order, own, at = orders[g], orders[g] * repeats, firsts[g] * repeats
-                map_ = maps[place : place + own * order * own].reshape((own, order, own))
-                place += own * order * own
-                for j in range(-1, n_inputs):
-                    if j < 0:
-                        if not free or not _leads_to(group, i, g, n_inputs):
-                            continue
-                        column = at
-                    elif group[i, j] != g:
-                        continue
-                    else:
-                        column = q * (j + first_input) + at
-                    filtered[:order, :own] = 0.0
-                    for k in range(own):
-                        weight = (
-                            started[e, i, at + k]
-                            if j < 0
-                            else rows[i, j, at + k] + direct[i, j] * b[at + k]
-                        )
-                        if weight != 0.0:
-                            for c in range(order):
-                                for d in range(own):
-                                    filtered[c, d] += weight * map_[k, c, d]
-                    for r in range(height):
-                        for c in range(order):
-                            value = 0.0
-                            for d in range(own):
-                                value += s[r, column + d] * filtered[c, d]
-                            scores[top + r, firsts[g] + c] += value
+            add_filtered(
+                s, e, i, free, first_input, repeats, orders, firsts, group, n_inputs, b, maps,
+                rows, direct, started, scores, top,
+            )  # fmt: skip
             for j in range(n_delays):
                 slope, jump = np.zeros(q), 0.0
                 for k in range(q):

@@ -266,6 +266,18 @@ class Problem:
             found[place] = b[i][j]
         return found
 
+    def joined(self, poles: Complex, numerators: Array) -> Array:
+        """The parameter vector of poles and of all numerators one after the other."""
+        found, at = np.zeros(self.n_coefficients - self.n_delays), 0
+        a_places, b_places = self.places()
+        for place, own in zip(a_places, self.split(poles), strict=True):
+            found[place] = denominator(own)[1:]
+        for place in b_places.values():
+            width = place.stop - place.start
+            found[place] = numerators[at : at + width]
+            at += width
+        return found
+
     def places(self) -> tuple[tuple[slice, ...], dict[tuple[int, int], slice]]:
         """Where the coefficients stand in the parameter vector (`Structure.names`).
 

@@ -24,8 +24,8 @@ from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.thresholds import PASS_HELPED
 from tridentify.models.parallel import ParallelFit, fit_parallel
 from tridentify.models.series import SeriesFit, fit_series
-from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.arrays import Complex
+from tridentify.numerics.realization import roots_of
 from tridentify.numerics.slices import Slices, drain
 
 MOST_ADAPTED = 12
@@ -64,47 +64,76 @@ def adapting(
         yield
         point = evaluate_variant(base, variant, poles, 3)
         yield
-        parallel = parallel_model(point)
-        step = fit_denominators(
-            point.regressions,
-            parallel.response,
-            [Filtering.adapted(branch) for branch in point.branches],
-            base.n_zeros,
-            point.weights,
-        )
-        recorder.add(
-            point,
-            (
-                Step(
-                    "parallel",
-                    parallel.beta.ravel(),
-                    float(parallel.cost.sum() / point.counts.sum()),
-                    parallel.condition,
-                    f"{parallel.beta.shape[2]} orthonormal functions on the poles of a, twice each",
-                    "orthonormal",
-                    pairs(np.concatenate([np.tile(b.inner.poles, 2) for b in point.branches])),
-                ),
-                Step(
-                    "series-parallel",
-                    base.vector(step.poles, step.b),
-                    step.cost / float(point.counts.sum()),
-                    step.condition,
-                    "filter 1/a of the pass before",
-                    poles=pairs(np.concatenate([b.inner.poles for b in point.branches])),
-                ),
-            ),
-            np.nan,
-            note,
-        )
+        steps, found = both_steps(point)
+        recorder.add(point, steps, np.nan, note)
         gain = np.inf if best is None else best.objective - point.objective
         if best is None or gain > 0:
             best = point
         worse = worse + 1 if gain < PASS_HELPED else 0
         if worse >= 1 + (gain < 0) or at_rounding(point):
             break
-        poles, note = base.admissible(step.poles)
+        poles, note = base.admissible(found)
     assert best is not None
     return best
+
+
+def both_steps(point: Point) -> tuple[tuple[Step, ...], Complex]:
+    """Step 1 on the poles of ``a_hat``, twice each, and Step 2 with ``c = a_hat``.
+
+    Parameters
+    ----------
+    point : Point
+        On a bank with its poles three times.
+
+    Returns
+    -------
+    steps : tuple of Step
+        For the trace.
+    poles : (n,) complex array
+        Roots of the new denominators; not necessarily stable.
+    """
+    from tridentify.models.compiled_steps import adapted_steps
+
+    problem, triangles, bank = point.problem, point.triangles, point.triangles.bank
+    beta, costs, condition, row, numerators, cost, own = adapted_steps(
+        triangles.stack,
+        triangles.which,
+        triangles.targets,
+        int(triangles.layout.free),
+        triangles.free,
+        triangles.nuisance,
+        *problem.pattern,
+        bank.repeats,
+        bank.poles,
+        bank.cascade.b,
+        bank.basis,
+        bank.maps,
+        point.weights,
+        problem.biproper,
+    )
+    places = [(group.poles, bank.inner(g)) for g, group in enumerate(problem.groups)]
+    poles = np.concatenate([roots_of(inner, row[place]) for place, inner in places])
+    samples, used = float(point.counts.sum()), problem.split(bank.poles)
+    twice = np.concatenate([np.tile(one, 2) for one in used])
+    return (
+        Step(
+            "parallel",
+            beta.ravel(),
+            float(costs.sum()) / samples,
+            condition,
+            f"{beta.shape[2]} orthonormal functions on the poles of a, twice each",
+            "orthonormal",
+            pairs(twice),
+        ),
+        Step(
+            "series-parallel",
+            problem.joined(poles, numerators),
+            cost / samples,
+            own,
+            "filter 1/a of the pass before",
+            poles=pairs(bank.poles),
+        ),
+    ), poles
 
 
 def parallel_model(point: Point) -> ParallelFit:

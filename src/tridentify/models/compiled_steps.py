@@ -1,0 +1,229 @@
+"""Steps 1 and 2 on adapted operators in machine code.
+
+`models.parallel` and `models.series_parallel` derive the two; here they follow one another on the
+triangles of one bank, whose operators have the poles of ``a_hat`` twice and whose filter is ``1 /
+a_hat`` (`estimation.search.passes`). The bank begins with the states of the filter, so that
+``p^k x / a_hat`` is a combination of its first states, and ``p^n / a_hat`` of the output is the
+output itself up to lower powers.
+
+Arguments are those of `estimation.likelihood.compiled_cost`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tridentify.models.compiled_columns import add_combined, add_filtered, leads_to
+from tridentify.numerics.arrays import Array, Complex, Indices
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.kernels.polynomials import expanded, numerator_table
+from tridentify.numerics.kernels.small_least_squares import solve_small
+
+
+@compiled(
+    "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
+    " int64[::1], int64[:,::1], int64, int64, boolean)"
+)
+def parallel_fit(
+    stack: Array,
+    which: Indices,
+    targets: Array,
+    first_input: int,
+    free: bool,
+    nuisance: Indices,
+    orders: Indices,
+    firsts: Indices,
+    group: Indices,
+    repeats: int,
+    q: int,
+    biproper: bool,
+) -> tuple[Array, Array, Array, Array, Array, float]:
+    """Step 1: every channel on the poles of its denominator, twice each.
+
+    Returns
+    -------
+    beta : (n_outputs, n_inputs, n_operators) array
+    rows, direct, started : arrays
+        The output on the bank.
+    costs : (n_outputs,) array
+    condition : float
+    """
+    n_experiments, n_outputs, height = targets.shape
+    n_inputs, n_groups = group.shape[1], orders.size
+    n_poles, first_direct = firsts[-1] + orders[-1], q * (n_inputs + first_input)
+    extra = 1 if biproper else 0
+    beta = np.zeros((n_outputs, n_inputs, 2 * n_poles + extra))
+    rows, direct = np.zeros((n_outputs, n_inputs, q)), np.zeros((n_outputs, n_inputs))
+    started = np.zeros((n_experiments, n_outputs, q))
+    costs, condition = np.zeros(n_outputs), 1.0
+    for i in range(n_outputs):
+        shared, local = 0, nuisance.size
+        for j in range(n_inputs):
+            shared += 2 * orders[group[i, j]] + extra
+        for g in range(n_groups):
+            if free and leads_to(group, i, g):
+                local += 2 * orders[g]
+        matrix = np.zeros((n_experiments * height, shared + n_experiments * local))
+        target = np.empty(n_experiments * height)
+        for e in range(n_experiments):
+            s, top, at = stack[which[e, i]], e * height, shared + e * local
+            target[top : top + height] = targets[e, i]
+            place = 0
+            for j in range(n_inputs):
+                g = group[i, j]
+                column, width = q * (j + first_input) + firsts[g] * repeats, 2 * orders[g]
+                for r in range(height):
+                    for k in range(width):
+                        matrix[top + r, place + k] = s[r, column + k]
+                    if biproper:
+                        matrix[top + r, place + width] = s[r, first_direct + j]
+                place += width + extra
+            for g in range(n_groups):
+                if free and leads_to(group, i, g):
+                    for k in range(2 * orders[g]):
+                        for r in range(height):
+                            matrix[top + r, at] = s[r, firsts[g] * repeats + k]
+                        at += 1
+            for k in range(nuisance.size):
+                for r in range(height):
+                    matrix[top + r, at + k] = s[r, nuisance[k]]
+        x, cost, own, _, _ = solve_small(matrix, target)
+        costs[i], condition = cost, max(condition, own)
+        place = 0
+        for j in range(n_inputs):
+            g = group[i, j]
+            for k in range(2 * orders[g]):
+                beta[i, j, 2 * firsts[g] + k] = x[place + k]
+                rows[i, j, firsts[g] * repeats + k] = x[place + k]
+            place += 2 * orders[g]
+            if biproper:
+                beta[i, j, -1], direct[i, j] = x[place], x[place]
+                place += 1
+        for e in range(n_experiments):
+            at = shared + e * local
+            for g in range(n_groups):
+                if free and leads_to(group, i, g):
+                    for k in range(2 * orders[g]):
+                        started[e, i, firsts[g] * repeats + k] = x[at]
+                        at += 1
+    return beta, rows, direct, started, costs, condition
+
+
+@compiled(
+    "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
+    " int64[::1], int64[:,::1], int64[:,::1], int64, complex128[::1], float64[::1],"
+    " float64[:,::1], float64[::1], float64[::1], boolean)",
+    free=True,
+)
+def adapted_steps(
+    stack: Array,
+    which: Indices,
+    targets: Array,
+    first_input: int,
+    free: bool,
+    nuisance: Indices,
+    orders: Indices,
+    firsts: Indices,
+    group: Indices,
+    zeros: Indices,
+    repeats: int,
+    poles: Complex,
+    b: Array,
+    basis: Array,
+    maps: Array,
+    weights: Array,
+    biproper: bool,
+) -> tuple[Array, Array, float, Array, Array, float, float]:
+    """Step 1 on the poles twice each, and Step 2 through the filter that has them once.
+
+    Returns
+    -------
+    beta, costs, condition
+        Of Step 1 (`parallel_fit`).
+    row : (n_poles,) array
+        Of each denominator, the new one being ``a_hat (1 + row X)``.
+    numerators : (n_coefficients of all b,) array
+        Descending powers, channel by channel.
+    cost, condition : float
+        Of Step 2.
+    """
+    n_experiments, n_outputs, height = targets.shape
+    n_inputs, n_groups, q = group.shape[1], orders.size, b.size
+    n_poles, first_direct = firsts[-1] + orders[-1], q * (n_inputs + first_input)
+    beta, rows, direct, started, costs, condition = parallel_fit(
+        stack, which, targets, first_input, free, nuisance, orders, firsts, group, repeats, q,
+        biproper,
+    )  # fmt: skip
+    n_b, n_free = 0, 0
+    for i in range(n_outputs):
+        for j in range(n_inputs):
+            n_b += zeros[i, j] + 1
+        for g in range(n_groups):
+            if free and leads_to(group, i, g):
+                n_free += orders[g]
+    tall = n_experiments * n_outputs * height
+    matrix = np.zeros((tall, n_poles + n_b + n_experiments * n_free))
+    target, states = np.zeros(tall), np.zeros((height, n_poles))
+    at = n_poles + n_b
+    for e in range(n_experiments):
+        place = n_poles
+        for i in range(n_outputs):
+            s, top = stack[which[e, i]], (e * n_outputs + i) * height
+            states[:, :] = 0.0
+            add_filtered(
+                s, e, i, free, first_input, repeats, orders, firsts, group, n_inputs, b, maps,
+                rows, direct, started, states, 0,
+            )  # fmt: skip
+            for g in range(n_groups):
+                n, pole = orders[g], firsts[g]
+                for c in range(n):
+                    for r in range(height):
+                        value = 0.0
+                        for d in range(n):
+                            value += states[r, pole + d] * basis[pole + c, d]
+                        matrix[top + r, pole + c] = weights[i] * value
+                if free and leads_to(group, i, g):
+                    own = basis[pole : pole + n, :n]
+                    add_combined(s, pole * repeats, own, -weights[i], matrix, top, at)
+                    at += n
+            for j in range(n_inputs):
+                n, pole = orders[group[i, j]], firsts[group[i, j]]
+                column, count = q * (j + first_input) + pole * repeats, min(zeros[i, j] + 1, n)
+                own = basis[pole : pole + count, :n]
+                add_combined(s, column, own, -weights[i], matrix, top, place)
+                if zeros[i, j] == n:
+                    for r in range(height):
+                        matrix[top + r, place + n] = -weights[i] * s[r, first_direct + j]
+                place += zeros[i, j] + 1
+            for r in range(height):
+                value = 0.0
+                for j in range(n_inputs):
+                    value += direct[i, j] * s[r, first_direct + j]
+                    for k in range(q):
+                        value += rows[i, j, k] * s[r, q * (j + first_input) + k]
+                if free:
+                    for k in range(q):
+                        value += started[e, i, k] * s[r, k]
+                target[top + r] = -weights[i] * value
+    x, cost, own_condition, _, _ = solve_small(matrix, target)
+    row = np.zeros(n_poles)
+    for g in range(n_groups):
+        for c in range(orders[g]):
+            for d in range(orders[g]):
+                row[firsts[g] + d] += x[firsts[g] + c] * basis[firsts[g] + c, d]
+    numerators, place = np.zeros(n_b), 0
+    for i in range(n_outputs):
+        for j in range(n_inputs):
+            n, pole, m = orders[group[i, j]], firsts[group[i, j]], zeros[i, j]
+            table, whole = numerator_table(poles[pole : pole + n]), expanded(poles[pole : pole + n])
+            full = np.zeros(n + 1)
+            for c in range(min(m + 1, n)):
+                for d in range(n):
+                    share = x[n_poles + place + c] * basis[pole + c, d]
+                    for k in range(n):
+                        full[k + 1] += share * table[d, k]
+            if m == n:
+                full += x[n_poles + place + n] * whole
+            numerators[place : place + m + 1] = full[n - m :]
+            place += m + 1
+    return beta, costs, condition, row, numerators, cost, own_condition
