@@ -56,8 +56,10 @@ def through(weights: Array, map_: Array, found: Array) -> None:
     found : (n, q) array
         Receives the coordinates.
     """
-    found[:, :] = 0.0
     q, n = map_.shape[0], map_.shape[1]
+    for c in range(n):
+        for d in range(q):
+            found[c, d] = 0.0
     for k in range(q):
         if weights[k] != 0.0:
             for c in range(n):

@@ -67,8 +67,9 @@ def parallel_fit(
         target = np.empty(n_experiments * height)
         for e in range(n_experiments):
             s, top, at = stack[which[e, i]], e * height, shared + e * local
-            target[top : top + height] = targets[e, i]
             place = 0
+            for r in range(height):
+                target[top + r] = targets[e, i, r]
             for j in range(n_inputs):
                 g = group[i, j]
                 column, width = q * (j + first_input) + firsts[g] * repeats, 2 * orders[g]
@@ -169,7 +170,9 @@ def adapted_steps(
         place = n_poles
         for i in range(n_outputs):
             s, top = stack[which[e, i]], (e * n_outputs + i) * height
-            states[:, :] = 0.0
+            for r in range(height):
+                for c in range(n_poles):
+                    states[r, c] = 0.0
             add_filtered(
                 s, e, i, free, first_input, repeats, orders, firsts, group, n_inputs, b, maps,
                 rows, direct, started, states, 0,
@@ -222,8 +225,9 @@ def adapted_steps(
                     share = x[n_poles + place + c] * basis[pole + c, d]
                     for k in range(n):
                         full[k + 1] += share * table[d, k]
-            if m == n:
-                full += x[n_poles + place + n] * whole
-            numerators[place : place + m + 1] = full[n - m :]
+            for k in range(m + 1):
+                numerators[place + k] = full[n - m + k]
+                if m == n:
+                    numerators[place + k] += x[n_poles + place + n] * whole[k]
             place += m + 1
     return beta, costs, condition, row, numerators, cost, own_condition

@@ -140,8 +140,14 @@ def fit_outputs(
                 at += 1
         x, cost, condition, span, residual = solve_small(matrix, target)
         costs[i], conditions[i], ranks[i] = cost, condition, span.shape[1]
-        matrices[i, :, : sizes[i]], bases[i, :, : ranks[i]] = matrix, span
-        solutions[i, : sizes[i]], residuals[i] = x, residual
+        for r in range(residual.size):
+            residuals[i, r] = residual[r]
+            for k in range(sizes[i]):
+                matrices[i, r, k] = matrix[r, k]
+            for k in range(ranks[i]):
+                bases[i, r, k] = span[r, k]
+        for k in range(sizes[i]):
+            solutions[i, k] = x[k]
         place = 0
         for j in range(n_inputs):
             n, pole = orders[group[i, j]], firsts[group[i, j]]

@@ -37,7 +37,9 @@ def solve_in_place(matrix: Array, sides: Array) -> None:
                 sides[c, j], sides[best, j] = sides[best, j], sides[c, j]
         pivot = matrix[c, c]
         if pivot == 0.0:
-            sides[:, :] = np.nan
+            for j in range(k):
+                for i in range(n):
+                    sides[i, j] = np.nan
             return
         for i in range(c + 1, n):
             share = matrix[i, c] / pivot

@@ -33,13 +33,17 @@ def expanded(poles: Complex) -> Array:
     found = np.zeros(poles.size + 2)
     found[0] = 1.0
     size = 1
-    for z in poles:
+    for i in range(poles.size):
+        z = poles[i]
         if z.imag > 0.0:
             length = np.hypot(z.real, z.imag)
             size = times_section(found, size, -2.0 * z.real, length * length, True)
         elif z.imag == 0.0:
             size = times_section(found, size, -z.real, 0.0, False)
-    return found[:size].copy()
+    whole = np.empty(size)
+    for k in range(size):
+        whole[k] = found[k]
+    return whole
 
 
 @compiled("float64[:,::1](complex128[::1])")
@@ -55,7 +59,8 @@ def numerator_table(poles: Complex) -> Array:
         is_pair = z.imag > 0.0
         width = 2 if is_pair else 1
         rest = np.zeros(q + 2)
-        rest[:size] = before[:size]
+        for k in range(size):
+            rest[k] = before[k]
         length = size
         for k in range(i + width, q):
             after = poles[k]
