@@ -95,7 +95,7 @@ class Structure:
     offset, drift : bool or "auto"
         Whether a constant, or a slope in time, is estimated along on every output. "auto" lets the
         data decide. Where nothing is said, the offset is "auto" and there is no drift, but behind
-        an integrator (``fixed={"a0": 0}``), where a constant error of the input makes a ramp, the
+        one integrator (``fixed={"a0": 0}``), where a constant error of the input makes a ramp, the
         drift is "auto" too.
     initial_state : {"auto", "free", "rest", "equilibrium"}
         "rest": every state is zero at the first sample, for the input as recorded. "equilibrium":
@@ -228,10 +228,14 @@ class Structure:
         self._check_constraints()
 
     def _default_drift(self) -> Choice:
-        """Behind an integrator a constant error of the input is a ramp of the output."""
+        """Behind one integrator a constant error of the input is a ramp of the output.
+
+        Behind two it is a parabola, and a ramp is the free response of a rate at the beginning.
+        """
         fixed = self.fixed if isinstance(self.fixed, Mapping) else {}
-        integrates = any(str(name).startswith("a0") and fixed[name] == 0 for name in fixed)
-        return "auto" if integrates and self.initial_state != "equilibrium" else False
+        zero = {str(name) for name in fixed if fixed[name] == 0}
+        once = any(name.startswith("a0") and f"a1{name[2:]}" not in zero for name in zero)
+        return "auto" if once and self.initial_state != "equilibrium" else False
 
     def _check_shapes(self) -> None:
         nested = {

@@ -31,5 +31,8 @@ def test_what_is_stated_stays():
     assert Structure(2, 0, fixed={"a0": 0.0}, drift=False).drift is False
     assert Structure(2, 0, fixed={"a1": 0.0}).drift is False
     assert Structure(2, 0).drift is False
+    # behind two integrators a ramp is no error of the input but a rate at the beginning
+    assert Structure(2, 0, fixed={"a0": 0.0, "a1": 0.0}).drift is False
+    assert Structure(3, 0, fixed={"a0": 0.0, "a2": 0.0}).drift == "auto"
     again = Structure.from_dict(Structure(2, 0, fixed={"a0": 0.0}).to_dict())
     assert again == Structure(2, 0, fixed={"a0": 0.0}, drift="auto")

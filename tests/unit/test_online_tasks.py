@@ -155,6 +155,25 @@ def test_an_alarm_without_a_change_is_dropped_and_leaves_the_estimate_alone():
     assert np.all(np.abs(one.theta - two.theta) < 0.05 * one.std)
 
 
+def test_alarm_after_alarm_does_not_keep_the_poles_where_they_are():
+    """Each put the clock off until after the next: the poles of an early search stayed for good."""
+    u, y = samples(8, 3000, noise=0.3)
+    method, found = online.ThreeModel(), []
+    state = method.init(ASKED, DT)
+    for k in range(3000):
+        state, _ = method.step(state, u[k], y[k])
+        x, stage = state
+        soon = x[slots.TICK] - x[slots.COUNT] <= 5.0
+        if stage.searching or x[slots.SUSPECT] or not soon:
+            continue
+        state = method.alarmed(online.State(x.copy(), stage))
+        found.append(stage.poles)
+    assert state.changes == ()
+    assert len({one.tobytes() for one in found}) >= 2
+    away = np.abs(np.sort_complex(state.stage.poles) - np.sort_complex(np.roots([1.0, 3.0, 9.0])))
+    assert away.max() < 0.3
+
+
 # ------------------------------------------------------------------------------------- residuals
 def setting():
     return online.ThreeModel().init(ASKED, DT).stage.setting

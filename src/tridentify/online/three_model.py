@@ -278,7 +278,7 @@ class ThreeModel(Planner):
                 return shortened(state, samples)
             again(x, len(samples), len(rest))
             return state
-        x[slots.TICK] = self.next_tick(x, stage.setting)
+        x[slots.TICK], x[slots.OWN_TICK] = self.next_tick(x, stage.setting), 0.0
         state = State(x, state.stage.but(extra=_witness(stage)))
         return self._looking(turned(state, found) if isinstance(found, Turn) else state, True)
 
@@ -298,6 +298,9 @@ class ThreeModel(Planner):
         calm(x, stage)
         if stage.searching or (x[slots.SUSPECT] and not x[slots.LOOK]):
             return state
+        # what a suspicion has held up is not held up once more
+        if x[slots.OWN_TICK] and not x[slots.SUSPECT]:
+            return state
         state = idle(state)
         if x[slots.SUSPECT]:
             pair = _witness(stage)
@@ -313,8 +316,10 @@ class ThreeModel(Planner):
             room = with_room(blueprint, True)
             x, blueprint, past = rearranged(blueprint, x, room), room, ()
         wait = (TRIED if alarm else DOUBTED) * first_try(stage.setting)
+        x[slots.LOOK] = 0.0 if alarm else here
+        # of an alarm: when the clock was due, which it will be as soon as the suspicion is over
+        x[slots.OWN_TICK if alarm else slots.FIRST_LOOK] = x[slots.TICK] if alarm else here
         x[slots.SUSPECT], x[slots.TICK] = here, here + wait
-        x[slots.LOOK] = x[slots.FIRST_LOOK] = 0.0 if alarm else here
         extra = (x.copy(), *_witness(stage))
         return State(x, stage.but(blueprint=blueprint, past=past, extra=extra, task=None))
 
@@ -348,14 +353,17 @@ class ThreeModel(Planner):
     def _dropped(self, state: State, witness: Old | None) -> State:
         """No suspicion any more; samples are kept only where all of them are."""
         x, stage = state
-        looked = x[slots.COUNT] - x[slots.FIRST_LOOK] if x[slots.LOOK] else 0.0
+        asked = bool(x[slots.LOOK])
+        looked = x[slots.COUNT] - x[slots.FIRST_LOOK] if asked else 0.0
+        waiting = np.inf if asked else x[slots.OWN_TICK]
         if not looked:
             calm(x, stage)
         x[slots.SUSPECT] = x[slots.LOOK] = x[slots.FIRST_LOOK] = 0.0
         if x[slots.SINCE] > len(kept_samples(state)):
             x, stage = self._emptied(state)
-        # a look that the clock asked for does not hold the clock up
-        due = self.next_tick(x, stage.setting) - (1.0 + SHARE) * looked
+        # a look does not hold the clock up: alarm after alarm would keep the poles where they are
+        due = min(self.next_tick(x, stage.setting) - (1.0 + SHARE) * looked, waiting)
+        x[slots.OWN_TICK] = waiting if waiting <= x[slots.COUNT] else 0.0
         x[slots.TICK] = max(np.ceil(due), x[slots.COUNT] + SHORTEST_TICK // 2)
         return State(x, stage.but(extra=() if witness is None else packed(witness)))
 
