@@ -45,7 +45,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.errors import TridentifyError
+from tridentify.errors import DataError, TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.answer.finding import Finding
@@ -58,6 +58,7 @@ from tridentify.estimation.closed_loop.known_controller import (
     refuse_unknown_loop,
 )
 from tridentify.estimation.closed_loop.moving import together_findings
+from tridentify.estimation.closed_loop.recorded_input import Worked
 from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
@@ -67,6 +68,7 @@ from tridentify.estimation.methods.controller_kind import (
     kind_of,
     opposite,
 )
+from tridentify.estimation.methods.given_controller import by_likelihood, how_it_worked, rule_of
 from tridentify.estimation.methods.passes import Rooted, residuals, root, without_rest
 from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
@@ -116,7 +118,9 @@ def reference_estimate(
     if known is not None:
         refuse_unknown_loop(asked.records, asked.structure, known)
     say("what the reference drives")
-    kind = kind_of(controller, asked.records)
+    rule = None if known is None else rule_of(asked.records, asked.structure, known)
+    exactly = rule is not None and rule.exact
+    kind = "sampled" if exactly else kind_of(controller, asked.records)
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
     apart = not together_findings(asked.records)
     if apart and (coloured is not None or not robust):
@@ -126,10 +130,11 @@ def reference_estimate(
     found = _white(parts, kind, asked.structure, plain, near, say)
     told = f"controller taken as {IN_WORDS[kind]}"
     findings = together_findings(asked.records)
-    if known is not None:
-        found = _with_controller(found, known, asked.structure, near, say)
-        told = "controller as given"
-    elif controller == "unknown":
+    how = rule
+    if known is not None and not exactly:
+        say("the loop with the controller given")
+        found, how = _with_controller(found, known, rule, asked.structure, plain, near, say)
+    elif known is None and controller == "unknown":
         try:
             other = _other(found, asked.structure, near, say)
         except TridentifyError as refused:
@@ -140,6 +145,9 @@ def reference_estimate(
             told, findings = seen.told, (*findings, *seen.findings)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
+    if known is not None:
+        given = by_likelihood(found, how, coloured is not None, say)
+        found, told, findings = given.rooted, given.told, (*findings, *given.findings)
     return completed(asked, found, told, findings=findings)
 
 
@@ -187,17 +195,30 @@ def _mean_square(left: Sequence[Array]) -> float:
 def _with_controller(
     best: Rooted,
     controller: TransferFunction,
+    rule: Worked | None,
     structure: Structure,
+    plain: Method,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
-) -> Rooted:
-    """The root where the loop is simulated with its controller."""
-    say("the loop with the controller given")
+) -> tuple[Rooted, Worked | None]:
+    """The root where the loop is simulated with its controller, and how that worked.
+
+    If it worked on samples there is nothing to simulate: the input is known between them.
+    """
     parts = [one.driven for one in best.loops if isinstance(one.driven, Driven)]
     first, kind = best.estimate.model, best.loops[0].sampling
-    known: list[Loop] = [known_loop(part, first, controller, kind) for part in parts]
+    try:
+        known: list[Loop] = [known_loop(part, first, controller, kind) for part in parts]
+        how = how_it_worked(replace(best, loops=known), rule)
+    except DataError:
+        if rule is None or not rule.seen:
+            raise
+        how = rule
+    if how is not None and how.explains and how.sampling == "sampled":
+        held = [driven(part.record) for part in parts]
+        return _white(held, "sampled", structure, plain, near, say), how
     found = root(known, structure, best.estimate, near, say)
-    return replace(found, passes=found.passes + best.passes)
+    return replace(found, passes=found.passes + best.passes), how
 
 
 def _other(
