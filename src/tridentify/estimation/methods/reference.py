@@ -127,28 +127,38 @@ def reference_estimate(
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
         if unstable is not None:
             return unstable
-    found = _white(parts, kind, asked.structure, plain, near, say)
-    told = f"controller taken as {IN_WORDS[kind]}"
-    findings = together_findings(asked.records)
-    how = rule
+    found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
+    told, how = f"controller taken as {IN_WORDS[kind]}", rule
+    findings: tuple[Finding, ...] = ()
     if known is not None and not exactly:
         say("the loop with the controller given")
         found, how = _with_controller(found, known, rule, asked.structure, plain, near, say)
-    elif known is None and controller == "unknown":
-        try:
-            other = _other(found, asked.structure, near, say)
-        except TridentifyError as refused:
-            told += f"; as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
-        else:
-            seen = compared(found, other)
-            found = other if seen.turned else found
-            told, findings = seen.told, (*findings, *seen.findings)
+    if controller == "unknown" or (how is not None and not how.explains):
+        found, told, findings = _either(found, asked.structure, near, say)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
     if known is not None:
         given = by_likelihood(found, how, coloured is not None, say)
-        found, told, findings = given.rooted, given.told, (*findings, *given.findings)
-    return completed(asked, found, told, findings=findings)
+        told = told if how is not None and not how.explains else given.told
+        found, findings = given.rooted, (*findings, *given.findings)
+    return completed(asked, found, told, findings=(*together_findings(asked.records), *findings))
+
+
+def _either(
+    found: Rooted,
+    structure: Structure,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> tuple[Rooted, str, tuple[Finding, ...]]:
+    """The root for one kind of controller or the other, as the record says."""
+    try:
+        other = _other(found, structure, near, say)
+    except TridentifyError as refused:
+        kind = found.loops[0].sampling
+        without = f"as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
+        return found, f"controller taken as {IN_WORDS[kind]}; {without}", ()
+    seen = compared(found, other)
+    return other if seen.turned else found, seen.told, seen.findings
 
 
 def _white(
@@ -158,13 +168,18 @@ def _white(
     plain: Method,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
+    *,
+    again: bool = True,
 ) -> Rooted:
-    """The root for one kind of controller and white noise."""
+    """The root for one kind of controller and white noise.
+
+    With ``again`` the driven input of a continuous controller is found anew, beside the noise.
+    """
     loops = [Loop(part, sampling) for part in parts]
     first = plain.estimate([one.instrument for one in loops], structure)
     best = root(loops, structure, first, near, say)
     # between the samples the driven input itself counts, and not its shape alone
-    return best if sampling == "sampled" else _renewed(best, structure, near, say)
+    return _renewed(best, structure, near, say) if sampling != "sampled" and again else best
 
 
 def _renewed(
@@ -203,7 +218,8 @@ def _with_controller(
 ) -> tuple[Rooted, Worked | None]:
     """The root where the loop is simulated with its controller, and how that worked.
 
-    If it worked on samples there is nothing to simulate: the input is known between them.
+    If it worked on samples there is nothing to simulate: the input is known between them. If the
+    input was made by something else, that is taken for a controller that is not known.
     """
     parts = [one.driven for one in best.loops if isinstance(one.driven, Driven)]
     first, kind = best.estimate.model, best.loops[0].sampling
@@ -214,11 +230,14 @@ def _with_controller(
         if rule is None or not rule.seen:
             raise
         how = rule
-    if how is not None and how.explains and how.sampling == "sampled":
-        held = [driven(part.record) for part in parts]
-        return _white(held, "sampled", structure, plain, near, say), how
-    found = root(known, structure, best.estimate, near, say)
-    return replace(found, passes=found.passes + best.passes), how
+    taken: Sampling = "sampled"
+    if how is not None and not how.explains:
+        taken = kind_of("unknown", [part.record for part in parts])
+    elif how is None or how.sampling == "continuous":
+        found = root(known, structure, best.estimate, near, say)
+        return replace(found, passes=found.passes + best.passes), how
+    held = [driven(part.record, between=taken == "continuous") for part in parts]
+    return _white(held, taken, structure, plain, near, say), how
 
 
 def _other(
