@@ -133,11 +133,23 @@ def closed(
     >>> print(closed(lag, gain, ["set point"]).den[0][0])
     [1. 3.]
     """
-    b, a = model.num[0][0], model.den[0][0]
+    return _around(model.den[0][0], model, controller, entries)
+
+
+def closed_output(
+    model: TransferFunction, controller: TransferFunction, entries: Sequence[Entry]
+) -> TransferFunction:
+    """From the references to the output of a loop, as `closed` to its input."""
+    return _around(model.num[0][0], model, controller, entries)
+
+
+def _around(
+    seen: Array, model: TransferFunction, controller: TransferFunction, entries: Sequence[Entry]
+) -> TransferFunction:
     n, d = controller.num[0][0], controller.den[0][0]
-    around = np.polyadd(np.polymul(a, d), np.polymul(b, n))
-    numerators = {"input": np.polymul(a, d), "set point": np.polymul(a, n)}
-    return TransferFunction([[numerators[one] for one in entries]], [[around for _ in entries]])
+    whole = np.polyadd(np.polymul(model.den[0][0], d), np.polymul(model.num[0][0], n))
+    numerators = {"input": np.polymul(seen, d), "set point": np.polymul(seen, n)}
+    return TransferFunction([[numerators[one] for one in entries]], [[whole for _ in entries]])
 
 
 def simulated(

@@ -87,7 +87,7 @@ def root(
     given, images, estimate, moved = [first.theta], [], first, np.inf
     for count in range(1, most + 1):
         say(f"what the reference does not drive, pass {count}")
-        at = _model_like(estimate, given[-1])
+        at = model_like(estimate, given[-1])
         loops = _apart(loops, estimate, at) if renewed else loops
         estimate = near(at).estimate([without_rest(one, at) for one in loops], structure)
         images.append(estimate.theta)
@@ -96,7 +96,7 @@ def root(
         if moved <= STILL:
             break
         following = _extrapolated(given, images, scale)
-        if not _model_like(estimate, following).is_stable:
+        if not model_like(estimate, following).is_stable:
             following = 0.5 * (given[-1] + images[-1])
         given.append(following)
     return Rooted(loops, estimate, count, moved)
@@ -130,7 +130,7 @@ def _extrapolated(given: Sequence[Array], images: Sequence[Array], scale: Array)
     return np.asarray((g[-1] - weights @ (g[1:] - g[:-1])) * scale)
 
 
-def _model_like(estimate: Estimate, theta: Array) -> TransferFunction:
+def model_like(estimate: Estimate, theta: Array) -> TransferFunction:
     """The model of other coefficients of the same structure."""
     channels = [
         [estimate.channel_draws(theta[None], i, j) for j in range(len(estimate.input_names))]

@@ -45,7 +45,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.errors import TridentifyError
+from tridentify.errors import DataError, TridentifyError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.answer.finding import Finding
@@ -58,6 +58,7 @@ from tridentify.estimation.closed_loop.known_controller import (
     refuse_unknown_loop,
 )
 from tridentify.estimation.closed_loop.moving import together_findings
+from tridentify.estimation.closed_loop.recorded_input import Worked
 from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
@@ -67,6 +68,7 @@ from tridentify.estimation.methods.controller_kind import (
     kind_of,
     opposite,
 )
+from tridentify.estimation.methods.given_controller import by_likelihood, how_it_worked, rule_of
 from tridentify.estimation.methods.passes import Rooted, residuals, root, without_rest
 from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
@@ -116,31 +118,47 @@ def reference_estimate(
     if known is not None:
         refuse_unknown_loop(asked.records, asked.structure, known)
     say("what the reference drives")
-    kind = kind_of(controller, asked.records)
+    rule = None if known is None else rule_of(asked.records, asked.structure, known)
+    exactly = rule is not None and rule.exact
+    kind = "sampled" if exactly else kind_of(controller, asked.records)
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
     apart = not together_findings(asked.records)
     if apart and (coloured is not None or not robust):
         unstable = unstable_estimate(parts, kind, asked, coloured is not None, say)
         if unstable is not None:
             return unstable
-    found = _white(parts, kind, asked.structure, plain, near, say)
-    told = f"controller taken as {IN_WORDS[kind]}"
-    findings = together_findings(asked.records)
-    if known is not None:
-        found = _with_controller(found, known, asked.structure, near, say)
-        told = "controller as given"
-    elif controller == "unknown":
-        try:
-            other = _other(found, asked.structure, near, say)
-        except TridentifyError as refused:
-            told += f"; as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
-        else:
-            seen = compared(found, other)
-            found = other if seen.turned else found
-            told, findings = seen.told, (*findings, *seen.findings)
+    found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
+    told, how = f"controller taken as {IN_WORDS[kind]}", rule
+    findings: tuple[Finding, ...] = ()
+    if known is not None and not exactly:
+        say("the loop with the controller given")
+        found, how = _with_controller(found, known, rule, asked.structure, plain, near, say)
+    if controller == "unknown" or (how is not None and not how.explains):
+        found, told, findings = _either(found, asked.structure, near, say)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
-    return completed(asked, found, told, findings=findings)
+    if known is not None:
+        given = by_likelihood(found, how, coloured is not None, say)
+        told = told if how is not None and not how.explains else given.told
+        found, findings = given.rooted, (*findings, *given.findings)
+    return completed(asked, found, told, findings=(*together_findings(asked.records), *findings))
+
+
+def _either(
+    found: Rooted,
+    structure: Structure,
+    near: Callable[[TransferFunction], Method],
+    say: Callable[[str], None],
+) -> tuple[Rooted, str, tuple[Finding, ...]]:
+    """The root for one kind of controller or the other, as the record says."""
+    try:
+        other = _other(found, structure, near, say)
+    except TridentifyError as refused:
+        kind = found.loops[0].sampling
+        without = f"as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
+        return found, f"controller taken as {IN_WORDS[kind]}; {without}", ()
+    seen = compared(found, other)
+    return other if seen.turned else found, seen.told, seen.findings
 
 
 def _white(
@@ -150,13 +168,18 @@ def _white(
     plain: Method,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
+    *,
+    again: bool = True,
 ) -> Rooted:
-    """The root for one kind of controller and white noise."""
+    """The root for one kind of controller and white noise.
+
+    With ``again`` the driven input of a continuous controller is found anew, beside the noise.
+    """
     loops = [Loop(part, sampling) for part in parts]
     first = plain.estimate([one.instrument for one in loops], structure)
     best = root(loops, structure, first, near, say)
     # between the samples the driven input itself counts, and not its shape alone
-    return best if sampling == "sampled" else _renewed(best, structure, near, say)
+    return _renewed(best, structure, near, say) if sampling != "sampled" and again else best
 
 
 def _renewed(
@@ -187,17 +210,34 @@ def _mean_square(left: Sequence[Array]) -> float:
 def _with_controller(
     best: Rooted,
     controller: TransferFunction,
+    rule: Worked | None,
     structure: Structure,
+    plain: Method,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
-) -> Rooted:
-    """The root where the loop is simulated with its controller."""
-    say("the loop with the controller given")
+) -> tuple[Rooted, Worked | None]:
+    """The root where the loop is simulated with its controller, and how that worked.
+
+    If it worked on samples there is nothing to simulate: the input is known between them. If the
+    input was made by something else, that is taken for a controller that is not known.
+    """
     parts = [one.driven for one in best.loops if isinstance(one.driven, Driven)]
     first, kind = best.estimate.model, best.loops[0].sampling
-    known: list[Loop] = [known_loop(part, first, controller, kind) for part in parts]
-    found = root(known, structure, best.estimate, near, say)
-    return replace(found, passes=found.passes + best.passes)
+    try:
+        known: list[Loop] = [known_loop(part, first, controller, kind) for part in parts]
+        how = how_it_worked(replace(best, loops=known), rule)
+    except DataError:
+        if rule is None or not rule.seen:
+            raise
+        how = rule
+    taken: Sampling = "sampled"
+    if how is not None and not how.explains:
+        taken = kind_of("unknown", [part.record for part in parts])
+    elif how is None or how.sampling == "continuous":
+        found = root(known, structure, best.estimate, near, say)
+        return replace(found, passes=found.passes + best.passes), how
+    held = [driven(part.record, between=taken == "continuous") for part in parts]
+    return _white(held, taken, structure, plain, near, say), how
 
 
 def _other(

@@ -104,8 +104,9 @@ class ThreeModel:
     controller : {"unknown", "sampled", "continuous"} or TransferFunction
         How the controller works, for the reference route: held between samples, or continuous.
         Unknown, it is what explains a record that is stated to be held. A linear controller ``C``
-        that is known may be given, as of ``u = r - C y`` or ``u = C (r - y)``: the loop is then
-        simulated with the model of every pass.
+        that is known may be given, as of ``u = r - C y`` or ``u = C (r - y)``: the estimate is
+        then the maximum of the likelihood of the loop's noise, if the record does not speak against
+        it (`methods.given_controller`).
 
     References
     ----------
