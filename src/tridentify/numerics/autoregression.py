@@ -421,8 +421,7 @@ def fit_autoregression(
     if any(np.isnan(one).any() for one in series):
         exact = Incomplete(series, reflection.size)
         if order is None:
-            fits = [exact.deviance(reflection[:p]) for p in range(power.size)]
-            order = _order(np.array(fits), exact.count, fewest)
+            order = _order(exact.deviances(reflection), exact.count, fewest)
         # samples that all stand alone have no reflection coefficients, whatever order is asked for
         first = reflection[:order]
         return stationary_polynomial(exact.best(first) if first.size else first)

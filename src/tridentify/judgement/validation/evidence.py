@@ -36,7 +36,7 @@ from tridentify.judgement.validation.residuals import Output, View
 from tridentify.judgement.validation.result import Normality
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
-from tridentify.numerics.lagrange import added, span
+from tridentify.numerics.lagrange import added_each, span
 from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
@@ -186,11 +186,10 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     found = _Columns.of(view, index, estimate)
     e, basis = _white(output, output.noise, fitted)
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
-    for extra in kinds:
-        columns_ = span(output.white(extra, output.noise), basis)
-        if added(e, basis, columns_, output.count).p_value < SUSPICIOUS:
-            return True
-    return False
+    white = output.white(_joined(*kinds), output.noise)
+    ends = np.cumsum([one[0].shape[1] for one in kinds])[:-1]
+    tests = added_each(e, basis, np.split(white, ends, axis=1), output.count)
+    return min(test.p_value for test in tests) < SUSPICIOUS
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,11 +239,10 @@ def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: A
     past, wave = output.white(found.past, noise), output.white(found.wave, noise)
     n_lags = len(found.lags)
     p_past = _past(past, basis, e, n_lags, n)
-    level = added(e, basis, span(wave, basis), n).p_value
+    late = [output.white(one, noise) for one in found.late]
+    level, *of_late = (test.p_value for test in added_each(e, basis, [wave, *late], n))
     alone = _Known(output, fitted, noise)
-    by_score = [(p_past, found.past)]
-    for one in found.late:
-        by_score.append((added(e, basis, span(output.white(one, noise), basis), n).p_value, one))
+    by_score = [(p_past, found.past), *zip(of_late, found.late, strict=True)]
     p_past = min(1.0, len(by_score) * _least_checked(alone, by_score))
     level = _checked(alone, found.wave, level)
     if p_past < CALLED and level < CALLED:
@@ -259,8 +257,7 @@ def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: A
     beside = _Known(output, _joined(fitted, *more, *drift), noise) if more or drift else alone
 
     def score(extra: tuple[Array, ...], known: _Known, least: float = 0.0) -> float:
-        own = known.basis
-        test = added(e, own, span(output.white(extra, noise), own), n)
+        (test,) = added_each(e, known.basis, [output.white(extra, noise)], n)
         # in a long record the slightest imperfection is significant, and means nothing
         return test.p_value if test.share > least else max(test.p_value, PRETEST)
 
@@ -462,8 +459,9 @@ def _modelled(
 def _past(past: Array, basis: Array, e: Array, n_lags: int, n: int) -> float:
     """Test of past inputs, at the first few lags and at all of them."""
     first = np.arange(past.shape[1]) % n_lags < columns.FIRST_LAGS
-    short = added(e, basis, span(past[:, first], basis), n).p_value
-    return min(1.0, 2.0 * min(short, added(e, basis, span(past, basis), n).p_value))
+    return min(
+        1.0, 2.0 * min(one.p_value for one in added_each(e, basis, [past[:, first], past], n))
+    )
 
 
 def _told_apart(
@@ -474,7 +472,7 @@ def _told_apart(
     with_wave = np.hstack([basis, span(wave, basis)])
     p_beside = _past(past, with_wave, e, n_lags, n)
     with_past = np.hstack([basis, span(past, basis)])
-    level = added(e, with_past, span(wave, with_past), n).p_value
+    level = added_each(e, with_past, [wave], n)[0].p_value
     if min(p_beside, level) > CALLED:
         # either alone explains the other; the response is the simpler cause
         return p_past, level
