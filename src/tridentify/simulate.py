@@ -99,6 +99,50 @@ def simulate(
     return result
 
 
+def simulate_each(model: TransferFunction, record: Record, inputs: Array) -> Array:
+    """As `simulate` from rest, of a model of one channel driven by each of several inputs alone.
+
+    Parameters
+    ----------
+    model : TransferFunction
+        With one input and one output.
+    record : Record
+        Only its time and intersample behaviour are used.
+    inputs : (n_samples, k) array
+        Finite.
+
+    Returns
+    -------
+    (n_samples, k) array
+
+    Raises
+    ------
+    ScaleError
+        As `simulate`.
+
+    Examples
+    --------
+    >>> record = Record(np.ones(3), np.ones(3), dt=1.0)
+    >>> inputs = np.stack([np.ones(3), np.zeros(3)], axis=1)
+    >>> simulate_each(TransferFunction([1.0], [1.0, 1.0]), record, inputs).round(4).tolist()
+    [[0.0, 0.0], [0.6321, 0.0], [0.8647, 0.0]]
+    """
+    k = inputs.shape[1]
+    result = np.zeros((record.n_samples, k))
+    signal = _signal(record, np.ascontiguousarray(inputs), (float(model.delay[0, 0]),) * k)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
+        try:
+            channels = [(j, j) for j in range(k)]
+            _drive(result, model.den[0][0], channels, [model.num[0][0]] * k, signal)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            if isinstance(error, TridentifyError):
+                raise
+            raise _no_room(model, record) from error
+    if not np.isfinite(result).all():
+        raise _no_room(model, record)
+    return result
+
+
 def free_responses(den: Array, record: Record, after: float = 0.0) -> Array:
     """Whatever a denominator may still do by itself, at the samples of a record.
 
@@ -201,7 +245,9 @@ def realize(den: Array, numerators: list[Array]) -> tuple[Array, Array, Array, A
         Non-zero diagonals of ``a`` above the main one.
     """
     n = den.size - 1
-    padded = np.array([np.pad(num, (n + 1 - num.size, 0)) for num in numerators])
+    padded = np.zeros((len(numerators), n + 1))
+    for row, num in zip(padded, numerators, strict=True):
+        row[n + 1 - num.size :] = num
     direct = padded[:, 0] / den[0]
     proper = padded[:, 1:] - np.outer(direct, den[1:])
     if n == 0:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.quantiles import median
 from tridentify.record.record import Record
 
 PAST = 12
@@ -73,7 +74,7 @@ def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
 def _lagged(u: Array, most: int) -> Array:
     """Inputs 1 to so many samples ago, and a constant; of the samples after these."""
     rows = u.shape[0] - most
-    since = u - np.median(u, axis=0)
+    since = u - np.array([median(column) for column in u.T])
     columns = [since[most - lag : most - lag + rows] for lag in range(1, most + 1)]
     return np.hstack([*columns, np.ones((max(rows, 0), 1))])
 
@@ -86,7 +87,7 @@ def _small(known: Array, now: Array, least: float) -> Array:
         root = np.sqrt(weight)
         fitted = np.linalg.lstsq(known * root[:, None], now * root, rcond=1e-10)[0]
         left = now - known @ fitted
-        scale = NORMAL * float(np.median(np.abs(left)))
+        scale = NORMAL * median(np.abs(left))
         if scale <= least:
             return np.zeros(now.size)
         size = np.abs(left) / scale

@@ -24,8 +24,9 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation.residuals import View
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.quantiles import quantiles
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
+from tridentify.simulate import simulate_each
 from tridentify.transfer_function import TransferFunction
 
 Columns = tuple[Array, ...]
@@ -113,8 +114,8 @@ def late(view: View, output: int, estimate: Estimate) -> list[Columns]:
 
 
 def _later(series: Array, shifts: Sequence[int]) -> Array:
-    columns = [np.pad(series, (k, 0), mode="edge")[: series.size] for k in shifts]
-    return np.stack(columns, axis=1)
+    rows = np.arange(series.size)[:, None] - np.array(shifts, dtype=int)
+    return series[np.maximum(rows, 0)]
 
 
 def _channel(estimate: Estimate, output: int, j: int) -> TransferFunction:
@@ -140,21 +141,15 @@ def _through(
     """Responses of one transfer function, from rest, to (n_samples, k) inputs."""
     found = []
     for record, columns in zip(records, inputs, strict=True):
-        kept = []
-        for one in columns.T:
-            alone = Record(one - one[0], one, t=record.t, intersample=record.intersample)
-            kept.append(simulate(model, alone._on_its_times(alone.u))[:, 0])
-        responses = np.stack(kept, axis=1)
-        # an unstable model may leave the range of a float: such a column tells nothing
-        found.append(np.where(np.isfinite(responses).all(axis=0), responses, 0.0))
+        own = record._on_its_times(record.u)
+        found.append(simulate_each(model, own, columns - columns[0]))
     return tuple(found)
 
 
 def _limits(series: Sequence[Array], tails: Sequence[float]) -> Columns:
     """What lies beyond quantiles on either side."""
     joined = np.concatenate(series)
-    low = np.quantile(joined, tails)
-    high = np.quantile(joined, 1.0 - np.array(tails))
+    low, high = np.split(quantiles(joined, [*tails, *(1.0 - one for one in tails)]), 2)
     return tuple(
         np.hstack([np.minimum(x[:, None] - low, 0.0), np.maximum(x[:, None] - high, 0.0)])
         for x in series

@@ -33,6 +33,7 @@ from tridentify.judgement.validation.explained import (
 from tridentify.judgement.validation.residuals import View, refitted
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.quantiles import median
 from tridentify.numerics.robust import median_scale
 
 AFTER_A_JUMP = 3
@@ -133,7 +134,7 @@ def starts_wild(view: View) -> bool:
     """
     for output in view.outputs:
         seen = np.concatenate([one[np.isfinite(one)] for one in output.residual])
-        limit = WILD * median_scale(np.abs(seen - np.median(seen))) if seen.size else 0.0
+        limit = WILD * median_scale(np.abs(seen - median(seen))) if seen.size else 0.0
         first = [one[:FIRST_SAMPLES] for one in output.residual]
         if limit > 0 and any(np.any(np.abs(one[np.isfinite(one)]) > limit) for one in first):
             return True
