@@ -206,8 +206,8 @@ def _places(white: Array, templates: Sequence[_Template]) -> list[int]:
     matched = [_Matched.of(own, n) for own in templates]
     for _ in range(MOST + MOST_SPIKES):
         jump, alone = np.zeros(n), []
-        for i, own in enumerate(matched):
-            squares = own.along(left[:, i]) ** 2
+        for i, spectra in enumerate(matched):
+            squares = spectra.along(left[:, i]) ** 2
             jump += squares[:-2].sum(axis=0)
             alone += [squares[-2], squares[-1]]
         jump[:1] = 0.0
@@ -239,11 +239,11 @@ class _Matched(NamedTuple):
     def of(cls, template: _Template, n: int) -> _Matched:
         """For series of ``n`` samples."""
         alone = (template.spike, template.shock)
-        longest = max(template.free.shape[0], *(one.size for one in alone))
+        longest = max(template.free.shape[0], template.spike.size)
         columns = np.zeros((template.free.shape[1] + len(alone), longest))
         columns[: -len(alone), : template.free.shape[0]] = template.free.T
-        for row, one in zip(columns[-len(alone) :], alone, strict=True):
-            row[: one.size] = one
+        for row, column in zip(columns[-len(alone) :], alone, strict=True):
+            row[: column.size] = column
         # not from scipy.signal, whose import takes longer than the whole look
         length = next_fast_len(n + longest - 1, real=True)
         return cls(length, rfft(columns, length).conj())

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.least_squares import regress
 from tridentify.numerics.quantiles import median
 from tridentify.record.record import Record
 
@@ -32,6 +33,9 @@ ROUNDS = 15
 
 COMMANDED = 1e-6
 """Small surprises over the spread of the input, below which it has none but rounding."""
+
+CUTOFF = 1e-10
+"""Singular value over the largest below which past inputs tell nothing new."""
 
 NORMAL = 1.4826
 """Standard deviation of a Gaussian over the median of its absolute values."""
@@ -85,7 +89,7 @@ def _small(known: Array, now: Array, least: float) -> Array:
     left, scale = now, 0.0
     for turn in range(ROUNDS):
         root = np.sqrt(weight)
-        fitted = np.linalg.lstsq(known * root[:, None], now * root, rcond=1e-10)[0]
+        fitted = regress(known * root[:, None], now * root, CUTOFF)
         left = now - known @ fitted
         scale = NORMAL * median(np.abs(left))
         if scale <= least:

@@ -18,6 +18,7 @@ unknown, those beyond several quantiles are added. An actuator likewise, through
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -27,9 +28,17 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import quantiles
 from tridentify.record.record import Record
 from tridentify.simulate import simulate_each
-from tridentify.transfer_function import TransferFunction
 
 Columns = tuple[Array, ...]
+
+
+class Channel(NamedTuple):
+    """Numerator, monic denominator and delay [s] of one channel of a model."""
+
+    num: Array
+    den: Array
+    delay: float
+
 
 TAILS = (0.05, 0.12, 0.2)
 """Shares of the samples that lie beyond a level, on either side: few samples tell a level that is
@@ -68,7 +77,7 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     """
     records, shapes = view.records, _shapes(view, output)
     den = estimate.model.den[output][0]
-    inner = TransferFunction([den[-1] or 1.0], den)
+    inner = Channel(np.array([den[-1] or 1.0]), den, 0.0)
     found = [
         _through(inner, records, [np.stack([y**2, y**3], axis=1) for y in shapes]),
         _through(inner, records, [np.sign(np.gradient(y))[:, None] for y in shapes]),
@@ -115,13 +124,13 @@ def late(view: View, output: int, estimate: Estimate) -> list[Columns]:
 
 def _later(series: Array, shifts: Sequence[int]) -> Array:
     rows = np.arange(series.size)[:, None] - np.array(shifts, dtype=int)
-    return series[np.maximum(rows, 0)]
+    return np.asarray(series[np.maximum(rows, 0)])
 
 
-def _channel(estimate: Estimate, output: int, j: int) -> TransferFunction:
+def _channel(estimate: Estimate, output: int, j: int) -> Channel:
     model = estimate.model
     late_by = float(model.delay[output, j])
-    return TransferFunction(model.num[output][j], model.den[output][j], delay=late_by)
+    return Channel(model.num[output][j], model.den[output][j], late_by)
 
 
 def _shapes(view: View, output: int) -> list[Array]:
@@ -135,14 +144,12 @@ def _scaled(series: Sequence[Array]) -> list[Array]:
     return [(one - joined.mean()) / size for one in series]
 
 
-def _through(
-    model: TransferFunction, records: Sequence[Record], inputs: Sequence[Array]
-) -> Columns:
+def _through(model: Channel, records: Sequence[Record], inputs: Sequence[Array]) -> Columns:
     """Responses of one transfer function, from rest, to (n_samples, k) inputs."""
     found = []
     for record, columns in zip(records, inputs, strict=True):
         own = record._on_its_times(record.u)
-        found.append(simulate_each(model, own, columns - columns[0]))
+        found.append(simulate_each(*model, own, columns - columns[0]))
     return tuple(found)
 
 

@@ -119,9 +119,8 @@ def _taps(lags: tuple[int, ...]) -> tuple[tuple[int, Array], ...]:
 
 def _smoothed(u: Array, size: int, taps: Sequence[tuple[int, Array]]) -> list[Array]:
     """An input through several responses, some at a time where the record is long."""
-    spectrum, found = rfft(u, size), []
-    for first in range(0, len(taps), max(AT_ONCE // size, 1)):
-        some = taps[first : first + max(AT_ONCE // size, 1)]
+    spectrum, found, step = rfft(u, size), [], max(AT_ONCE // size, 1)
+    for some in (taps[first : first + step] for first in range(0, len(taps), step)):
         longest = max(begin + shape.size for begin, shape in some)
         responses = np.zeros((len(some), longest))
         for row, (begin, shape) in zip(responses, some, strict=True):

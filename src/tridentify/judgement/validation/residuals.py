@@ -88,7 +88,9 @@ class Output:
     def is_rounding(self) -> bool:
         """Whether the residual is no more than rounding."""
         size = max(float(np.nanmax(np.abs(one))) for one in self.y)
-        return not np.sqrt(np.nanmean(np.concatenate(self.residual) ** 2)) > ROUNDING * size
+        joined = np.concatenate(self.residual)
+        left = joined[~np.isnan(joined)]
+        return not (left.size and np.sqrt(left @ left / left.size) > ROUNDING * size)
 
     def white(self, columns: Sequence[Array], noise: Array) -> Array:
         """Whiten columns, one experiment below the other; zero where a sample is missing.
