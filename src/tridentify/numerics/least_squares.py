@@ -94,7 +94,7 @@ class Accumulator:
         return np.triu(self._r)
 
 
-def regress(matrix: Array, target: Array, cutoff: float) -> Array:
+def least_squares(matrix: Array, target: Array, cutoff: float) -> Array:
     """As `numpy.linalg.lstsq`, from the triangle of both where no direction is left out.
 
     Parameters
@@ -111,7 +111,8 @@ def regress(matrix: Array, target: Array, cutoff: float) -> Array:
 
     Examples
     --------
-    >>> regress(np.array([[1.0, 1.0], [1.0, 2.0], [1.0, 3.0]]), np.array([2, 3, 4.0]), 1e-9).round(9)
+    >>> rows = np.array([[1.0, 1.0], [1.0, 2.0], [1.0, 3.0]])
+    >>> least_squares(rows, np.array([2.0, 3.0, 4.0]), 1e-9).round(9)
     array([1., 1.])
     """
     m, n = matrix.shape

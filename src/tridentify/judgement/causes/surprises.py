@@ -15,7 +15,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.least_squares import regress
+from tridentify.numerics.least_squares import least_squares
 from tridentify.numerics.quantiles import median
 from tridentify.record.record import Record
 
@@ -89,7 +89,7 @@ def _small(known: Array, now: Array, least: float) -> Array:
     left, scale = now, 0.0
     for turn in range(ROUNDS):
         root = np.sqrt(weight)
-        fitted = regress(known * root[:, None], now * root, CUTOFF)
+        fitted = least_squares(known * root[:, None], now * root, CUTOFF)
         left = now - known @ fitted
         scale = NORMAL * median(np.abs(left))
         if scale <= least:
