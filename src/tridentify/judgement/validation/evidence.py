@@ -539,10 +539,10 @@ def _modelled(
     raw = np.vstack(stacked)
     norms = np.sqrt(np.einsum("ij,ij->j", raw, raw))
     norms = np.where(norms > 0, norms, 1.0)
-    scaled = output.white(tuple(one / norms for one in larger), noise)
-    white = output.white(tuple(np.nan_to_num(one) for one in output.residual), noise)
+    beside = zip(larger, output.residual, strict=True)
+    both = output.white([np.column_stack([c / norms, np.nan_to_num(r)]) for c, r in beside], noise)
     # the triangle of the columns and the residual beside them is all that is needed of them
-    r = triangle(np.column_stack([scaled, white]))
+    r, white = triangle(both), both[:, -1]
     u, s, vt = np.linalg.svd(r[:, :-1], full_matrices=False)
     kept = s > 1e-6 * s[0]
     root = (vt[kept].T / s[kept]) / norms[:, None]
