@@ -20,6 +20,7 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import cascade, monomials, sort_poles
+from tridentify.numerics.recent import recent
 from tridentify.numerics.sampled import Sampled, States
 from tridentify.record.record import Record
 from tridentify.transfer_function import TransferFunction
@@ -93,9 +94,55 @@ def simulate(
         except (np.linalg.LinAlgError, ValueError) as error:
             if isinstance(error, TridentifyError):
                 raise
-            raise _no_room(model, record) from error
+            raise _no_room(model.n_outputs, record) from error
     if not np.isfinite(result).all():
-        raise _no_room(model, record)
+        raise _no_room(model.n_outputs, record)
+    return result
+
+
+def simulate_each(num: Array, den: Array, delay: float, record: Record, inputs: Array) -> Array:
+    """As `simulate` from rest, of a model of one channel driven by each of several inputs alone.
+
+    Parameters
+    ----------
+    num, den : arrays
+        Descending powers; ``den`` begins with one.
+    delay : float
+        [s].
+    record : Record
+        Only its time and intersample behaviour are used.
+    inputs : (n_samples, k) array
+        Finite.
+
+    Returns
+    -------
+    (n_samples, k) array
+
+    Raises
+    ------
+    ScaleError
+        As `simulate`.
+
+    Examples
+    --------
+    >>> record = Record(np.ones(3), np.ones(3), dt=1.0)
+    >>> inputs = np.stack([np.ones(3), np.zeros(3)], axis=1)
+    >>> simulate_each(np.ones(1), np.ones(2), 0.0, record, inputs).round(4).tolist()
+    [[0.0, 0.0], [0.6321, 0.0], [0.8647, 0.0]]
+    """
+    k = inputs.shape[1]
+    result = np.zeros((record.n_samples, k))
+    signal = _signal(record, np.ascontiguousarray(inputs), (delay,) * k)
+    with np.errstate(over="ignore", under="ignore", invalid="ignore", divide="ignore"):
+        try:
+            channels = [(j, j) for j in range(k)]
+            _drive(result, den, channels, [num] * k, signal)
+        except (np.linalg.LinAlgError, ValueError) as error:
+            if isinstance(error, TridentifyError):
+                raise
+            raise _no_room(k, record) from error
+    if not np.isfinite(result).all():
+        raise _no_room(k, record)
     return result
 
 
@@ -135,9 +182,9 @@ def free_responses(den: Array, record: Record, after: float = 0.0) -> Array:
     return simulate(model, still, free_response=np.eye(n), free_after=after)
 
 
-def _no_room(model: TransferFunction, record: Record) -> ScaleError:
+def _no_room(n_outputs: int, record: Record) -> ScaleError:
     return ScaleError(
-        f"found a model of {model.n_outputs} outputs whose response over {record.duration:.3g} s "
+        f"found a model of {n_outputs} outputs whose response over {record.duration:.3g} s "
         "leaves the range of numbers; expected one below 1e308; shorten the record, or correct the "
         "poles, the gain or the units of the model"
     )
@@ -201,16 +248,17 @@ def realize(den: Array, numerators: list[Array]) -> tuple[Array, Array, Array, A
         Non-zero diagonals of ``a`` above the main one.
     """
     n = den.size - 1
-    padded = np.array([np.pad(num, (n + 1 - num.size, 0)) for num in numerators])
+    padded = np.zeros((len(numerators), n + 1))
+    for row, num in zip(padded, numerators, strict=True):
+        row[n + 1 - num.size :] = num
     direct = padded[:, 0] / den[0]
     proper = padded[:, 1:] - np.outer(direct, den[1:])
     if n == 0:
         return np.zeros((0, 0)), np.zeros(0), np.zeros((direct.size, 0)), direct, 0
-    poles = sort_poles(np.roots(den).astype(np.complex128))
-    if poles.size == n and np.all(poles.real < 0):
-        bank = cascade(poles)
-        c = proper[:, ::-1] @ monomials(bank, n)
-        return bank.a, bank.b, c, direct, int(np.any(poles.imag != 0))
+    stable = _orthonormal(den)
+    if stable:
+        ((a, b, powers, upper),) = stable
+        return a, b, proper[:, ::-1] @ powers, direct, upper
     companion = np.zeros((n, n))
     companion[0] = -den[1:] / den[0]
     companion[1:, :-1] = np.eye(n - 1)
@@ -218,6 +266,17 @@ def realize(den: Array, numerators: list[Array]) -> tuple[Array, Array, Array, A
     b = np.zeros(n)
     b[0] = 1.0 / scaling[0]
     return np.asarray(balanced), b, np.asarray(proper * scaling), direct, n
+
+
+@recent(32)
+def _orthonormal(den: Array) -> tuple[tuple[Array, Array, Array, int], ...]:
+    """``a``, ``b``, powers of p on the states and diagonals of a cascade; none if not stable."""
+    poles = sort_poles(np.roots(den).astype(np.complex128))
+    if poles.size < den.size - 1 or not np.all(poles.real < 0):
+        return ()
+    bank = cascade(poles)
+    powers = monomials(bank, den.size - 1)
+    return ((bank.a, bank.b, powers, int(np.any(poles.imag != 0))),)
 
 
 def _drive(

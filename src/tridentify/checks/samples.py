@@ -36,6 +36,7 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST
+from tridentify.numerics.quantiles import quantiles
 
 Intersample = Literal["zoh", "foh", "band-limited", "auto"]
 Behaviour = Literal["zoh", "foh", "band-limited"]
@@ -241,7 +242,7 @@ def typical_step(t: Array) -> float:
     >>> round(typical_step(np.array([0.0, 0.1, 0.2, 0.3, 86400.0, 86400.1])), 9)
     0.1
     """
-    return float(np.quantile(np.diff(t), 0.1))
+    return float(quantiles(np.diff(t), (0.1,))[0])
 
 
 def time_slack(t: Array) -> float:

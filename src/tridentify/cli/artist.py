@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
+from functools import partial
+from typing import TYPE_CHECKING
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import Validation
 from tridentify.record.record import Record
-from tridentify.report.figures import Here, model_pictures, tests_pictures
-from tridentify.report.pictures import Picture
+
+if TYPE_CHECKING:
+    from tridentify.report.pictures import Picture
 
 PROCESSORS = 2
 """Fewer than these would only take turns."""
@@ -34,7 +38,7 @@ class Beside:
 
     def begin(self, estimate: Estimate, records: Sequence[Record]) -> None:
         """Have the figures of a model drawn: what is found about it later is not in them."""
-        self._begun = self._pool.submit(model_pictures, estimate, tuple(records))
+        self._begun = self._pool.submit(_model, estimate, tuple(records))
 
     def model(self, estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
         """As `Here.model`; those that were begun, if any."""
@@ -44,28 +48,47 @@ class Beside:
         try:
             return self._begun.result()
         except BrokenProcessPool:
-            return Here().model(estimate, records)
+            return _model(estimate, records)
 
     def tests(self, validation: Validation) -> Callable[[], list[Picture]]:
         """As `Here.tests`; they are begun at once."""
         try:
-            begun = self._pool.submit(tests_pictures, validation)
+            begun = self._pool.submit(_tests, validation)
         except BrokenProcessPool:
-            return Here().tests(validation)
+            return partial(_tests, validation)
 
         def finished() -> list[Picture]:
             try:
                 return begun.result()
             except BrokenProcessPool:
-                return Here().tests(validation)()
+                return _tests(validation)
 
         return finished
 
 
+def _model(estimate: Estimate, records: Sequence[Record]) -> list[Picture]:
+    """The process that does not draw loads what drawing needs for the page, if at all."""
+    from tridentify.report.figures import model_pictures
+
+    return model_pictures(estimate, records)
+
+
+def _tests(validation: Validation) -> list[Picture]:
+    from tridentify.report.figures import tests_pictures
+
+    return tests_pictures(validation)
+
+
 def _made_ready() -> None:
-    """Load what drawing needs."""
-    import matplotlib.backends.backend_agg
-    import matplotlib.backends.backend_svg  # noqa: F401
+    """Load what drawing needs, and draw once: fonts, and the reader of powers of ten."""
+    from matplotlib.figure import Figure
+
+    import tridentify.report.figures  # noqa: F401
+
+    figure = Figure()
+    axes = figure.add_subplot()
+    axes.loglog([1.0, 10.0], [1.0, 10.0])
+    figure.savefig(io.StringIO(), format="svg")
 
 
 @contextmanager

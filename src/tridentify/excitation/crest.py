@@ -18,7 +18,6 @@ E. Van der Ouderaa, J. Schoukens & J. Renneboog, IEEE Trans. Instrumentation and
 from __future__ import annotations
 
 import numpy as np
-import scipy.optimize
 from numpy.typing import NDArray
 
 from tridentify.numerics.arrays import Array
@@ -123,7 +122,8 @@ def _descended(harmonics: Lines, amplitudes: Array, phases: Array, n: int, norm:
         gradient = -amplitudes / size * slope / (top * total)
         return np.log(top) + np.log(total) / norm, gradient
 
-    answer = scipy.optimize.minimize(
-        objective, phases, jac=True, method="L-BFGS-B", options={"maxiter": STEPS}
-    )
+    # slow to import, seldom needed
+    from scipy.optimize import minimize
+
+    answer = minimize(objective, phases, jac=True, method="L-BFGS-B", options={"maxiter": STEPS})
     return np.asarray(answer.x)

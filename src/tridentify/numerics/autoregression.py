@@ -55,6 +55,7 @@ from scipy.linalg import toeplitz
 from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.incomplete import Incomplete
 from tridentify.numerics.levinson import autocovariance, stationary_polynomial
+from tridentify.numerics.recent import recent
 
 Places = NDArray[np.int64]
 
@@ -62,6 +63,8 @@ PER_COEFFICIENT = 10
 PER_DECADE = 10.0
 NEARLY_ONE = 1.0 - 1e-5
 PREDICTED = 1e-8
+FEW_GAINS = 8
+"""Series whose gains are kept: outputs and experiments in turn."""
 REMEMBERED = 64
 """Processes whose covariance is kept: one model whitens every column of every pass."""
 
@@ -246,6 +249,20 @@ def _stationary(a: bytes) -> Array:
     return toeplitz(autocovariance(given, given.size - 1)) if given.size else np.zeros((0, 0))
 
 
+Gains = tuple[Array, Array, Array, int, float]
+
+
+def _gains_from(a: Array, seen: Flags, state: Array, run: int) -> Gains:
+    """Gains and variances of the next samples, state and run behind them, sum of logarithms."""
+    gain, scale, state = np.zeros((seen.size, a.size)), np.ones(seen.size), state.copy()
+    run = int(_compiled()[0](a, seen, state, run, gain, scale))
+    return gain, scale, state, run, float(np.sum(np.log(scale)))
+
+
+_first_gains = recent(FEW_GAINS)(_gains_from)
+"""From the start of a series: residual, derivatives and added columns ask one after the other."""
+
+
 class Whitener:
     """Turns columns of one output into their innovations, block by block.
 
@@ -271,8 +288,8 @@ class Whitener:
     def __init__(self, a: Array, n_columns: int) -> None:
         self._a = np.array(a, dtype=np.float64)
         p = self._a.size
-        self._state = _stationary(self._a.tobytes()).copy()
-        self._run = 0
+        self._state = _stationary(self._a.tobytes())
+        self._run, self._begun = 0, False
         self._past = np.zeros((n_columns, p))
         self.log_scale = 0.0
 
@@ -298,12 +315,12 @@ class Whitener:
         if p == 0:
             np.multiply(rows[:, :count], seen, out=found[:, :count])
             return found
-        gains, innovate, _ = _compiled()
-        gain, scale = np.zeros((count, p)), np.ones(count)
         mask = np.ascontiguousarray(seen)
-        self._run = int(gains(self._a, mask, self._state, self._run, gain, scale))
-        self.log_scale += float(np.sum(np.log(scale)))
-        innovate(self._a, mask, gain, scale, rows, self._past, found)
+        told = _gains_from if self._begun else _first_gains
+        gain, scale, self._state, self._run, log_scale = told(self._a, mask, self._state, self._run)
+        self._begun = True
+        self.log_scale += log_scale
+        _compiled()[1](self._a, mask, gain, scale, rows, self._past, found)
         return found
 
 
@@ -421,8 +438,7 @@ def fit_autoregression(
     if any(np.isnan(one).any() for one in series):
         exact = Incomplete(series, reflection.size)
         if order is None:
-            fits = [exact.deviance(reflection[:p]) for p in range(power.size)]
-            order = _order(np.array(fits), exact.count, fewest)
+            order = _order(exact.deviances(reflection), exact.count, fewest)
         # samples that all stand alone have no reflection coefficients, whatever order is asked for
         first = reflection[:order]
         return stationary_polynomial(exact.best(first) if first.size else first)

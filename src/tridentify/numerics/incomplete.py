@@ -27,14 +27,13 @@ References: I. Gohberg & A. Semencul, Mat. Issled. 7 (1972) 201-223. R. Jones, T
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
-from typing import Any
+from types import ModuleType
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky, solve_triangular, toeplitz
-from scipy.optimize import minimize
 
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.levinson import covariance
@@ -49,156 +48,12 @@ FARTHEST = 1.0 - 1e-5
 """Largest reflection coefficient: beyond it no series tells a process from one that drifts."""
 
 
-def _partial_sums(a: Array) -> Array:
-    """``sum a_v a_{v + lag}`` over ``v = u .. p - lag``, at ``[u, lag]``.
-
-    Of the inverse covariance of ``n > 2 p`` samples the entry ``(i, j)``, ``i <= j``, is the value
-    at ``[0, j - i]`` less those at ``[i + 1, j - i]`` and ``[n - j, j - i]``, which are zero away
-    from the ends.
-    """
-    p = a.size - 1
-    found = np.zeros((p + 2, p + 1))
-    for lag in range(p + 1):
-        for u in range(p - lag, -1, -1):
-            found[u, lag] = found[u + 1, lag] + a[u] * a[u + lag]
-    return found
-
-
-def _complete(
-    sums: Array, x: Array, missing: Places, band: Array, inverse: Array, expected: Array
-) -> float:
-    """Put the conditional means into ``x`` and ``Q_mm^{-1}`` into ``inverse``; log det ``Q_mm``.
-
-    ``band[i, l]`` and ``inverse[i, l]`` belong to the missing samples ``i`` and ``i + l``; ``x`` is
-    zero at the missing samples. Infinite where rounding makes the matrix indefinite.
-    """
-    p, n, count = sums.shape[1] - 1, x.size, missing.size
-    reach = np.zeros(count, dtype=np.int64)
-    for i in range(count):
-        at, width = missing[i], 0
-        while i + width < count and missing[i + width] - at <= p:
-            j = missing[i + width]
-            lag = j - at
-            band[i, width] = (
-                sums[0, lag] - sums[min(at + 1, p + 1), lag] - sums[min(n - j, p + 1), lag]
-            )
-            width += 1
-        reach[i] = width
-        total = 0.0
-        for t in range(max(at - p, 0), min(at + p, n - 1) + 1):
-            low, high = min(t, at), max(t, at)
-            lag = high - low
-            entry = sums[0, lag]
-            if low < p:
-                entry -= sums[low + 1, lag]
-            if n - high <= p:
-                entry -= sums[n - high, lag]
-            total += x[t] * entry
-        expected[i] = -total
-    log_determinant = 0.0
-    for i in range(count):
-        pivot = band[i, 0]
-        if not pivot > 0.0:
-            return np.inf
-        log_determinant += np.log(pivot)
-        for k in range(1, reach[i]):
-            weight = band[i, k] / pivot
-            for q in range(k, reach[i]):
-                band[i + k, q - k] -= weight * band[i, q]
-            expected[i + k] -= weight * expected[i]
-        for k in range(1, reach[i]):
-            band[i, k] /= pivot
-        expected[i] /= pivot
-    for i in range(count - 1, -1, -1):
-        pivot = band[i, 0]
-        corner = 1.0 / pivot
-        for k in range(1, reach[i]):
-            expected[i] -= band[i, k] * expected[i + k]
-        for k in range(reach[i] - 1, 0, -1):
-            total = 0.0
-            for q in range(1, reach[i]):
-                other = inverse[i + q, k - q] if q <= k else inverse[i + k, q - k]
-                total -= band[i, q] * other
-            inverse[i, k] = total
-            corner -= band[i, k] * total
-        inverse[i, 0] = corner
-        x[missing[i]] = expected[i]
-    return log_determinant
-
-
-def _tables(
-    p: int, x: Array, missing: Places, inverse: Array, products: Array, spread: Array
-) -> None:
-    """Add a series to the upper triangles of ``D`` (``products``) and of ``E`` (``spread``)."""
-    n, count = x.size, missing.size
-    along = np.zeros(p + 1)
-    first, last = np.zeros((p + 1, p + 1)), np.zeros((p + 1, p + 1))
-    for i in range(count):
-        for k in range(count - i):
-            lag = missing[i + k] - missing[i]
-            if lag > p:
-                break
-            along[lag] += inverse[i, k]
-            if missing[i + k] <= p:
-                first[missing[i], lag] = inverse[i, k]
-            if missing[i] >= n - 1 - p:
-                last[n - 1 - missing[i + k], lag] = inverse[i, k]
-    for lag in range(p + 1):
-        total = 0.0
-        for t in range(n - lag):
-            total += x[t] * x[t + lag]
-        for i in range(p + 1 - lag):
-            products[i, i + lag] += total
-            spread[i, i + lag] += along[lag]
-            total -= x[i] * x[i + lag] + x[n - 1 - i - lag] * x[n - 1 - i]
-            along[lag] -= first[i, lag] + last[i, lag]
-
-
-def _levinson(k: Array, a: Array, slopes: Array) -> None:
-    """``a_0 = 1, a_1 .. a_p`` of reflection coefficients, and ``slopes[i, j] = d a_{i+1} / d k_j``.
-
-    Both are zero on entry.
-    """
-    p = k.size
-    a[0] = 1.0
-    old, turned = np.empty(p + 1), np.empty((p, p))
-    for m in range(1, p + 1):
-        old[:m] = a[:m]
-        old[m] = 0.0
-        for i in range(1, m + 1):
-            a[i] = old[i] + k[m - 1] * old[m - i]
-        for i in range(m - 1):
-            for j in range(m - 1):
-                turned[i, j] = slopes[m - 2 - i, j]
-        for i in range(m - 1):
-            for j in range(m - 1):
-                slopes[i, j] += k[m - 1] * turned[i, j]
-            slopes[i, m - 1] = old[m - 1 - i]
-        slopes[m - 1, m - 1] = 1.0
-
-
 @cache
-def _compiled() -> tuple[Callable[..., Any], ...]:
-    """The loops as machine code (compiled at the first call, afterwards read from disk)."""
-    import numba
+def _kernels() -> ModuleType:
+    """The loops as machine code, which takes numba: loaded where it is first needed."""
+    from tridentify.numerics import incomplete_kernels
 
-    number, whole = numba.float64, numba.int64
-    vector, table, places = number[::1], number[:, ::1], numba.int64[::1]
-    loops = (
-        (_partial_sums, table(vector)),
-        (_complete, number(table, vector, places, table, table, vector)),
-        (_tables, numba.void(whole, vector, places, table, table, table)),
-        (_levinson, numba.void(vector, vector, table)),
-    )
-    found: list[Callable[..., Any]] = []
-    # sums may be taken in any order, which lets the processor take several samples at once
-    order = {"reassoc", "nsz", "contract"}
-    for loop, signature in loops:
-        try:
-            found.append(numba.njit(signature, cache=True, fastmath=order)(loop))
-        except RuntimeError:  # no folder on this machine can hold the cache
-            found.append(numba.njit(signature, fastmath=order)(loop))
-    return tuple(found)
+    return incomplete_kernels
 
 
 class Incomplete:
@@ -225,14 +80,23 @@ class Incomplete:
     """
 
     def __init__(self, series: Sequence[Array], most: int) -> None:
-        self._rows: list[tuple[Array, Places]] = []
-        self.count = 0
+        filled, missing = [], []
         for one in series:
             # the forms hold from 2 p + 1 samples on; those that are not there do not count
-            padded = np.pad(one, (0, max(2 * most + 1 - one.size, 0)), constant_values=np.nan)
-            missing = np.flatnonzero(np.isnan(padded)).astype(np.int64)
-            self._rows.append((np.nan_to_num(padded), missing))
-            self.count += padded.size - missing.size
+            row = np.full(max(2 * most + 1, one.size), np.nan)
+            row[: one.size] = one
+            gone = np.isnan(row)
+            missing.append(np.flatnonzero(gone))
+            row[gone] = 0.0
+            filled.append(row)
+        self.count = sum(one.size for one in filled) - sum(one.size for one in missing)
+        self._samples: tuple[Array, Places, Places, Places, int] = (
+            np.concatenate(filled),
+            np.cumsum([0, *(one.size for one in filled)]),
+            np.concatenate(missing),
+            np.cumsum([0, *(one.size for one in missing)]),
+            self.count,
+        )
 
     def deviance(self, reflection: Array) -> float:
         """``-2 log L`` up to a constant, the innovations' variance at its best value.
@@ -244,35 +108,24 @@ class Incomplete:
         """
         return self.with_slopes(reflection)[0]
 
+    def deviances(self, reflection: Array) -> Array:
+        """``-2 log L`` of the first ``0 .. p`` reflection coefficients.
+
+        Parameters
+        ----------
+        reflection : (p,) array
+
+        Returns
+        -------
+        (p + 1,) array
+        """
+        orders = range(reflection.size + 1)
+        return np.array([self.with_slopes(reflection[:p])[0] for p in orders])
+
     def with_slopes(self, reflection: Array) -> tuple[float, Array]:
         """The same with its derivatives by the reflection coefficients."""
-        partial_sums, complete, tables, levinson = _compiled()
-        k, p = np.array(reflection, dtype=np.float64), reflection.size
-        a, slopes = np.zeros(p + 1), np.zeros((p, p))
-        levinson(k, a, slopes)
-        sums = partial_sums(a)
-        products, spread = np.zeros((2, p + 1, p + 1))
-        orders = np.arange(1.0, p + 1.0)
-        free = 1.0 - k * k
-        log_determinant = -len(self._rows) * float(orders @ np.log(free))
-        for zeros, missing in self._rows:
-            x, size = zeros.copy(), missing.size
-            # the most of them that are within p samples
-            width = int(
-                np.max(np.searchsorted(missing, missing + p + 1) - np.arange(size), initial=1)
-            )
-            band, inverse = np.zeros((2, size, width))
-            log_determinant += complete(sums, x, missing, band, inverse, np.zeros(size))
-            tables(p, x, missing, inverse, products, spread)
-        if not math.isfinite(log_determinant):
-            return math.inf, np.zeros(p)
-        products += np.triu(products, 1).T
-        spread += np.triu(spread, 1).T
-        energy = max(float(a @ products @ a), 1e-300)
-        n = max(self.count, 1)
-        by_polynomial = 2.0 * ((n / energy * products + spread) @ a)[1:]
-        slope = by_polynomial @ slopes + len(self._rows) * 2.0 * orders * k / free
-        return n * math.log(energy / n) + log_determinant, slope
+        slope = np.empty(reflection.size)
+        return float(_kernels().value(_vector(reflection), *self._samples, slope)), slope
 
     def best(self, reflection: Array) -> Array:
         """Reflection coefficients of highest likelihood near the given ones.
@@ -281,6 +134,15 @@ class Incomplete:
         """
         start = np.arctanh(np.clip(reflection, -FARTHEST, FARTHEST))
         root = self._root(np.tanh(start))
+        moved, limits = np.zeros(start.size), (GRADIENT_STILL, MOST_ITERATIONS)
+        if not _kernels().descend(start, root, moved, FARTHEST, *limits, *self._samples):
+            moved = self._searched(start, root)
+        return np.clip(np.tanh(start + root @ moved), -FARTHEST, FARTHEST)
+
+    def _searched(self, start: Array, root: Array) -> Array:
+        """What is sought, with a line search for the steps that take one."""
+        # slow to import, seldom needed
+        from scipy.optimize import minimize
 
         def halved(moved: Array) -> tuple[float, Array]:
             k = np.clip(np.tanh(start + root @ moved), -FARTHEST, FARTHEST)
@@ -294,17 +156,21 @@ class Incomplete:
             method="BFGS",
             options={"gtol": GRADIENT_STILL, "maxiter": MOST_ITERATIONS},
         )
-        return np.clip(np.tanh(start + root @ found.x), -FARTHEST, FARTHEST)
+        return np.asarray(found.x)
 
     def _root(self, k: Array) -> Array:
         """A root of the covariance of ``arctanh k`` for a whole series (Fisher's information)."""
-        levinson = _compiled()[3]
         a, slopes = np.zeros(k.size + 1), np.zeros((k.size, k.size))
-        levinson(k, a, slopes)
+        _kernels().levinson(k, a, slopes)
         slopes *= 1.0 - k * k
         information = max(self.count, 1) * slopes.T @ toeplitz(covariance(k)[: k.size]) @ slopes
         try:
             upper = cholesky(information)
         except np.linalg.LinAlgError:
             return np.eye(k.size) / math.sqrt(max(self.count, 1))
-        return np.asarray(solve_triangular(upper, np.eye(k.size)))
+        return np.ascontiguousarray(solve_triangular(upper, np.eye(k.size)))
+
+
+def _vector(values: Array) -> Array:
+    """As the loops take them."""
+    return np.ascontiguousarray(values, dtype=np.float64)

@@ -19,13 +19,16 @@ form in short samples).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import lapack
 from scipy.special import fdtrc
 
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.least_squares import triangle
 
 SPAN_CUTOFF = 1e-6
 
@@ -79,11 +82,79 @@ def span(columns: Array, basis: Array | None = None, cutoff: float = SPAN_CUTOFF
     if basis is not None and basis.shape[1]:
         for _ in range(2):
             used = used - basis @ (basis.T @ used)
-    u, s, _ = np.linalg.svd(used, full_matrices=False)
-    found = u[:, s > cutoff]
+    found = _orthonormal(used, cutoff)
     if basis is not None and basis.shape[1]:
         found = found - basis @ (basis.T @ found)
     return np.asarray(found)
+
+
+def _orthonormal(columns: Array, cutoff: float) -> Array:
+    """Basis of some columns; of their singular values only the large ones where some are not."""
+    n, k = columns.shape
+    factors, tau, _, failed = lapack.dgeqrf(columns)
+    of = np.triu(factors[:k])
+    if n < k or failed or np.linalg.svd(of, compute_uv=False)[-1] <= cutoff:
+        u, s, _ = np.linalg.svd(columns, full_matrices=False)
+        return np.asarray(u[:, s > cutoff])
+    return np.asarray(lapack.dorgqr(factors, tau, overwrite_a=1)[0])
+
+
+def added_each(
+    residual: Array,
+    basis: Array,
+    groups: Sequence[Array],
+    n_samples: int,
+    cutoff: float = SPAN_CUTOFF,
+) -> list[Added]:
+    """`added` for each of several groups of columns by itself, without a basis of any.
+
+    Only the triangle of a group and the residual beside it is made: with ``[Z r] = Q R`` the part
+    of ``r`` along ``Z`` has the length of the last column of ``R`` but for its last number.
+
+    Parameters
+    ----------
+    residual : (n,) array
+    basis : (n, p) array
+        Orthonormal, of what was fitted.
+    groups : sequence of (n, k) arrays
+    n_samples : int
+        Samples that are there.
+    cutoff : float
+        As for `span`.
+
+    Examples
+    --------
+    >>> e, ones = np.array([1.0, -1.0, 1.0, -1.0, 3.0, 3.0]), np.ones((6, 2))
+    >>> (test,) = added_each(e, np.zeros((6, 0)), [ones], 6)
+    >>> round(test.statistic, 3), test.dimension, test.freedom, round(test.p_value, 3)
+    (1.875, 1, 5, 0.229)
+    """
+    left = residual - basis @ (basis.T @ residual)
+    columns = np.column_stack([*groups, left])
+    norms = np.sqrt(np.einsum("ij,ij->j", columns, columns))
+    norms[-1] = 1.0
+    columns /= np.where(norms > 0, norms, 1.0)
+    if basis.shape[1]:
+        for _ in range(2):
+            columns -= basis @ (basis.T @ columns)
+    found, first = [], 0
+    for group in groups:
+        k = group.shape[1]
+        there = first + np.flatnonzero(norms[first : first + k])
+        first += k
+        if not there.size:
+            found.append(_judged(left, 0, basis.shape[1], 0.0, n_samples))
+            continue
+        r = triangle(columns[:, [*there, -1]])
+        along, of = r[:, -1], r[:, :-1]
+        s = np.linalg.svd(of, compute_uv=False)
+        kept = there.size
+        if s[-1] <= cutoff:
+            u, s, _ = np.linalg.svd(of, full_matrices=False)
+            along, kept = u[:, s > cutoff].T @ along, int(np.sum(s > cutoff))
+        explained = float(along[:kept] @ along[:kept])
+        found.append(_judged(left, kept, basis.shape[1], explained, n_samples))
+    return found
 
 
 def added(residual: Array, basis: Array, extra: Array, n_samples: int) -> Added:
@@ -112,12 +183,17 @@ def added(residual: Array, basis: Array, extra: Array, n_samples: int) -> Added:
     (1.875, 1, 5, 0.229)
     """
     left = residual - basis @ (basis.T @ residual)
-    k = extra.shape[1]
-    freedom = n_samples - basis.shape[1] - k
+    explained = float(np.sum((extra.T @ left) ** 2))
+    return _judged(left, extra.shape[1], basis.shape[1], explained, n_samples)
+
+
+def _judged(left: Array, k: int, p: int, explained: float, n_samples: int) -> Added:
+    """F of what ``k`` directions explain of a residual that a fit of ``p`` has left."""
+    freedom = n_samples - p - k
     total = float(left @ left)
     if k == 0 or freedom < 1 or total == 0:
         return Added(0.0, 0, max(freedom, 0), 0.0, 1.0)
-    explained = min(float(np.sum((extra.T @ left) ** 2)), total * (1.0 - 1e-15))
+    explained = min(explained, total * (1.0 - 1e-15))
     statistic = (explained / k) / ((total - explained) / freedom)
     return Added(statistic, k, freedom, explained / total, float(fdtrc(k, freedom, statistic)))
 

@@ -94,6 +94,38 @@ class Accumulator:
         return np.triu(self._r)
 
 
+def least_squares(matrix: Array, target: Array, cutoff: float) -> Array:
+    """As `numpy.linalg.lstsq`, from the triangle of both where no direction is left out.
+
+    Parameters
+    ----------
+    matrix : (m, n) array
+    target : (m,) array
+    cutoff : float
+        Singular values below this share of the largest are left out.
+
+    Returns
+    -------
+    (n,) array
+        The shortest of all solutions.
+
+    Examples
+    --------
+    >>> rows = np.array([[1.0, 1.0], [1.0, 2.0], [1.0, 3.0]])
+    >>> least_squares(rows, np.array([2.0, 3.0, 4.0]), 1e-9).round(9)
+    array([1., 1.])
+    """
+    m, n = matrix.shape
+    both = np.empty((m, n + 1), order="F")
+    both[:, :-1], both[:, -1] = matrix, target
+    r = lapack.dgeqrf(both, overwrite_a=1)[0][: n + 1]
+    of = np.triu(r[:n, :n])
+    s = np.linalg.svd(of, compute_uv=False) if m >= n > 0 else np.zeros(1)
+    if s[-1] > cutoff * s[0]:
+        return np.asarray(lapack.dtrtrs(of, r[:n, n])[0])
+    return np.asarray(np.linalg.lstsq(matrix, target, rcond=cutoff)[0])
+
+
 CUTOFF = 1e-13
 
 

@@ -7,6 +7,8 @@ polynomial or by ``p`` reflection coefficients below one in size, which any data
 
 from __future__ import annotations
 
+from operator import mul
+
 import numpy as np
 
 from tridentify.numerics.arrays import Array
@@ -23,10 +25,11 @@ def polynomial(reflection: Array) -> Array:
     >>> polynomial(np.array([-0.5, 0.2])).round(12).tolist()
     [-0.6, 0.2]
     """
-    a = np.zeros(0)
-    for k in reflection:
-        a = np.append(a + k * a[::-1], k)
-    return a
+    a: list[float] = []
+    for k in np.asarray(reflection, dtype=np.float64).tolist():
+        a = [one + k * other for one, other in zip(a, reversed(a), strict=True)]
+        a.append(k)
+    return np.array(a, dtype=np.float64)
 
 
 def reflections(a: Array) -> Array:
@@ -37,14 +40,17 @@ def reflections(a: Array) -> Array:
     >>> reflections(np.array([-0.6, 0.2])).round(12).tolist()
     [-0.5, 0.2]
     """
-    found = np.zeros(a.size)
-    for p in range(a.size, 0, -1):
-        k = a[p - 1]
-        found[p - 1] = k
+    left, found = np.asarray(a, dtype=np.float64).tolist(), []
+    while left:
+        k = left.pop()
+        found.append(k)
         if abs(k) >= 1.0:
-            return np.full(found.size, np.nan)
-        a = (a[: p - 1] - k * a[: p - 1][::-1]) / (1.0 - k * k)
-    return found
+            return np.full(a.size, np.nan)
+        left = [
+            (one - k * other) / (1.0 - k * k)
+            for one, other in zip(left, reversed(left), strict=True)
+        ]
+    return np.array(found[::-1], dtype=np.float64)
 
 
 def stationary_polynomial(reflection: Array) -> Array:
@@ -100,12 +106,14 @@ def covariance(reflection: Array) -> Array:
     >>> covariance(np.array([-0.5])).round(6).tolist()
     [1.333333, 0.666667]
     """
-    k = reflection
-    r = np.zeros(k.size + 1)
-    r[0] = 1.0 / float(np.prod(1.0 - k * k))
-    inner, variance = np.zeros(0), float(r[0])
-    for lag in range(1, k.size + 1):
-        r[lag] = -k[lag - 1] * variance - float(inner @ r[lag - 1 : 0 : -1])
-        inner = np.append(inner + k[lag - 1] * inner[::-1], k[lag - 1])
-        variance *= 1.0 - k[lag - 1] ** 2
-    return r
+    variance = 1.0 / float(np.prod(1.0 - reflection * reflection))
+    r: list[float] = [variance]
+    inner: list[float] = []
+    for k in np.asarray(reflection, dtype=np.float64).tolist():
+        # the newest first, without r(0)
+        told = sum(map(mul, inner, r[:0:-1]))
+        r.append(-k * variance - told)
+        inner = [one + k * other for one, other in zip(inner, reversed(inner), strict=True)]
+        inner.append(k)
+        variance *= 1.0 - k**2
+    return np.array(r)

@@ -43,10 +43,10 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize_scalar
 from scipy.special import gammaln, ndtr
 
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.quantiles import median
 
 Loss = Literal["squared", "huber", "student"]
 
@@ -95,7 +95,7 @@ def median_scale(residuals: Array, unknowns: float = 0.0) -> float:
     left_out = min(int(unknowns), kept.size - 1)
     if left_out:
         kept = np.partition(kept, left_out)[left_out:]
-    return float(np.median(kept)) / MAD_OF_NORMAL
+    return median(kept) / MAD_OF_NORMAL
 
 
 def judge(residuals: Array, loss: Loss, unknowns: float, size: float, damping: float) -> Judged:
@@ -194,6 +194,9 @@ def student_scale(r: Array, least: float) -> tuple[float, float]:
         return float(0.5 * (degrees + 1.0) * terms - normed)
 
     ends = (math.log(FEWEST_DEGREES), math.log(MOST_DEGREES))
+    # slow to import, seldom needed
+    from scipy.optimize import minimize_scalar
+
     found = minimize_scalar(loss, bounds=ends, method="bounded", options={"xatol": 1e-6})
     degrees = math.exp(min([float(found.x), *ends], key=loss))
     return max(start * _student_scale(r / start, degrees, 1.0), least), degrees

@@ -13,7 +13,6 @@ from __future__ import annotations
 import itertools
 
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from tridentify.numerics import delta_method
 from tridentify.numerics.arrays import Array, Complex
@@ -82,6 +81,9 @@ def matched(roots: Complex, reference: Complex) -> Complex:
         total = sum((cost[:, i, orders[:, i]] for i in range(n)), np.zeros((len(roots), 1)))
         chosen = orders[np.argmin(total, axis=1)]
     else:
+        # slow to import, seldom needed
+        from scipy.optimize import linear_sum_assignment
+
         chosen = np.array([linear_sum_assignment(one)[1] for one in cost], dtype=np.intp)
     return np.take_along_axis(roots, chosen, axis=1)
 

@@ -28,7 +28,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
 
 from tridentify.errors import ConvergenceError
 from tridentify.numerics.arrays import Array
@@ -240,6 +239,9 @@ def _search(restriction: Restriction, start: Array) -> Array | None:
         if not free.any():
             return z
         try:
+            # slow to import, seldom needed
+            from scipy.optimize import least_squares
+
             done = least_squares(
                 value, z[free], slope, method="trf", xtol=1e-14, ftol=1e-14, gtol=1e-14,
                 max_nfev=200,

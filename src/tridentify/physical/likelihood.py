@@ -21,7 +21,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from tridentify.numerics.arrays import Array
 from tridentify.physical.distance import Restriction
@@ -154,6 +153,9 @@ def _weighted(
         return np.asarray(np.nan_to_num(np.stack(columns, axis=1)))
 
     start = np.zeros(root.shape[1])
+    # slow to import, seldom needed
+    from scipy.optimize import least_squares
+
     done = least_squares(
         value, start, slope, method="trf", xtol=1e-9, ftol=1e-12, gtol=1e-12, max_nfev=60
     )

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
-import scipy.optimize
 from numpy.typing import NDArray
 
 from tridentify.errors import (
@@ -359,7 +358,10 @@ def _is_feasible(known: Knowledge, scale: Array) -> bool:
     if not right.size:
         return True
     sizes = np.maximum(np.abs(right), np.linalg.norm(matrix, axis=1))
-    answer = scipy.optimize.linprog(
+    # slow to import, seldom needed
+    from scipy.optimize import linprog
+
+    answer = linprog(
         np.zeros(rows.shape[1]), matrix / sizes[:, None], right / sizes, bounds=(None, None)
     )
     return bool(answer.status == 0)

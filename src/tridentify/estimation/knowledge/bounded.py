@@ -15,8 +15,6 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
 
 from tridentify.numerics.arrays import Array
 
@@ -110,7 +108,10 @@ def _dual(matrix: Array, free: Array, rows: Array, least: Array) -> Array | None
     stacked = np.vstack([unit.T, distance / far])
     goal = np.zeros(stacked.shape[0])
     goal[-1] = 1.0
-    u, _ = scipy.optimize.nnls(stacked, goal, maxiter=100 * stacked.shape[1])
+    # slow to import, seldom needed
+    from scipy.optimize import nnls
+
+    u, _ = nnls(stacked, goal, maxiter=100 * stacked.shape[1])
     rest = 1.0 - float(stacked[-1] @ u)
     if rest < POSSIBLE:
         return None

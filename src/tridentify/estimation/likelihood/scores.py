@@ -37,8 +37,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import ndtri, stdtrit
 
 from tridentify.estimation.likelihood.cost import Point
@@ -179,44 +181,77 @@ def judged_scatter(
     scores = np.vstack(
         [np.einsum("toi,to->ti", g, e) for g, e in zip(directions, innovations, strict=True)]
     )
-    g = np.vstack(directions)
     k, used = scores.shape[1], int(np.sum(weight > 0))
     counts = [n for n in BLOCKS if n * FEWEST <= used]
+    if not counts or k == 0:
+        return None
+    blocks = _Blocks.of(np.vstack(directions), scores, weight, counts[0])
     found = None
     for n in counts:
-        one = _on_blocks(weight, scores, g, n, FALSE_ALARMS / len(counts))
+        one = _on_blocks(blocks.joined(weight, n), FALSE_ALARMS / len(counts))
         if one is not None and (found is None or one.ratio > found.ratio):
             found = one
-    return None if found is None or k == 0 else found
+    return found
 
 
-def _on_blocks(
-    weight: Array, scores: Array, g: Array, count: int, rate: float
-) -> ScoreScatter | None:
-    """The scatter over about so many blocks; None where chance explains it."""
+class _Blocks(NamedTuple):
+    """Sums of the scores over blocks, and of ``g g'``.
+
+    Attributes
+    ----------
+    edges : (n,) array of int
+        First samples.
+    sums : (n, k) array
+    held : (n, k, k) array
+    """
+
+    edges: NDArray[np.intp]
+    sums: Array
+    held: Array
+
+    @classmethod
+    def of(cls, g: Array, scores: Array, weight: Array, count: int) -> _Blocks:
+        """About so many blocks of equal weight."""
+        edges = _edges(weight, count)
+        width, k = g.shape[1:]
+        rows = np.ascontiguousarray(g).reshape(-1, k)
+        stops = np.append(edges[1:], len(g))
+        pairs = zip((edges * width).tolist(), (stops * width).tolist(), strict=True)
+        held = np.array([rows[a:b].T @ rows[a:b] for a, b in pairs])
+        return cls(edges, np.add.reduceat(scores, edges, axis=0), held)
+
+    def joined(self, weight: Array, count: int) -> _Blocks:
+        """About so many blocks, each made of whole ones of these: every second, fourth ... edge."""
+        edges = _edges(weight, count)
+        at = np.searchsorted(self.edges, edges)
+        sums, held = (np.add.reduceat(one, at, axis=0) for one in (self.sums, self.held))
+        return _Blocks(edges, sums, held)
+
+
+def _edges(weight: Array, count: int) -> NDArray[np.intp]:
+    """First samples of about so many blocks of equal weight."""
     share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
     edges = np.unique(np.searchsorted(share, np.arange(count) / count))
     # where the last sample holds most of it, the last blocks would begin behind it
-    edges = edges[edges < weight.size]
-    sums = np.add.reduceat(scores, edges, axis=0)
-    stops = np.append(edges[1:], len(g))
-    held = np.array(
-        [
-            np.einsum("toi,toj->ij", g[a:b], g[a:b], optimize=True)
-            for a, b in zip(edges, stops, strict=True)
-        ]
-    )
+    return np.asarray(edges[edges < weight.size])
+
+
+def _on_blocks(found: _Blocks, rate: float) -> ScoreScatter | None:
+    """The scatter over some blocks; None where chance explains it."""
+    edges, sums, held = found
     k, blocks = sums.shape[1], edges.size
     if blocks < 2:
         return None
-    values, vectors = np.linalg.eigh(held)
-    expected = float(np.sum(values * (1.0 - values)))
-    variance = 2.0 * float(np.einsum("bij,bij->", held, held))
+    square = float(np.sum(held * held))
+    # sum of h (1 - h) over the eigenvalues
+    expected = float(np.sum(np.trace(held, axis1=1, axis2=2))) - square
+    variance = 2.0 * square
     # half of the degrees of freedom of the chi-square with that mean and variance
-    statistic = float(np.sum(sums**2))
+    statistic = float(np.sum(sums * sums))
     freedom = 2.0 * expected**2 / max(variance, 1e-300)
     if statistic <= expected * _largest(freedom, rate):
         return None
+    values, vectors = np.linalg.eigh(held)
     shrink = np.sqrt(np.maximum(1.0 - np.minimum(values, MOST_HELD), 0.0))
     turned = np.einsum("bji,bj->bi", vectors, sums) / shrink
     adjusted = np.einsum("bij,bj->bi", vectors, turned)

@@ -20,6 +20,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 from scipy.linalg import expm
 from scipy.special import chdtri
@@ -173,8 +174,12 @@ def _free_responses(banks: Sequence[Cascade], step: float, most: int) -> Array:
         move = expm(bank.a * step)
         states = np.empty((length, bank.order))
         states[0] = bank.b
-        for k in range(1, length):
-            states[k] = move @ states[k - 1]
+        known = 1
+        while known < length:
+            # as many again, all at once
+            more = min(known, length - known)
+            states[known : known + more] = states[:more] @ move.T
+            known, move = known + more, move @ move
         columns.append(states)
     return np.hstack(columns)
 
@@ -198,17 +203,14 @@ def _places(white: Array, templates: Sequence[_Template]) -> list[int]:
     far_alone = float(chdtri(1, FALSE_ALARM / n))
     found: list[int] = []
     singles: list[int] = []
+    matched = [_Matched.of(own, n) for own in templates]
     for _ in range(MOST + MOST_SPIKES):
-        jump = np.zeros(n)
-        for i, own in enumerate(templates):
-            for column in own.free.T:
-                jump += _along(left[:, i], column) ** 2
+        jump, alone = np.zeros(n), []
+        for i, spectra in enumerate(matched):
+            squares = spectra.along(left[:, i]) ** 2
+            jump += squares[:-2].sum(axis=0)
+            alone += [squares[-2], squares[-1]]
         jump[:1] = 0.0
-        alone = [
-            _along(left[:, i], column) ** 2
-            for i, own in enumerate(templates)
-            for column in (own.spike, own.shock)
-        ]
         which = int(np.argmax([one.max() for one in alone]))
         over_jump, over_alone = jump.max() - far, alone[which].max() - far_alone
         if max(over_jump, over_alone) <= 0:
@@ -227,13 +229,29 @@ def _places(white: Array, templates: Sequence[_Template]) -> list[int]:
     return []
 
 
-def _along(series: Array, column: Array) -> Array:
-    """Products of a column with a series, for every sample that it may begin at."""
-    # not from scipy.signal, whose import takes longer than the whole look
-    whole = series.size + column.size - 1
-    length = next_fast_len(whole, real=True)
-    product = irfft(rfft(series, length) * rfft(column[::-1], length), length)
-    return np.asarray(product[column.size - 1 : whole])
+class _Matched(NamedTuple):
+    """Spectra of the columns of a template: its free responses, the impulse and the shock."""
+
+    length: int
+    spectra: NDArray[np.complex128]
+
+    @classmethod
+    def of(cls, template: _Template, n: int) -> _Matched:
+        """For series of ``n`` samples."""
+        alone = (template.spike, template.shock)
+        longest = max(template.free.shape[0], template.spike.size)
+        columns = np.zeros((template.free.shape[1] + len(alone), longest))
+        columns[: -len(alone), : template.free.shape[0]] = template.free.T
+        for row, column in zip(columns[-len(alone) :], alone, strict=True):
+            row[: column.size] = column
+        # not from scipy.signal, whose import takes longer than the whole look
+        length = next_fast_len(n + longest - 1, real=True)
+        return cls(length, rfft(columns, length).conj())
+
+    def along(self, series: Array) -> Array:
+        """Products of every column with a series, for each sample that it may begin at."""
+        product = irfft(rfft(series, self.length) * self.spectra, self.length)
+        return np.asarray(product[:, : series.size])
 
 
 def _take_out(series: Array, columns: Array, at: int) -> None:

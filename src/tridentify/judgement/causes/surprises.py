@@ -15,6 +15,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.least_squares import least_squares
+from tridentify.numerics.quantiles import median
 from tridentify.record.record import Record
 
 PAST = 12
@@ -31,6 +33,9 @@ ROUNDS = 15
 
 COMMANDED = 1e-6
 """Small surprises over the spread of the input, below which it has none but rounding."""
+
+CUTOFF = 1e-10
+"""Singular value over the largest below which past inputs tell nothing new."""
 
 NORMAL = 1.4826
 """Standard deviation of a Gaussian over the median of its absolute values."""
@@ -73,7 +78,7 @@ def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
 def _lagged(u: Array, most: int) -> Array:
     """Inputs 1 to so many samples ago, and a constant; of the samples after these."""
     rows = u.shape[0] - most
-    since = u - np.median(u, axis=0)
+    since = u - np.array([median(column) for column in u.T])
     columns = [since[most - lag : most - lag + rows] for lag in range(1, most + 1)]
     return np.hstack([*columns, np.ones((max(rows, 0), 1))])
 
@@ -84,9 +89,9 @@ def _small(known: Array, now: Array, least: float) -> Array:
     left, scale = now, 0.0
     for turn in range(ROUNDS):
         root = np.sqrt(weight)
-        fitted = np.linalg.lstsq(known * root[:, None], now * root, rcond=1e-10)[0]
+        fitted = least_squares(known * root[:, None], now * root, CUTOFF)
         left = now - known @ fitted
-        scale = NORMAL * float(np.median(np.abs(left)))
+        scale = NORMAL * median(np.abs(left))
         if scale <= least:
             return np.zeros(now.size)
         size = np.abs(left) / scale

@@ -182,6 +182,11 @@ def _law(records: Sequence[Record], j: int, most: int) -> Law:
     alone, _ = (longest or _regression(records, j, most, most, outputs=False)).left(most, -1)
     if not alone > (ROUNDING * spread) ** 2 * rows:
         return none
+    if longest is not None:
+        # with more lags less is left, and less comes from outside
+        left, freedom = longest.left(most, most)
+        if freedom >= 1 and left * freedom >= LITTLE * max(alone - left, 0.0):
+            return none._replace(share=min(left / alone, 1.0))
     lowest = 1.0
     for lags in range(most + 1):
         left, freedom = (longest or _regression(records, j, lags, most)).left(lags, lags)

@@ -60,7 +60,7 @@ def judged(
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
-    tested = looked_at(estimate, records) if estimate.status.ok else ()
+    tested = looked_at(estimate, records, known) if estimate.status.ok else ()
     found += _about_loop(estimate, records, tested)
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)

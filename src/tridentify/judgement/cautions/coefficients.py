@@ -10,6 +10,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import FEWER, Finding
 from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
 from tridentify.judgement.causes.fewer import unsure
+from tridentify.numerics.quantiles import median
 from tridentify.record.record import Record
 
 BEYOND_RECORD = 3.0
@@ -195,7 +196,7 @@ def _no_response(estimate: Estimate, records: Sequence[Record]) -> list[Finding]
 def _outside(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
     """Time constants far beyond the record, and oscillations that the samples cannot show."""
     longest = max(record.duration for record in records)
-    step = min(float(np.median(np.diff(record.t))) for record in records)
+    step = min(median(np.diff(record.t)) for record in records)
     poles = np.unique(np.concatenate([np.ravel(row) for row in _denominators(estimate)]))
     found = []
     slow = [p for p in poles if 0.0 < abs(p.real) * longest < 1.0 / BEYOND_RECORD and not p.imag]

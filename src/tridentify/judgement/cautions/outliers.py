@@ -20,6 +20,7 @@ from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.validation.distribution import QUANTILE, SMALL_SAMPLE
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.quantiles import median, quantiles
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
 
@@ -118,7 +119,7 @@ def _outliers(series: Sequence[Array]) -> tuple[list[tuple[int, int]], float]:
     seen = joined[np.isfinite(joined)]
     if seen.size < FEWEST or _clearly_none(seen):
         return [], 0.0
-    middle = np.median(seen)
+    middle = median(seen)
     size = np.abs(seen - middle)
     scale = _scale(size)
     if scale == 0:
@@ -166,7 +167,7 @@ def spikes(series: Sequence[Array], a: Array) -> tuple[list[tuple[int, int]], fl
     seen = np.concatenate([one[np.isfinite(one)] for one in parts])
     if seen.size < FEWEST:
         return [], 0.0
-    scale = _scale(np.abs(seen - np.median(seen)))
+    scale = _scale(np.abs(seen - median(seen)))
     limit = _limit(seen.size) * scale
     places, farthest = [], 0.0
     for e, one in enumerate(parts):
@@ -201,7 +202,7 @@ def _from_neighbours(series: Array, taps: Array) -> Array:
 
 def _scale(size: Array) -> float:
     """Of Gaussian noise whose absolute values these are."""
-    far = float(np.quantile(size, QUANTILE)) / float(ndtri(0.5 + QUANTILE / 2))
+    far = float(quantiles(size, (QUANTILE,))[0]) / float(ndtri(0.5 + QUANTILE / 2))
     return max(median_scale(size), far)
 
 
@@ -215,6 +216,6 @@ def _clearly_none(seen: Array) -> bool:
     if seen.size < 2 * FEW:
         return False
     few = seen[:: seen.size // FEW]
-    middle = float(np.median(few))
+    middle = median(few)
     farthest = max(float(seen.max()) - middle, middle - float(seen.min()))
     return farthest < CLEARLY * _limit(seen.size) * _scale(np.abs(few - middle))

@@ -25,7 +25,7 @@ from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.methods.explained import explained_records
-from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.validation.correlation import correlate
 from tridentify.judgement.validation.evidence import (
     CALLED,
@@ -143,7 +143,9 @@ def validate(
         return _judge(estimate, view, level, n_lags or _lags(estimate, view))
 
 
-def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, ...]:
+def looked_at(
+    estimate: Estimate, records: Sequence[Record], known: Predictions | None = None
+) -> tuple[Finding, ...]:
     """What all tests find of the records that were identified, where a look calls for them.
 
     Parameters
@@ -151,13 +153,15 @@ def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, .
     estimate : Estimate
     records : sequence of Record
         Those that were identified, their inputs' behaviour settled.
+    known : Predictions, optional
+        What was computed before.
 
     Returns
     -------
     tuple of Finding
         As `validate`; empty where a quick look finds nothing, or too little is there to test.
     """
-    view = own_look(estimate, records)
+    view = own_look(estimate, records, known)
     if view is None:
         return ()
     cut = any(beginning(one, LONGEST_LOOK) is not one for one in records)
@@ -176,11 +180,14 @@ def looked_at(estimate: Estimate, records: Sequence[Record]) -> tuple[Finding, .
     return found.findings
 
 
-def own_look(estimate: Estimate, records: Sequence[Record]) -> View | None:
+def own_look(
+    estimate: Estimate, records: Sequence[Record], known: Predictions | None = None
+) -> View | None:
     """A quick look at the records that were identified; None where there is nothing to test."""
     short = [beginning(record, LONGEST_LOOK) for record in records]
+    whole = all(one is record for one, record in zip(short, records, strict=True))
     try:
-        view = look(estimate, short, None, own=True)
+        view = look(estimate, short, None, own=True, known=known if whole else None)
     except (TridentifyError, np.linalg.LinAlgError):
         return None
     return None if any(output.is_rounding for output in view.outputs) else view

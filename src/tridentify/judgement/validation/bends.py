@@ -18,17 +18,27 @@ unknown, those beyond several quantiles are added. An actuator likewise, through
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation.residuals import View
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.quantiles import quantiles
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
-from tridentify.transfer_function import TransferFunction
+from tridentify.simulate import simulate_each
 
 Columns = tuple[Array, ...]
+
+
+class Channel(NamedTuple):
+    """Numerator, monic denominator and delay [s] of one channel of a model."""
+
+    num: Array
+    den: Array
+    delay: float
+
 
 TAILS = (0.05, 0.12, 0.2)
 """Shares of the samples that lie beyond a level, on either side: few samples tell a level that is
@@ -67,7 +77,7 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     """
     records, shapes = view.records, _shapes(view, output)
     den = estimate.model.den[output][0]
-    inner = TransferFunction([den[-1] or 1.0], den)
+    inner = Channel(np.array([den[-1] or 1.0]), den, 0.0)
     found = [
         _through(inner, records, [np.stack([y**2, y**3], axis=1) for y in shapes]),
         _through(inner, records, [np.sign(np.gradient(y))[:, None] for y in shapes]),
@@ -113,14 +123,14 @@ def late(view: View, output: int, estimate: Estimate) -> list[Columns]:
 
 
 def _later(series: Array, shifts: Sequence[int]) -> Array:
-    columns = [np.pad(series, (k, 0), mode="edge")[: series.size] for k in shifts]
-    return np.stack(columns, axis=1)
+    rows = np.arange(series.size)[:, None] - np.array(shifts, dtype=int)
+    return np.asarray(series[np.maximum(rows, 0)])
 
 
-def _channel(estimate: Estimate, output: int, j: int) -> TransferFunction:
+def _channel(estimate: Estimate, output: int, j: int) -> Channel:
     model = estimate.model
     late_by = float(model.delay[output, j])
-    return TransferFunction(model.num[output][j], model.den[output][j], delay=late_by)
+    return Channel(model.num[output][j], model.den[output][j], late_by)
 
 
 def _shapes(view: View, output: int) -> list[Array]:
@@ -134,27 +144,19 @@ def _scaled(series: Sequence[Array]) -> list[Array]:
     return [(one - joined.mean()) / size for one in series]
 
 
-def _through(
-    model: TransferFunction, records: Sequence[Record], inputs: Sequence[Array]
-) -> Columns:
+def _through(model: Channel, records: Sequence[Record], inputs: Sequence[Array]) -> Columns:
     """Responses of one transfer function, from rest, to (n_samples, k) inputs."""
     found = []
     for record, columns in zip(records, inputs, strict=True):
-        kept = []
-        for one in columns.T:
-            alone = Record(one - one[0], one, t=record.t, intersample=record.intersample)
-            kept.append(simulate(model, alone._on_its_times(alone.u))[:, 0])
-        responses = np.stack(kept, axis=1)
-        # an unstable model may leave the range of a float: such a column tells nothing
-        found.append(np.where(np.isfinite(responses).all(axis=0), responses, 0.0))
+        own = record._on_its_times(record.u)
+        found.append(simulate_each(*model, own, columns - columns[0]))
     return tuple(found)
 
 
 def _limits(series: Sequence[Array], tails: Sequence[float]) -> Columns:
     """What lies beyond quantiles on either side."""
     joined = np.concatenate(series)
-    low = np.quantile(joined, tails)
-    high = np.quantile(joined, 1.0 - np.array(tails))
+    low, high = np.split(quantiles(joined, [*tails, *(1.0 - one for one in tails)]), 2)
     return tuple(
         np.hstack([np.minimum(x[:, None] - low, 0.0), np.maximum(x[:, None] - high, 0.0)])
         for x in series

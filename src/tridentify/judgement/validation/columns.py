@@ -8,6 +8,7 @@ uncorrelated with noise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
@@ -23,6 +24,8 @@ FIRST_LAGS = 4
 """Lags that are knots of their own, as a direct term or a delay shows there."""
 PER_COLUMN = 6
 """Samples for each knot at least: with fewer the F test has no power."""
+AT_ONCE = 100_000
+"""Numbers that are transformed together: more leave the cache of a processor."""
 WAVES = 4
 """A constant and three cosines, the quickest of one and a half periods over the record."""
 
@@ -43,9 +46,12 @@ def moved_input(view: View, channel: int, lag: int) -> tuple[Array, ...]:
         u = np.asarray(record.u[:, channel] - record.u[0, channel])
         n = u.size
         k = min(abs(lag), n)
-        kept = u[: n - k] if lag >= 0 else u[k:]
-        pad = (k, 0) if lag >= 0 else (0, k)
-        found.append(np.pad(kept, pad, constant_values=0.0 if lag >= 0 else float(u[-1])))
+        moved = np.full(n, 0.0 if lag >= 0 else float(u[-1]))
+        if lag >= 0:
+            moved[k:] = u[: n - k]
+        else:
+            moved[: n - k] = u[k:]
+        found.append(moved)
     return tuple(found)
 
 
@@ -84,20 +90,42 @@ def responses(
 
 def _hats(u: Array, lags: Sequence[int]) -> list[Array]:
     size = next_fast_len(2 * u.size, real=True)
-    spectrum = rfft(u, size)
+    taps = _taps(tuple(lags))
+    wide = [k for k, (_, shape) in enumerate(taps) if shape.size > 1]
+    smoothed = _smoothed(u, size, [taps[k] for k in wide])
+    found = []
+    for k, peak in enumerate(lags):
+        if k in wide:
+            found.append(smoothed[wide.index(k)])
+            continue
+        # one tap: the input itself, later
+        moved = np.zeros(u.size)
+        moved[peak:] = u[: max(u.size - peak, 0)]
+        found.append(moved)
+    return found
+
+
+@lru_cache(maxsize=16)
+def _taps(lags: tuple[int, ...]) -> tuple[tuple[int, Array], ...]:
+    """Where each response begins, and its values from there on."""
     found = []
     for k, peak in enumerate(lags):
         low = lags[k - 1] if k else peak - 1
         high = lags[k + 1] if k + 1 < len(lags) else peak + 1
         at = np.arange(low + 1, high)
-        up, down = (at - low) / (peak - low), (high - at) / (high - peak)
-        taps = np.zeros(high)
-        taps[at] = np.minimum(up, down)
-        if at.size == 1:
-            # one tap: the input itself, later
-            found.append(np.pad(u, (peak, 0))[: u.size])
-            continue
-        found.append(np.asarray(irfft(spectrum * rfft(taps, size), size)[: u.size]))
+        found.append((low + 1, np.minimum((at - low) / (peak - low), (high - at) / (high - peak))))
+    return tuple(found)
+
+
+def _smoothed(u: Array, size: int, taps: Sequence[tuple[int, Array]]) -> list[Array]:
+    """An input through several responses, some at a time where the record is long."""
+    spectrum, found, step = rfft(u, size), [], max(AT_ONCE // size, 1)
+    for some in (taps[first : first + step] for first in range(0, len(taps), step)):
+        longest = max(begin + shape.size for begin, shape in some)
+        responses = np.zeros((len(some), longest))
+        for row, (begin, shape) in zip(responses, some, strict=True):
+            row[begin : begin + shape.size] = shape
+        found += list(irfft(spectrum * rfft(responses, size), size)[:, : u.size])
     return found
 
 

@@ -20,6 +20,7 @@ from scipy.special import chdtrc, ndtri
 
 from tridentify.judgement.validation.result import Normality
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.quantiles import median, quantiles
 from tridentify.numerics.robust import median_scale
 
 SMALL_SAMPLE = 6.0
@@ -64,9 +65,9 @@ def distribution(
     """
     joined = np.concatenate(list(innovations))
     seen = joined[np.isfinite(joined)]
-    middle = float(np.median(seen))
+    middle = median(seen)
     size = np.abs(seen - middle)
-    tail = float(np.quantile(size, QUANTILE)) / float(ndtri(0.5 + QUANTILE / 2))
+    tail = float(quantiles(size, (QUANTILE,))[0]) / float(ndtri(0.5 + QUANTILE / 2))
     scale = max(median_scale(size), tail)
     limit = -float(ndtri(rate / seen.size / 2)) * (1.0 + SMALL_SAMPLE / seen.size)
     rows = []

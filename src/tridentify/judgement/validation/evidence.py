@@ -21,10 +21,11 @@ but the past inputs is tested on what that leaves.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cached_property
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.special import fdtrc
@@ -36,7 +37,7 @@ from tridentify.judgement.validation.residuals import Output, View
 from tridentify.judgement.validation.result import Normality
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
-from tridentify.numerics.lagrange import added, span
+from tridentify.numerics.lagrange import added_each, span
 from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
@@ -74,9 +75,14 @@ HEAVY = 0.9
 """Leverage from which a sample is left out, as its residual is mostly its own doing."""
 
 
-@dataclass(frozen=True, eq=False)
 class Evidence:
-    """What was found about one output.
+    """What was found about one output: each test is made when its result is first asked for.
+
+    Parameters
+    ----------
+    tests : the tests of an output
+    **given
+        Results that are known otherwise, by their names below.
 
     Attributes
     ----------
@@ -117,9 +123,21 @@ class Evidence:
     scales: Array
     innovations: tuple[Array, ...]
 
+    def __init__(self, tests: _Tests, **given: Any) -> None:
+        self._tests, self._given = tests, given
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return self._given[name] if name in self._given else getattr(self._tests, name)
+
+    def having(self, **given: Any) -> Evidence:
+        """The same, but for some results; tests that build on these stay as they were."""
+        return Evidence(self._tests, **{**self._given, **given})
+
 
 def examine(view: View, index: int, estimate: Estimate, n_lags: int, rate: float) -> Evidence:
-    """Make all tests of one output.
+    """All tests of one output.
 
     Parameters
     ----------
@@ -132,46 +150,167 @@ def examine(view: View, index: int, estimate: Estimate, n_lags: int, rate: float
     rate : float
         Probability of a false outlier.
     """
-    output = view.outputs[index]
-    fitted = tuple(
-        np.hstack(pair) for pair in zip(output.coefficients, output.nuisance, strict=True)
-    )
-    found = _Columns.of(view, index, estimate)
-    own = _white(output, output.noise, fitted)
-    correlation = _autocorrelation(output, own, n_lags)
-    larger = tuple(np.hstack(three) for three in zip(fitted, found.past, found.wave, strict=True))
-    coloured, freer = _noise(output, larger)
-    p = _tested(output, fitted, found, freer)
-    plain = _studentised(output, *_beside(output, fitted, found, freer, p))
-    times = tuple(record.t for record in view.records)
-    scale, edges, scales = _scale(output, plain, own[0])
-    whiteness = _portmanteau(output, own, correlation, output.noise)
-    if scale < CALLED:
-        # noise that changes its size has far samples and uncertain correlations
-        plain = _levelled(output, plain, edges)
-        even = np.nan_to_num(np.concatenate(_levelled(output, _studentised(output, *own), edges)))
-        again = _autocorrelation(output, (even, own[1]), n_lags)
-        whiteness = _portmanteau(output, (even, own[1]), again, output.noise)
-        coloured = max(coloured, whiteness.p_value)
-    normality = distribution(output.name, plain, times, rate, freer)
-    return Evidence(
-        correlation,
-        whiteness,
-        coloured,
-        freer,
-        p.past,
-        p.level,
-        p.feedback,
-        p.later,
-        p.linear,
-        scale,
-        p.by_input,
-        found.lags,
-        normality,
-        edges,
-        scales,
-        _studentised(output, *own),
-    )
+    return Evidence(_Tests(view, index, estimate, n_lags, rate))
+
+
+class _Tests:
+    """The tests of one output, as `Evidence` names their results; parameters as of `examine`."""
+
+    def __init__(
+        self, view: View, index: int, estimate: Estimate, n_lags: int, rate: float
+    ) -> None:
+        self._output = view.outputs[index]
+        self._times = tuple(record.t for record in view.records)
+        self._found = _Columns(view, index, estimate)
+        self._n_lags, self._rate = n_lags, rate
+        self.lags = self._found.lags
+
+    @cached_property
+    def _fitted(self) -> tuple[Array, ...]:
+        return _fitted(self._output)
+
+    @cached_property
+    def _larger(self) -> tuple[Array, ...]:
+        return _joined(self._fitted, self._found.past, self._found.wave)
+
+    @cached_property
+    def _own(self) -> tuple[Array, Array]:
+        return _white(self._output, self._output.noise, self._fitted)
+
+    @cached_property
+    def autocorrelation(self) -> Autocorrelation:
+        return _autocorrelation(self._output, self._own, self._n_lags)
+
+    @cached_property
+    def noise(self) -> Array:
+        return _noise(self._output, self._larger, lambda: self._white_at_first)
+
+    @cached_property
+    def _white_at_first(self) -> float:
+        return _is_white(self._output, self._larger, np.zeros(0))
+
+    @cached_property
+    def _past_and_level(self) -> tuple[float, float]:
+        return _past_and_level(
+            self._output, self._found, self._white_fit, self._alone, self._white_past
+        )
+
+    @property
+    def past(self) -> float:
+        return self._past_and_level[0]
+
+    @property
+    def level(self) -> float:
+        return self._past_and_level[1]
+
+    @cached_property
+    def _white_fit(self) -> tuple[Array, Array]:
+        return _white(self._output, self.noise, self._fitted)
+
+    @cached_property
+    def _white_past(self) -> Array:
+        return self._output.white(self._found.past, self.noise)
+
+    @cached_property
+    def _alone(self) -> _Known:
+        return _Known(self._output, self._fitted, self.noise)
+
+    @cached_property
+    def by_input(self) -> tuple[float, ...]:
+        n_lags, (e, basis) = len(self.lags), self._white_fit
+        n_inputs = int(self._found.past[0].shape[1]) // n_lags
+        if self.past >= CALLED:
+            return (1.0,) * n_inputs
+        past, n = self._white_past, self._output.count
+        return tuple(_one_input(past, j, basis, e, n_lags, n) for j in range(n_inputs))
+
+    @cached_property
+    def _drift(self) -> tuple[tuple[Array, ...], ...]:
+        return (self._found.wave,) if self.level < CALLED else ()
+
+    @cached_property
+    def _wide(self) -> _Known:
+        columns = _joined(self._fitted, self._found.past, *self._drift)
+        return _Known(self._output, columns, self.noise)
+
+    @cached_property
+    def feedback(self) -> float:
+        extra = self._found.coming
+        return _checked(self._wide, extra, self._score(extra, self._wide, LEAST_FEEDBACK))
+
+    @cached_property
+    def later(self) -> float:
+        more = (self._found.past,) if self.past < CALLED else ()
+        known = self._alone
+        if more or self._drift:
+            columns = _joined(self._fitted, *more, *self._drift)
+            known = _Known(self._output, columns, self.noise)
+        return _checked(known, self._found.later, self._score(self._found.later, known))
+
+    @cached_property
+    def linear(self) -> float:
+        bent = [(self._score(one, self._wide), one) for one in self._found.bends]
+        return min(1.0, len(bent) * _least_checked(self._wide, bent))
+
+    def _score(self, extra: tuple[Array, ...], known: _Known, least: float = 0.0) -> float:
+        output, e = self._output, self._white_fit[0]
+        white = output.white(extra, self.noise)
+        (test,) = added_each(e, known.basis, [white], output.count)
+        # in a long record the slightest imperfection is significant, and means nothing
+        return test.p_value if test.share > least else max(test.p_value, PRETEST)
+
+    @cached_property
+    def _plain(self) -> tuple[Array, ...]:
+        """The residual beside what was found, over its size."""
+        output, (e, basis) = self._output, self._white_fit
+        if self.past < CALLED:
+            basis = np.hstack([basis, span(self._white_past, basis)])
+        if self.level < CALLED:
+            basis = np.hstack([basis, span(output.white(self._found.wave, self.noise), basis)])
+        return _studentised(output, e, basis)
+
+    @cached_property
+    def _stretches(self) -> tuple[float, Array, Array]:
+        return _scale(self._output, self._plain, self._own[0])
+
+    @property
+    def scale(self) -> float:
+        return self._stretches[0]
+
+    @property
+    def edges(self) -> Array:
+        return self._stretches[1]
+
+    @property
+    def scales(self) -> Array:
+        return self._stretches[2]
+
+    @cached_property
+    def normality(self) -> Normality:
+        plain = self._plain
+        if self.scale < CALLED:
+            # noise that changes its size has far samples and uncertain correlations
+            plain = _levelled(self._output, plain, self.edges)
+        return distribution(self._output.name, plain, self._times, self._rate, self.noise)
+
+    @cached_property
+    def whiteness(self) -> Portmanteau:
+        own, found = self._own, self.autocorrelation
+        if self.scale < CALLED:
+            even = _levelled(self._output, self.innovations, self.edges)
+            own = np.nan_to_num(np.concatenate(even)), own[1]
+            found = _autocorrelation(self._output, own, self._n_lags)
+        return _portmanteau(self._output, own, found, self._output.noise)
+
+    @cached_property
+    def coloured(self) -> float:
+        noise = self._output.noise
+        own = _is_white(self._output, self._larger, noise) if noise.size else self._white_at_first
+        return max(own, self.whiteness.p_value) if self.scale < CALLED else own
+
+    @cached_property
+    def innovations(self) -> tuple[Array, ...]:
+        return _studentised(self._output, *self._own)
 
 
 def suspicious(view: View, index: int, estimate: Estimate) -> bool:
@@ -181,98 +320,74 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     p-values exact: one in twenty right records is called for, and what follows then decides.
     """
     output = view.outputs[index]
-    pairs = zip(output.coefficients, output.nuisance, strict=True)
-    fitted = tuple(np.hstack(pair) for pair in pairs)
-    found = _Columns.of(view, index, estimate)
-    e, basis = _white(output, output.noise, fitted)
+    found = _Columns(view, index, estimate)
+    e, basis = _white(output, output.noise, _fitted(output))
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
-    for extra in kinds:
-        columns_ = span(output.white(extra, output.noise), basis)
-        if added(e, basis, columns_, output.count).p_value < SUSPICIOUS:
-            return True
-    return False
+    white = output.white(_joined(*kinds), output.noise)
+    ends = np.cumsum([one[0].shape[1] for one in kinds])[:-1]
+    tests = added_each(e, basis, np.split(white, ends, axis=1), output.count)
+    return min(test.p_value for test in tests) < SUSPICIOUS
 
 
-@dataclass(frozen=True, eq=False)
+def _fitted(output: Output) -> tuple[Array, ...]:
+    """Derivatives by all that was fitted."""
+    return _joined(output.coefficients, output.nuisance)
+
+
 class _Columns:
     """All that a residual is searched for, not whitened; one array per experiment."""
 
-    lags: tuple[int, ...]
-    past: tuple[Array, ...]
-    coming: tuple[Array, ...]
-    wave: tuple[Array, ...]
-    later: tuple[Array, ...]
-    late: tuple[tuple[Array, ...], ...]
-    bends: tuple[tuple[Array, ...], ...]
+    def __init__(self, view: View, index: int, estimate: Estimate) -> None:
+        self._asked = view, index, estimate
+        self._view, self._output = view, view.outputs[index]
+        self._inputs = range(view.records[0].n_inputs)
+        self.lags = tuple(columns.past_lags(view, self._output))
 
-    @classmethod
-    def of(cls, view: View, index: int, estimate: Estimate) -> _Columns:
-        output = view.outputs[index]
-        lags = columns.past_lags(view, output)
-        inputs = range(view.records[0].n_inputs)
-        few = lags[: max(len(lags) // 2, 2)]
-        return cls(
-            tuple(lags),
-            columns.responses(view, inputs, lags),
-            columns.responses(view, inputs, few, coming=True),
-            columns.waves(view),
-            columns.later(view, output),
-            tuple(bends.late(view, index, estimate)),
-            tuple(bends.bends(view, index, estimate)),
-        )
+    @cached_property
+    def past(self) -> tuple[Array, ...]:
+        return columns.responses(self._view, self._inputs, self.lags)
 
+    @cached_property
+    def coming(self) -> tuple[Array, ...]:
+        few = self.lags[: max(len(self.lags) // 2, 2)]
+        return columns.responses(self._view, self._inputs, few, coming=True)
 
-class _Tested(NamedTuple):
-    """p-values under one model of the noise."""
+    @cached_property
+    def wave(self) -> tuple[Array, ...]:
+        return columns.waves(self._view)
 
-    past: float
-    level: float
-    feedback: float
-    later: float
-    linear: float
-    by_input: tuple[float, ...]
+    @cached_property
+    def later(self) -> tuple[Array, ...]:
+        return columns.later(self._view, self._output)
+
+    @cached_property
+    def late(self) -> tuple[tuple[Array, ...], ...]:
+        return tuple(bends.late(*self._asked))
+
+    @cached_property
+    def bends(self) -> tuple[tuple[Array, ...], ...]:
+        return tuple(bends.bends(*self._asked))
 
 
-def _tested(output: Output, fitted: tuple[Array, ...], found: _Columns, noise: Array) -> _Tested:
-    """All tests of added columns under one model of the noise."""
-    e, basis = _white(output, noise, fitted)
-    n = output.count
-    past, wave = output.white(found.past, noise), output.white(found.wave, noise)
-    n_lags = len(found.lags)
+def _past_and_level(
+    output: Output,
+    found: _Columns,
+    fit: tuple[Array, Array],
+    alone: _Known,
+    past: Array,
+) -> tuple[float, float]:
+    """p-values of past inputs and of a drift, each beside the other where both are called for."""
+    (e, basis), n, n_lags = fit, output.count, len(found.lags)
+    wave = output.white(found.wave, alone.noise)
     p_past = _past(past, basis, e, n_lags, n)
-    level = added(e, basis, span(wave, basis), n).p_value
-    alone = _Known(output, fitted, noise)
-    by_score = [(p_past, found.past)]
-    for one in found.late:
-        by_score.append((added(e, basis, span(output.white(one, noise), basis), n).p_value, one))
+    late = [output.white(one, alone.noise) for one in found.late]
+    level, *of_late = (test.p_value for test in added_each(e, basis, [wave, *late], n))
+    by_score = [(p_past, found.past), *zip(of_late, found.late, strict=True)]
     p_past = min(1.0, len(by_score) * _least_checked(alone, by_score))
     level = _checked(alone, found.wave, level)
     if p_past < CALLED and level < CALLED:
-        p_past, level = _told_apart(past, wave, (basis, e), n_lags, n, p_past)
-    n_inputs = past.shape[1] // n_lags
-    by_input = (1.0,) * n_inputs
-    if p_past < CALLED:
-        by_input = tuple(_one_input(past, j, basis, e, n_lags, n) for j in range(n_inputs))
-    more = (found.past,) if p_past < CALLED else ()
-    drift = (found.wave,) if level < CALLED else ()
-    wide = _Known(output, _joined(fitted, found.past, *drift), noise)
-    beside = _Known(output, _joined(fitted, *more, *drift), noise) if more or drift else alone
-
-    def score(extra: tuple[Array, ...], known: _Known, least: float = 0.0) -> float:
-        own = known.basis
-        test = added(e, own, span(output.white(extra, noise), own), n)
-        # in a long record the slightest imperfection is significant, and means nothing
-        return test.p_value if test.share > least else max(test.p_value, PRETEST)
-
-    bent = [(score(one, wide), one) for one in found.bends]
-    return _Tested(
-        p_past,
-        level,
-        _checked(wide, found.coming, score(found.coming, wide, LEAST_FEEDBACK)),
-        _checked(beside, found.later, score(found.later, beside)),
-        min(1.0, len(bent) * _least_checked(wide, bent)),
-        by_input,
-    )
+        return _told_apart(past, wave, (basis, e), n_lags, n, p_past)
+    return p_past, level
 
 
 def _joined(*several: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -352,18 +467,6 @@ def _deviance(
     return n * float(np.log(max(float(e @ e) / n, 1e-300))) + scale, basis.shape[1]
 
 
-def _beside(
-    output: Output, fitted: tuple[Array, ...], found: _Columns, noise: Array, p: _Tested
-) -> tuple[Array, Array]:
-    """The whitened residual, and what it is judged beside."""
-    e, basis = _white(output, noise, fitted)
-    if p.past < CALLED:
-        basis = np.hstack([basis, span(output.white(found.past, noise), basis)])
-    if p.level < CALLED:
-        basis = np.hstack([basis, span(output.white(found.wave, noise), basis)])
-    return e, basis
-
-
 def without_outliers(view: View, index: int, found: Evidence) -> View:
     """The same view with the outliers of one output missing, for tests that they would spoil."""
     output = view.outputs[index]
@@ -401,29 +504,26 @@ def _portmanteau(
     return portmanteau(found, noise, spread)
 
 
-def _noise(output: Output, larger: tuple[Array, ...]) -> tuple[float, Array]:
-    """Whether what no column explains is white under the estimate's model, and a model of it.
+def _is_white(output: Output, larger: tuple[Array, ...], noise: Array) -> float:
+    """p-value of what no column explains being white under a model."""
+    fit = _white(output, noise, larger)
+    n_lags = max(most_coefficients(output.count), output.noise.size + 4)
+    found = _autocorrelation(output, fit, n_lags)
+    return _portmanteau(output, fit, found, noise).p_value
 
-    The estimate's own model may have taken a missed response for noise, so that of the tests begins
+
+def _noise(output: Output, larger: tuple[Array, ...], free: Callable[[], float]) -> Array:
+    """A model of what no column explains; none where that is white (``free`` is its p-value).
+
+    The estimate's own model may have taken a missed response for noise, so that this one begins
     with white noise.
     """
-    most = most_coefficients(output.count)
-    n_lags = max(most, output.noise.size + 4)
-    white = np.zeros(0)
-    e, basis = _white(output, white, larger)
-    found = _autocorrelation(output, (e, basis), n_lags)
-    free = _portmanteau(output, (e, basis), found, white).p_value
-    own = free
-    if output.noise.size:
-        fit = _white(output, output.noise, larger)
-        found = _autocorrelation(output, fit, n_lags)
-        own = _portmanteau(output, fit, found, output.noise).p_value
-    noise = white
+    noise, most = np.zeros(0), most_coefficients(output.count)
     stated = output.noise.size > 0
-    if most and (stated or free <= PRETEST):
+    if most and (stated or free() <= PRETEST):
         for _ in range(ROUNDS):
             noise = _modelled(output, larger, noise, most, int(stated))
-    return own, noise
+    return noise
 
 
 def _modelled(
@@ -439,10 +539,10 @@ def _modelled(
     raw = np.vstack(stacked)
     norms = np.sqrt(np.einsum("ij,ij->j", raw, raw))
     norms = np.where(norms > 0, norms, 1.0)
-    scaled = output.white(tuple(one / norms for one in larger), noise)
-    white = output.white(tuple(np.nan_to_num(one) for one in output.residual), noise)
+    beside = zip(larger, output.residual, strict=True)
+    both = output.white([np.column_stack([c / norms, np.nan_to_num(r)]) for c, r in beside], noise)
     # the triangle of the columns and the residual beside them is all that is needed of them
-    r = triangle(np.column_stack([scaled, white]))
+    r, white = triangle(both), both[:, -1]
     u, s, vt = np.linalg.svd(r[:, :-1], full_matrices=False)
     kept = s > 1e-6 * s[0]
     root = (vt[kept].T / s[kept]) / norms[:, None]
@@ -462,8 +562,9 @@ def _modelled(
 def _past(past: Array, basis: Array, e: Array, n_lags: int, n: int) -> float:
     """Test of past inputs, at the first few lags and at all of them."""
     first = np.arange(past.shape[1]) % n_lags < columns.FIRST_LAGS
-    short = added(e, basis, span(past[:, first], basis), n).p_value
-    return min(1.0, 2.0 * min(short, added(e, basis, span(past, basis), n).p_value))
+    return min(
+        1.0, 2.0 * min(one.p_value for one in added_each(e, basis, [past[:, first], past], n))
+    )
 
 
 def _told_apart(
@@ -474,7 +575,7 @@ def _told_apart(
     with_wave = np.hstack([basis, span(wave, basis)])
     p_beside = _past(past, with_wave, e, n_lags, n)
     with_past = np.hstack([basis, span(past, basis)])
-    level = added(e, with_past, span(wave, with_past), n).p_value
+    level = added_each(e, with_past, [wave], n)[0].p_value
     if min(p_beside, level) > CALLED:
         # either alone explains the other; the response is the simpler cause
         return p_past, level

@@ -29,7 +29,7 @@ from tridentify.estimation.likelihood.curvature import physical_map
 from tridentify.estimation.likelihood.linear_columns import free_states
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.raster import on_raster
-from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.models.response import Response
 from tridentify.numerics.arrays import Array
@@ -89,7 +89,9 @@ class Output:
     def is_rounding(self) -> bool:
         """Whether the residual is no more than rounding."""
         size = max(float(np.nanmax(np.abs(one))) for one in self.y)
-        return not np.sqrt(np.nanmean(np.concatenate(self.residual) ** 2)) > ROUNDING * size
+        joined = np.concatenate(self.residual)
+        left = joined[~np.isnan(joined)]
+        return not (left.size and np.sqrt(left @ left / left.size) > ROUNDING * size)
 
     def white(self, columns: Sequence[Array], noise: Array) -> Array:
         """Whiten columns, one experiment below the other; zero where a sample is missing.
@@ -146,7 +148,12 @@ class View:
 
 
 def look(
-    estimate: Estimate, records: Sequence[Record], experiment: int | None, *, own: bool = False
+    estimate: Estimate,
+    records: Sequence[Record],
+    experiment: int | None,
+    *,
+    own: bool = False,
+    known: Predictions | None = None,
 ) -> View:
     """Put residual and derivatives together.
 
@@ -158,6 +165,8 @@ def look(
         Of the estimate, whose nuisance terms belong to the record.
     own : bool
         Whether the records are known to be those that were identified, or their beginnings.
+    known : Predictions, optional
+        What the estimate says of these very records, from elsewhere.
 
     Raises
     ------
@@ -172,6 +181,7 @@ def look(
     identified = own or fingerprint(records) == estimate.record_fingerprint
     whose = [experiment] * len(records) if experiment is not None else [*range(len(records))]
     own = identified or experiment is not None
+    given, known = records, known or Predictions(estimate)
     if any(a.size for a in estimate.noise_model):
         # an autoregression counts in steps of the raster
         records = [on_raster(record.settled(estimate.intersample)) for record in records]
@@ -186,7 +196,8 @@ def look(
         point = _point(estimate, kept, chosen)
         point = point.answering(_response(estimate, point, whose))
         residual = [
-            estimate.residual(record, experiment=e) for record, e in zip(kept, whose, strict=True)
+            known.residual(record, e) if record is one else estimate.residual(record, experiment=e)
+            for record, one, e in zip(kept, given, whose, strict=True)
         ]
         for e, one in enumerate(residual):
             _leave_out(estimate, one, whose[e])

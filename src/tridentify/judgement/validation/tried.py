@@ -33,6 +33,7 @@ from tridentify.judgement.validation.explained import (
 from tridentify.judgement.validation.residuals import View, refitted
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten
+from tridentify.numerics.quantiles import median
 from tridentify.numerics.robust import median_scale
 
 AFTER_A_JUMP = 3
@@ -133,7 +134,7 @@ def starts_wild(view: View) -> bool:
     """
     for output in view.outputs:
         seen = np.concatenate([one[np.isfinite(one)] for one in output.residual])
-        limit = WILD * median_scale(np.abs(seen - np.median(seen))) if seen.size else 0.0
+        limit = WILD * median_scale(np.abs(seen - median(seen))) if seen.size else 0.0
         first = [one[:FIRST_SAMPLES] for one in output.residual]
         if limit > 0 and any(np.any(np.abs(one[np.isfinite(one)]) > limit) for one in first):
             return True
@@ -180,7 +181,7 @@ def try_causes(view: View, estimate: Estimate, n_lags: int, rate: float) -> Trie
         return without
     whole = _looked_again(whole, view, setting)
     evidence = [
-        replace(one, normality=replace(one.normality, outliers=own))
+        one.having(normality=replace(one.normality, outliers=own))
         for one, own in zip(whole.evidence, rows, strict=True)
     ]
     return replace(whole, evidence=evidence)
@@ -241,7 +242,7 @@ def _looked_again(tried: TriedCauses, given: View, setting: _Setting) -> TriedCa
         pieces = replace(view, records=named.rival.parts[0].records)
     other = refitted(pieces, named.attempts[0].point)
     again = [
-        replace(_examined(other, i, setting._replace(torn=())), feedback=NOTHING)
+        _examined(other, i, setting._replace(torn=())).having(feedback=NOTHING)
         if setting.torn or _called(evidence[i])
         else None
         for i in range(len(view.outputs))
@@ -252,7 +253,7 @@ def _looked_again(tried: TriedCauses, given: View, setting: _Setting) -> TriedCa
 def _beside(named: Explanation, view: View, i: int, one: Evidence) -> Evidence:
     """Without the bad samples that the cause explains: those beyond a limit are none."""
     rows = still_far(named, view, i, one.normality.outliers)
-    return replace(one, normality=replace(one.normality, outliers=rows))
+    return one.having(normality=replace(one.normality, outliers=rows))
 
 
 def _ends(tried: TriedCauses) -> tuple[Attempt, ...]:
@@ -318,11 +319,11 @@ def _reacting(
     for i, one in enumerate(evidence):
         if explained is None:
             commanded = is_staircase(view.records)
-            found.append(replace(one, feedback=NOTHING) if commanded else one)
+            found.append(one.having(feedback=NOTHING) if commanded else one)
         elif (seen := explained.reacts[i]) is not None:
-            found.append(replace(one, feedback=seen.p_value, past=NOTHING))
+            found.append(one.having(feedback=seen.p_value, past=NOTHING))
         else:
-            found.append(replace(one, feedback=NOTHING))
+            found.append(one.having(feedback=NOTHING))
     return found
 
 
@@ -366,7 +367,7 @@ def _without_bad_samples(
     found = []
     for i, one in enumerate(evidence):
         again = _examined(seen, i, setting)
-        found.append(replace(again, normality=one.normality, innovations=one.innovations))
+        found.append(again.having(normality=one.normality, innovations=one.innovations))
     return replace(seen, own=view.own, has_errors=view.has_errors), found, said
 
 
@@ -404,7 +405,7 @@ def _all_taken_out(view: View, evidence: Sequence[Evidence]) -> View:
 def _with_outliers(one: Evidence, rows: Array) -> Evidence:
     """With some more outliers."""
     both = np.vstack([one.normality.outliers, rows])
-    return replace(one, normality=replace(one.normality, outliers=both))
+    return one.having(normality=replace(one.normality, outliers=both))
 
 
 def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
@@ -420,12 +421,12 @@ def _with_bad_samples_alone(view: View, found: Evidence) -> Evidence:
         kept.append(not np.ptp(before, axis=0).any())
     if np.mean(kept) > MOSTLY_ALONE:
         return found
-    return replace(found, normality=replace(found.normality, outliers=rows[kept]))
+    return found.having(normality=replace(found.normality, outliers=rows[kept]))
 
 
 def _called(one: Evidence) -> bool:
     """Whether something but noise may be left in a residual."""
-    return min(one.past, one.level, one.later, one.linear) < CALLED
+    return min(one.past, one.level) < CALLED or one.later < CALLED or one.linear < CALLED
 
 
 def _examined(view: View, index: int, setting: _Setting) -> Evidence:
@@ -444,11 +445,11 @@ def _tested(view: View, index: int, setting: _Setting) -> Evidence:
     found = _with_bad_samples_alone(view, known[whole])
     if torn and len(found.normality.outliers):
         left = _after(torn, view, found.normality.outliers)
-        found = replace(found, normality=replace(found.normality, outliers=left))
+        found = found.having(normality=replace(found.normality, outliers=left))
     if not len(found.normality.outliers) or found.past < CALLED:
         return found
     clean = without_outliers(view, index, found)
     if clean.outputs[index].count < view.outputs[index].count * FEW_LEFT:
         return found
     again = examine(clean, index, estimate, n_lags, rate)
-    return replace(again, normality=found.normality, innovations=found.innovations)
+    return again.having(normality=found.normality, innovations=found.innovations)
