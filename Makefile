@@ -73,9 +73,7 @@ docs: $(INSTALLED_DEV) ## build the documentation into build/docs, running every
 	@echo "build/docs/index.html"
 
 kernels: $(INSTALLED_DEV) ## compile the sample loops before several processes need them at once
-	@OPENBLAS_NUM_THREADS=1 $(PY) -c "from importlib import import_module as load; \
-		from pkgutil import walk_packages as walk; import tridentify; \
-		[load(m.name) for m in walk(tridentify.__path__, 'tridentify.') if 'main' not in m.name]"
+	@OPENBLAS_NUM_THREADS=1 $(VENV)/bin/tridentify warm
 
 browser: ## install Chromium for the tests of the report, where apt-get is allowed to
 	@command -v chromium chromium-browser google-chrome >/dev/null || { \

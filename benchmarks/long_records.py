@@ -67,8 +67,8 @@ MEASURED = """
 import json, resource, sys, time
 path, how, kind = sys.argv[1:]
 import tridentify as tri
-from tridentify.numerics.propagate import warm_up
-warm_up()
+from tridentify.estimation.machine_code import load_kernels
+load_kernels()
 found = {}
 inputs, outputs = (["x[0]"], ["x[1]"]) if kind == "npy" else (["u"], ["y"])
 named = dict(inputs=inputs, outputs=outputs, dt=%r, intersample="zoh")

@@ -20,7 +20,7 @@ from scipy import signal
 import tridentify
 from tridentify import Estimate, Record, TransferFunction, simulate
 from tridentify.cli import identify_command, main, terminal
-from tridentify.numerics import propagate
+from tridentify.estimation import machine_code
 
 DT = 0.02
 DEN = (1.0, 3.0, 9.0)
@@ -408,7 +408,7 @@ def test_progress_goes_to_stderr_and_names_a_long_compilation(
     run, noisy, question, monkeypatch, patience, named
 ):
     monkeypatch.setattr(terminal, "SILENCE", patience)
-    monkeypatch.setattr(propagate, "warm_up", lambda: time.sleep(0.2))
+    monkeypatch.setattr(machine_code, "load_kernels", lambda: time.sleep(0.2))
     outcome = run("identify", noisy, *question)
     assert "reading noisy.csv" in outcome.err
     assert ("compiled once per machine" in outcome.err) == named

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from tridentify.numerics.discretize import discretize
-from tridentify.numerics.propagate import LONG_INPUT, PART, propagate
+from tridentify.numerics.kernels.recursions import PART
+from tridentify.numerics.propagate import LONG_INPUT, propagate
 from tridentify.numerics.realization import cascade
 
 POLES = {

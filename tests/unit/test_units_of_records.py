@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tridentify import METHODS, Record, Structure, errors, identify, read_record
+from tridentify.estimation.machine_code import load_kernels
 from tridentify.excitation import doublet
-from tridentify.numerics.propagate import warm_up
 from tridentify.physical import PhysicalParameter
 
 N = 200
@@ -18,7 +18,7 @@ N = 200
 @pytest.fixture(scope="module")
 def arrays() -> tuple[np.ndarray, np.ndarray]:
     """A held square wave, and the exact step responses of 2/(s + 1) to it."""
-    warm_up()
+    load_kernels()
     u = np.where(np.arange(N) // 25 % 2, -1.0, 1.0)
     y, state = np.empty(N), 0.0
     decay = np.exp(-0.05)

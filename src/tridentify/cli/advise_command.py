@@ -11,7 +11,7 @@ from tridentify.cli import options
 from tridentify.cli.groups import Reading
 from tridentify.cli.load import asked_channels, load
 from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.run import describe_files, load_compiled
 from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.record.record import Record
@@ -48,7 +48,7 @@ def advise(
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
         records = load(source, activity)
-        load_sample_loop(activity)
+        load_compiled(activity)
         activity.stage("looking at the record")
         found = _advice(records)
         if results is not None:

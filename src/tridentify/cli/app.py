@@ -28,6 +28,7 @@ from tridentify.cli import (
     study_command,
     terminal,
     validate_command,
+    warm_command,
 )
 from tridentify.cli.codes import BAD_INPUT, DONE, FAULT, INTERRUPTED, NO_ANSWER
 from tridentify.cli.groups import with_groups
@@ -65,6 +66,7 @@ app.command("fleet")(with_groups(fleet_command.fleet))
 app.command("excite")(excite_command.excite)
 app.command("export")(export_command.export)
 app.command("validate")(with_groups(validate_command.validate))
+app.command("warm")(warm_command.warm)
 app.command("compare")(with_groups(compare_command.compare_models))
 
 

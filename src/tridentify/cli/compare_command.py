@@ -16,7 +16,7 @@ from tridentify.cli import options
 from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.run import describe_files, load_compiled
 from tridentify.cli.stored_models import MODEL, in_folder
 from tridentify.cli.tables import describe_records
 from tridentify.cli.terminal import Activity, show, show_json
@@ -77,7 +77,7 @@ def compare_models(
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
         records = [renamed(record, *columns) for record in load(source, activity)]
-        load_sample_loop(activity)
+        load_compiled(activity)
         activity.stage("simulating the models")
         found = compare(models, records)
         if results is not None:

@@ -21,7 +21,7 @@ from tridentify.cli.results import ResultFolder
 from tridentify.cli.run import (
     describe_files,
     estimate_model,
-    load_sample_loop,
+    load_compiled,
     write_results,
 )
 from tridentify.cli.terminal import (
@@ -99,7 +99,7 @@ def demo(
         activity = stack.enter_context(Activity())
         folder = stack.enter_context(as_file(files("tridentify") / "data"))
         story = json.loads((folder / f"{STEM}.json").read_text(encoding="utf-8"))
-        load_sample_loop(activity)
+        load_compiled(activity)
 
         def fit(*outputs: str, zeros: int) -> Fitted:
             activity.stage(f"identifying {listed(outputs)}, numerator {NUMERATORS[zeros]}")

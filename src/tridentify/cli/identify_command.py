@@ -13,7 +13,7 @@ from tridentify.cli.groups import Along, Known, Late, Reading, Way, asked_struct
 from tridentify.cli.load import RecordSource, asked_channels, load
 from tridentify.cli.long_record import answer, long_record
 from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import estimate_model, load_sample_loop, show_estimate, write_results
+from tridentify.cli.run import estimate_model, load_compiled, show_estimate, write_results
 from tridentify.cli.terminal import Activity, show_json
 from tridentify.estimation.methods.base import Method
 from tridentify.structure import AutoStructure, Structure
@@ -78,7 +78,7 @@ def _answer(
         long = long_record(source, structure, method, activity)
         records = load(source, activity) if long is None else []
         artist = None if results is None else stack.enter_context(drawn_beside())
-        load_sample_loop(activity)
+        load_compiled(activity)
         if isinstance(structure, AutoStructure):
             activity.stage("no --poles: the numbers of poles and zeros are chosen")
         found = None if long is None else answer(long, structure, method, activity)

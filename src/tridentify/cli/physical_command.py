@@ -25,7 +25,7 @@ from tridentify.cli.physical_models import (
     show_models,
 )
 from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.run import describe_files, load_compiled
 from tridentify.cli.terminal import Activity, listed, paragraph, show, show_json
 from tridentify.errors import (
     MissingColumnError,
@@ -141,7 +141,7 @@ def _answer(
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
         records = load(source, activity)
-        load_sample_loop(activity)
+        load_compiled(activity)
         named = _names_in(records[0], channels)
         check_units(records, named)
         found = estimate_physical(

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from tridentify.cli.artist import Beside
 
 
-def load_sample_loop(activity: Activity) -> None:
-    """Load the compiled recursion over samples; the first time on a machine it is compiled."""
-    from tridentify.numerics.propagate import warm_up
+def load_compiled(activity: Activity) -> None:
+    """Load the compiled functions; the first time on a machine they are compiled."""
+    from tridentify.estimation.machine_code import load_kernels
 
-    said = "loading the sample loop (compiled once per machine, which takes seconds)"
+    said = "loading compiled functions (compiled once per machine, which takes some ten seconds)"
     with activity.brief_stage(said):
-        warm_up()
+        load_kernels()
 
 
 def estimate_model(

@@ -15,7 +15,7 @@ from tridentify.cli import options
 from tridentify.cli.groups import Along, Late, Reading, Way
 from tridentify.cli.load import asked_channels, load
 from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.run import describe_files, load_compiled
 from tridentify.cli.tables import describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import IdentifiabilityError, OrderError, shown
@@ -100,7 +100,7 @@ def select(
         results = None if out is None else stack.enter_context(ResultFolder(out))
         activity = stack.enter_context(Activity())
         records, *unseen = (load(source, activity) for source in sources)
-        load_sample_loop(activity)
+        load_compiled(activity)
         every = zeros.strip() == "all"
         if every:
             candidates = _with_direct_part(records, candidates, template)

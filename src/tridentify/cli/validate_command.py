@@ -15,7 +15,7 @@ from tridentify.cli import options
 from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
 from tridentify.cli.results import ResultFolder
-from tridentify.cli.run import describe_files, load_sample_loop
+from tridentify.cli.run import describe_files, load_compiled
 from tridentify.cli.stored_models import model_file
 from tridentify.cli.tables import describe_records, make_table
 from tridentify.cli.terminal import Activity, paragraph, show, show_json
@@ -134,7 +134,7 @@ def validate(
             renamed(record, estimate.input_names, estimate.output_names)
             for record in load(source, activity)
         ]
-        load_sample_loop(activity)
+        load_compiled(activity)
         activity.stage("testing the residual")
         which = _experiment(estimate, records, experiment)
         found = _validation(estimate, records, which, level)

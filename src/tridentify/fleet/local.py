@@ -115,10 +115,10 @@ class Local:
     wanted: Wanted
 
     def begin(self) -> None:
-        """Load the sample loop."""
-        from tridentify.numerics.propagate import warm_up
+        """Load the compiled functions."""
+        from tridentify.estimation.machine_code import load_kernels
 
-        warm_up()
+        load_kernels()
 
     def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
         """The pieces by the label of their choice."""

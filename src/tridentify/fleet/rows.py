@@ -74,10 +74,10 @@ class Fit:
     wanted: Wanted
 
     def begin(self) -> None:
-        """Load the sample loop; the first time on a machine it is compiled."""
-        from tridentify.numerics.propagate import warm_up
+        """Load the compiled functions; the first time on a machine they are compiled."""
+        from tridentify.estimation.machine_code import load_kernels
 
-        warm_up()
+        load_kernels()
 
     def run(self, item: Item, records: Sequence[Record]) -> dict[str, Any]:
         """The columns that an estimate fills."""

@@ -26,6 +26,11 @@ KERNELS = (
 """Files with compiled functions that call one another, below the package."""
 
 
+def read_only(dimensions: int, kind: Any = numba.float64) -> Any:
+    """The type of an array that a loop does not write."""
+    return numba.types.Array(kind, dimensions, "C", readonly=True)
+
+
 def compiled(
     signature: Any, *, inline: bool = False, wide: bool = False, free: bool = False
 ) -> Callable[[Function], Function]:

@@ -23,9 +23,7 @@ made once. From ``T' = D T`` (a constant matrix)
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from functools import cache
-from typing import Any
 
 import numpy as np
 import scipy.linalg
@@ -136,35 +134,6 @@ def moments(a: Array, b: Array, length: float) -> tuple[Array, Array]:
     return np.ascontiguousarray(whole[:q, :q]), np.ascontiguousarray(weight * whole[:q, q:])
 
 
-def _driven(transition: Array, upper: int, drive: Array, state: Array, out: Array) -> None:
-    """``x_{k+1} = F x_k + drive_k``, states into ``out``; ``state`` is carried on."""
-    q, count = drive.shape
-    new = np.empty(q)
-    for k in range(count):
-        for i in range(q):
-            out[i, k] = state[i]
-            total = drive[i, k]
-            for m in range(min(i + 1 + upper, q)):
-                total += transition[i, m] * state[m]
-            new[i] = total
-        for i in range(q):
-            state[i] = new[i]
-
-
-@cache
-def _compiled() -> Callable[..., None]:
-    """The loop as machine code (compiled at the first call, afterwards read from disk)."""
-    import numba
-
-    read = numba.types.Array(numba.float64, 2, "C", readonly=True)
-    signature = numba.void(read, numba.int64, read, numba.float64[::1], numba.float64[:, :])
-    try:
-        compiled: Any = numba.njit(signature, cache=True)(_driven)
-    except RuntimeError:  # no folder on this machine can hold the cache
-        compiled = numba.njit(signature)(_driven)
-    return compiled  # type: ignore[no-any-return]
-
-
 def drive(transition: Array, upper: int, inputs: Array, state: Array, out: Array) -> None:
     """Run ``x_{k+1} = F x_k + input_k``.
 
@@ -178,7 +147,9 @@ def drive(transition: Array, upper: int, inputs: Array, state: Array, out: Array
         At the first sample; on return the one after the last.
     out : (q, count) array
     """
-    _compiled()(transition, upper, np.ascontiguousarray(inputs), state, out)
+    from tridentify.numerics.kernels.driven import driven
+
+    driven(transition, upper, np.ascontiguousarray(inputs), state, out)
 
 
 def lowpass(factor: int, intersample: str) -> Array:

@@ -25,10 +25,8 @@ in the number of intervals.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -223,93 +221,6 @@ def _digits(a: Array, b: Array, units: Array) -> Array:
     return np.asarray(product.reshape(units.size, BASE, *matrices.shape[1:]))
 
 
-def _cross(
-    tables: Array,
-    units: Array,
-    terms: int,
-    a: Array,
-    b: Array,
-    upper: int,
-    lengths: Array,
-    which: Index,
-    value: Array,
-    slope: Array,
-    reached: Index,
-    done: Index,
-    state: Array,
-    start: int,
-    stop: int,
-    out: Array,
-) -> None:
-    """Write the states at samples start..stop-1 and carry ``state`` and ``done`` on."""
-    levels, entries, q = tables.shape[0], tables.shape[1], tables.shape[2]
-    new, term = np.empty(q), np.empty(q)
-    for j in range(state.shape[0]):
-        for k in range(start, stop):
-            for i in range(done[j], reached[k]):
-                now, rise, rest = value[j, i], slope[j, i], lengths[i]
-                for level in range(levels):
-                    if terms == 0:
-                        digit, unit = which[i], units[which[i]]
-                    else:
-                        unit = units[level]
-                        digit = min(int(rest / unit), entries - 1)
-                        if digit == 0:
-                            continue
-                    for m in range(q):
-                        total = tables[level, digit, m, q] * now
-                        total += tables[level, digit, m, q + 1] * (rise * unit)
-                        for o in range(min(m + 1 + upper, q)):
-                            total += tables[level, digit, m, o] * state[j, o]
-                        new[m] = total
-                    for m in range(q):
-                        state[j, m] = new[m]
-                    if terms > 0:
-                        now += rise * (digit * unit)
-                        rest = max(rest - digit * unit, 0.0)
-                if terms > 0 and rest > 0.0:
-                    for m in range(q):
-                        term[m] = state[j, m]
-                    driven = now
-                    for p in range(1, terms + 1):
-                        for m in range(q):
-                            total = b[m] * driven
-                            for o in range(min(m + 1 + upper, q)):
-                                total += a[m, o] * term[o]
-                            new[m] = total * rest / p
-                        for m in range(q):
-                            term[m] = new[m]
-                            state[j, m] += new[m]
-                        driven = rise * rest if p == 1 else 0.0
-            if reached[k] >= 0:
-                done[j] = max(done[j], reached[k])
-                for m in range(q):
-                    out[j * q + m, k - start] = state[j, m]
-            else:
-                for m in range(q):
-                    out[j * q + m, k - start] = 0.0
-
-
-@cache
-def _compiled() -> Callable[..., None]:
-    """The loop as machine code (compiled at the first call, afterwards read from disk)."""
-    import numba
-
-    def read(dimensions: int, kind: Any = numba.float64) -> Any:
-        return numba.types.Array(kind, dimensions, "C", readonly=True)
-
-    whole = numba.int64
-    signature = numba.void(
-        read(4), read(1), whole, read(2), read(1), whole, read(1), read(1, whole), read(2), read(2),
-        read(1, whole), whole[::1], numba.float64[:, ::1], whole, whole, numba.float64[:, :],
-    )  # fmt: skip
-    try:
-        compiled: Any = numba.njit(signature, cache=True, error_model="numpy")(_cross)
-    except RuntimeError:  # no folder on this machine can hold the cache
-        compiled = numba.njit(signature, error_model="numpy")(_cross)
-    return compiled  # type: ignore[no-any-return]
-
-
 class Crossing:
     """States of one state equation over the samples of a plan, block by block.
 
@@ -351,11 +262,13 @@ class Crossing:
 
     def advance(self, start: int, stop: int, out: Array) -> None:
         """Write the states at samples ``start .. stop - 1``; to be called in their order."""
+        from tridentify.numerics.kernels.crossing import cross
+
         chart = self.chart
         if self._steps is None:
             self._steps = steps(self._a, self._b, chart.lengths, chart.distinct)
         tables, units, terms = self._steps
-        _compiled()(
+        cross(
             tables, units, terms, self._a, self._b, self._upper, chart.lengths, chart.which,
             chart.value, chart.slope, chart.reached, self._done, self.state, start, stop, out,
         )  # fmt: skip
