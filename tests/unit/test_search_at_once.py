@@ -9,7 +9,8 @@ from tridentify import Record, Structure, ThreeModel, TransferFunction, identify
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.nuisance import build_base, candidates
 from tridentify.estimation.methods.noise import PASSED
-from tridentify.estimation.search.search import CERTAIN, Search, Starts
+from tridentify.estimation.search.found import Starts
+from tridentify.estimation.search.search import CERTAIN, Search
 from tridentify.estimation.search.stand_ins import LARGE_RECORD, free_variant, window
 from tridentify.estimation.search.starts import best_laguerre, laguerre_starts
 from tridentify.numerics.converter import FEW_VALUES, quantum

@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from tridentify.errors import UnsupportedError
-from tridentify.estimation.likelihood.cost import Linear, Point, bank_of
+from tridentify.estimation.likelihood.cost import Point, bank_of
 from tridentify.estimation.likelihood.curvature import physical_transform
 from tridentify.estimation.likelihood.linear_columns import free_states, linear_blocks
+from tridentify.estimation.likelihood.linear_fit import Linear
 from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidates
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.triangles import Triangles

@@ -19,7 +19,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.estimation.likelihood.cost import Bend, Point
+from tridentify.estimation.likelihood.cost import Point
+from tridentify.estimation.likelihood.step import Bend
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import row_of
 

@@ -31,7 +31,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,11 +38,18 @@ from numpy.typing import NDArray
 from tridentify.estimation.likelihood.bank import Bank
 from tridentify.estimation.likelihood.held_poles import at_slow_limit, conditions, left_by
 from tridentify.estimation.likelihood.linear_columns import linear_blocks
+from tridentify.estimation.likelihood.linear_fit import Linear, OutputFit
 from tridentify.estimation.likelihood.problem import LEAST_DAMPED, TOO_SLOW, Problem, Variant
+from tridentify.estimation.likelihood.step import (
+    Bend,
+    Decomposition,
+    Proposal,
+    decomposition_of,
+)
 from tridentify.estimation.likelihood.triangles import Triangles
 from tridentify.models.regression import LONG, Regression, regress, response_of
 from tridentify.models.response import Branch, ColumnBlocks, FilteredResponse, Response
-from tridentify.numerics.arrays import Array, Complex, Indices
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.least_squares import Solution
 from tridentify.numerics.realization import Cascade, filter_map, roots_of
 
@@ -55,110 +61,6 @@ LEAST_VARIANCE = 1e-300
 FAR = 0.1
 """Fall of ``-2 log L`` a sample that a step promises, above which the quadratic it rests on is not
 that of the end: 5 % of the residual. What is poor now may lead elsewhere, so no pole is held."""
-
-
-class Linear(NamedTuple):
-    """The linear fits of all outputs, as `compiled_cost.fit_outputs` gives them."""
-
-    rows: Array
-    direct: Array
-    started: Array
-    costs: Array
-    conditions: Array
-    matrices: Array
-    sizes: Indices
-    solutions: Array
-    bases: Array
-    ranks: Indices
-    residuals: Array
-
-    @classmethod
-    def given(cls, rows: Array, direct: Array, started: Array) -> Linear:
-        """Outputs that were not fitted here."""
-        none, whole = np.zeros((0, 0)), np.zeros(0, dtype=np.int64)
-        empty, zero = np.zeros((0, 0, 0)), np.zeros(0)
-        return cls(rows, direct, started, zero, zero, empty, whole, none, empty, whole, none)
-
-
-@dataclass(frozen=True, eq=False)
-class OutputFit:
-    """One output's linear fit at a fixed denominator."""
-
-    columns: ColumnBlocks
-    matrix: Array
-    solution: Solution
-    residual: Array
-
-
-class Proposal(NamedTuple):
-    """A step: where it leads, and what it promises.
-
-    Attributes
-    ----------
-    poles : (n,) complex array
-        Not necessarily admissible.
-    decrease : float
-        Predicted fall of `Point.objective`.
-    delays : (n_inputs,) array or None
-        Where they are estimated along [s].
-    change : (n_scores,) array
-        The step itself: of ``alpha`` and the delays.
-    """
-
-    poles: Complex
-    decrease: float
-    delays: Array | None
-    change: Array
-
-
-class Bend(NamedTuple):
-    """A direction, and how much more than Gauss-Newton the cost bends along it (`bend`).
-
-    Attributes
-    ----------
-    direction : (n_scores,) array
-        The last step, in the coordinates of the new point.
-    excess : float
-        In the unit of the Gauss-Newton curvature.
-    """
-
-    direction: Array
-    excess: float
-
-
-class _Decomposition(NamedTuple):
-    """SVD of the scores along the directions that count, scaled; the residual on them, its norm.
-
-    ``basis`` are these directions; None where all count.
-    """
-
-    basis: Array | None
-    s: Array
-    vt: Array
-    scale: Array
-    projection: Array
-    total: float
-    held: str
-
-    def gain(self, damping: float) -> Array:
-        """Of every singular value."""
-        # what is so small that its square is none moves nothing
-        kept = (self.s > 1e-13 * self.s[0]) & (self.s * self.s > 0.0)
-        s = np.where(kept, self.s, 1.0)
-        return np.where(kept, s / (s**2 + damping), 0.0)
-
-    def step(self, damping: float) -> Array:
-        """(n_scores,) change of ``alpha`` and the delays."""
-        moved = self.vt.T @ (self.gain(damping) * self.projection)
-        moved = moved / self.scale
-        return -moved if self.basis is None else np.asarray(-self.basis @ moved)
-
-
-def _decomposed(scores: Array, residual: Array, basis: Array, held: str = "") -> _Decomposition:
-    from tridentify.estimation.likelihood.compiled_cost import decomposed
-
-    own = np.ascontiguousarray(scores @ basis)
-    return _Decomposition(basis, *decomposed(own, residual), held)
 
 
 @dataclass(frozen=True, eq=False)
@@ -286,7 +188,7 @@ class Point:
         return np.stack(found, axis=1) if found else np.zeros((regression.targets[output].size, 0))
 
     @cached_property
-    def _seen(self) -> tuple[Array, Array, _Decomposition]:
+    def _seen(self) -> tuple[Array, Array, Decomposition]:
         """Scores, residual and decomposition, with nothing held."""
         from tridentify.estimation.likelihood.compiled_cost import scores_at
 
@@ -313,7 +215,7 @@ class Point:
             self.weights,
             self.problem.n_delays,
         )
-        found = _Decomposition(None, s, vt, scale, projection, total, "")
+        found = Decomposition(None, s, vt, scale, projection, total, "")
         return scores, residual, found
 
     @property
@@ -322,7 +224,7 @@ class Point:
         return self._seen[:2]
 
     @cached_property
-    def _decomposition(self) -> _Decomposition:
+    def _decomposition(self) -> Decomposition:
         """Of all scores, but along nothing that a limit forbids.
 
         Delays that lie at an end of their range and pull outward stay there, and so do poles at a
@@ -352,7 +254,7 @@ class Point:
             basis = left_by(rows[pulled], kept)
             if basis.shape[1] == 0:
                 return found
-            found = _decomposed(scores, residual, basis, TOO_SLOW if pulled.any() else "")
+            found = decomposition_of(scores, residual, basis, TOO_SLOW if pulled.any() else "")
 
     @property
     def held(self) -> str:
@@ -447,7 +349,7 @@ class Point:
         """Whether a step promises so much that the end cannot be seen from here."""
         return self.decrease() > FAR * float(self.counts.sum())
 
-    def _promised(self, found: _Decomposition, damping: float) -> float:
+    def _promised(self, found: Decomposition, damping: float) -> float:
         shrink = found.s * found.gain(damping)
         share = float(np.sum(found.projection**2 * shrink * (2.0 - shrink)))
         return self._fall(share / found.total**2 if found.total else 0.0)

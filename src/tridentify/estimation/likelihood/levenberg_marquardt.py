@@ -13,8 +13,9 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Pass, Status, Step
 from tridentify.estimation.likelihood.bend import bend_of
-from tridentify.estimation.likelihood.cost import Bend, Point
+from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
+from tridentify.estimation.likelihood.step import Bend
 from tridentify.estimation.likelihood.thresholds import (
     IDLE,
     NEARLY_SETTLED,

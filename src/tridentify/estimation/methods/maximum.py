@@ -17,7 +17,8 @@ from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.search.delays import Located
-from tridentify.estimation.search.search import Scan, Starts, search_again
+from tridentify.estimation.search.found import Scan, Starts
+from tridentify.estimation.search.search import search_again
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 

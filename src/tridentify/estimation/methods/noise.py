@@ -59,7 +59,8 @@ from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, SAME_END
 from tridentify.estimation.methods.maximum import Maximum
 from tridentify.estimation.methods.predictor import predictor_noise
-from tridentify.estimation.search.search import Starts, search
+from tridentify.estimation.search.found import Starts
+from tridentify.estimation.search.search import search
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import deviance
 from tridentify.numerics.information import aicc_price

@@ -30,8 +30,8 @@ from tridentify.estimation.posterior.mean import (
     posterior,
     vaguest,
 )
+from tridentify.estimation.search.found import Scan
 from tridentify.estimation.search.one_mode_moved import moved_poles
-from tridentify.estimation.search.search import Scan
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import denominator
 

@@ -24,17 +24,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Pass, Start
 from tridentify.estimation.likelihood.cost import (
     Point,
-    bank_of,
-    evaluate,
     evaluate_variant,
-    point_at,
 )
 from tridentify.estimation.likelihood.levenberg_marquardt import (
     Recorder,
@@ -45,7 +41,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import (
     finishing,
     mean_square,
 )
-from tridentify.estimation.likelihood.noise_model import TESTED, leaves_coloured_noise
+from tridentify.estimation.likelihood.noise_model import leaves_coloured_noise
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.estimation.likelihood.question import Question
@@ -58,8 +54,18 @@ from tridentify.estimation.likelihood.thresholds import (
     PLAUSIBLE,
     WORTHWHILE,
 )
-from tridentify.estimation.likelihood.triangles import Triangles
-from tridentify.estimation.search.one_mode_moved import Move, moving_poles
+from tridentify.estimation.search.found import (
+    ALIKE,
+    End,
+    Far,
+    Followed,
+    KnownTriangles,
+    Met,
+    Scan,
+    SearchEnd,
+    Starts,
+)
+from tridentify.estimation.search.one_mode_moved import moving_poles
 from tridentify.estimation.search.passes import MOST_ADAPTED, adapting
 from tridentify.estimation.search.stand_ins import (
     SMALL,
@@ -79,21 +85,22 @@ from tridentify.estimation.search.starts import (
     relocated_poles,
     spread_slices,
 )
-from tridentify.models.regression import Regression, regress
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.estimation.search.whole_record import (
+    HOPELESS_RATIO,
+    LONGER,
+    MOST_SHARPENING,
+    end_of,
+    leaves_white_noise,
+    nearer,
+)
+from tridentify.numerics.arrays import Complex
 from tridentify.numerics.least_squares import solve
 from tridentify.numerics.slices import Slices, drain
-from tridentify.numerics.whiteness import is_white
 
 MOST_ENRICHED = 8
 """Times that a richer parallel model is asked what is left: it bounds the time."""
 MOST_TRIED = 12
 """Steps on the cost from a start, to rank it: the best is finished later."""
-MOST_SHARPENING = 3
-"""Steps on a longer window before the whole record is touched."""
-LONGER = 24
-"""Length of the longer window over that of the first one, `stand_ins.SMALL`: standard errors a
-fifth."""
 MOST_MOVES = 4
 """Times that one pole or pair is taken to another place, each after a lower one was found."""
 MOST_FOLLOWED = 3
@@ -103,130 +110,9 @@ CERTAIN = 0.1
 to be looked for elsewhere: a pole at a wrong place explains little and is loose."""
 FEW_ADAPTED = 3
 """Adapted passes from the window's best start, before anything else is tried."""
-HOPELESS_RATIO = 2.0
-"""Looseness over what is asked from which the samples of the whole record will not do either."""
-ALIKE = 0.02
-"""Relative difference of poles within which the window's end has been followed on the whole record
-already."""
 OF_WINDOW = "window of the record: "
 OF_AVERAGES = "record averaged: "
 FURTHER = ("discrete", "spread", "relaxed")
-
-
-@dataclass(frozen=True, eq=False)
-class SearchEnd:
-    """Where a search ended: the point, the nuisance terms it was made with, and the verdict.
-
-    ``settled`` says that a richer parallel model had nothing to add; ``reachable`` is the AICc
-    to be met.
-    """
-
-    base: Problem
-    point: Point
-    variant: Variant
-    reachable: float
-    settled: bool
-
-
-@dataclass(frozen=True, eq=False)
-class KnownTriangles:
-    """Triangles of the whole record at poles, for whoever begins there, and if it ends there too.
-
-    ``white`` says that the residual there passed for white noise.
-    """
-
-    poles: Complex
-    whole: tuple[Regression, ...]
-    white: bool = False
-
-
-@dataclass(frozen=True, eq=False)
-class End:
-    """Where the poles of a window led on the whole record.
-
-    ``alone`` says that there is one choice of nuisance terms, and that it was finished.
-    """
-
-    near: Complex
-    poles: Complex
-    point: Point
-    whole: tuple[Regression, ...]
-    alone: bool
-    passes: tuple[Pass, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Scan:
-    """The last places looked at, and for what."""
-
-    base: Problem
-    variant: Variant
-    poles: Complex
-    moves: list[Move]
-
-
-@dataclass(frozen=True, eq=False)
-class Far:
-    """Where the search of an averaged record led.
-
-    It knows nothing of the noise between its samples: whitened ones need not be searched again.
-
-    ``settled`` says that the window had nothing left to be found, and one start was followed.
-    """
-
-    settled: bool
-    point: Point
-    passes: tuple[Pass, ...]
-    scan: Scan | None
-
-
-@dataclass(frozen=True, eq=False)
-class Starts:
-    """What a search found: where to finish from, and what was seen on the way.
-
-    Attributes
-    ----------
-    seeds : tuple of (n,) complex arrays
-        Poles to finish from.
-    trails : tuple of tuples of Pass
-        The passes that led to each seed.
-    tried : tuple of Start
-        All starts with the cost they led to.
-    count : int
-        Most starts of a kind that were followed.
-    known : KnownTriangles, optional
-        Triangles of the whole record, where they were made.
-    scan : Scan, optional
-        The last places looked at.
-    far : Far, optional
-        What an averaged record gave.
-    """
-
-    seeds: tuple[Complex, ...]
-    trails: tuple[tuple[Pass, ...], ...]
-    tried: tuple[Start, ...]
-    count: int
-    known: KnownTriangles | None = None
-    scan: Scan | None = None
-    far: Far | None = None
-
-    @property
-    def triangles(self) -> dict[bytes, tuple[Regression, ...]]:
-        """Triangles of the whole record that exist already, by the bytes of the seed."""
-        return {} if self.known is None else {self.known.poles.tobytes(): self.known.whole}
-
-    def saw_white(self, point: Point) -> bool:
-        """Whether the search saw that the residual of this very point passes for white noise."""
-        known = self.known
-        return known is not None and known.white and np.array_equal(known.poles, point.poles)
-
-    def beside(self, poles: Complex) -> Starts:
-        """With poles from elsewhere, if there are any, as another seed."""
-        return (
-            self
-            if not poles.size
-            else replace(self, seeds=(*self.seeds, poles), trails=(*self.trails, ()))
-        )
 
 
 def search(
@@ -272,36 +158,6 @@ def search_again(question: Question, nuisances: Nuisances, poles: Complex) -> tu
     worker = Search(1)
     found = drain(worker.trying_again(question.base, question.variant_of(nuisances), poles))
     return found, worker.starts[-1]
-
-
-class Met(NamedTuple):
-    """An end of steps on the cost of one problem and choice of nuisance terms."""
-
-    base: Problem
-    variant: Variant
-    point: Point
-
-    def is_near(self, other: Point) -> bool:
-        """Whether another point is on its way to the same end."""
-        above = other.objective - self.point.objective
-        return bool(0.0 <= above < EQUAL) and np.allclose(
-            other.poles, self.point.poles, rtol=ALIKE, atol=0.0
-        )
-
-
-class Followed(NamedTuple):
-    """A start, and where it led."""
-
-    base: Problem
-    variant: Variant
-    start: Complex
-    point: Point
-    passes: tuple[Pass, ...]
-
-    def is_of(self, base: Problem, variant: Variant, start: Complex) -> bool:
-        """Whether the same start of the same problem is followed."""
-        same = self.base is base and self.variant is variant
-        return same and np.array_equal(self.start, start)
 
 
 @dataclass(eq=False)
@@ -437,8 +293,8 @@ class Search:
             return False
         end = self.end
         if end is None or not np.allclose(end.near, near.poles, rtol=ALIKE, atol=0.0):
-            end = self.end = _end_of(base, variants, near, loosest)
-        if end is None or end.point.looseness > loosest or not _is_white(end.point):
+            end = self.end = end_of(base, variants, near, loosest)
+        if end is None or end.point.looseness > loosest or not leaves_white_noise(end.point):
             return False
         self._keep(end.poles, [*passes, *end.passes])
         self.known = KnownTriangles(end.poles, end.whole, end.alone)
@@ -484,7 +340,7 @@ class Search:
         clear = other.objective - point.objective > CLEARLY
         if clear and (shown or blind):
             sharp = finish(at, point, Recorder(), MOST_SHARPENING)[0].poles
-            self._keep(_nearer(base, sharp), passes)
+            self._keep(nearer(base, sharp), passes)
         else:
             self._keep(near, passes)
             self._keep(far)
@@ -661,66 +517,6 @@ class Search:
             name = where + "numerators of full degree first"
             best = yield from self._adapted(base, variant, point.poles, reachable, best, name)
         return best
-
-
-def _end_of(base: Problem, variants: Sequence[Variant], near: Point, loosest: float) -> End | None:
-    """Where a window's poles lead on the whole record; None where that is no end of use."""
-    poles, variant = _sharpened(base, near.poles), variants[-1]
-    bank = bank_of(base, poles, 2)
-    whole = tuple(regress(e, bank.cascade) for e in base.experiments)
-    point = point_at(variant.problem(base), Triangles.of(whole, bank, variant))
-    if at_rounding(point) or point.looseness > HOPELESS_RATIO * loosest:
-        return None
-    alone = len(variants) == 1 and _is_all_of(variant, base)
-    own = Recorder()
-    if alone:
-        point = finish(partial(evaluate, variant.problem(base)), point, own)[0]
-        poles, whole = point.poles, point.regressions
-    return End(near.poles, poles, point, whole, alone, tuple(own.passes))
-
-
-def _is_all_of(variant: Variant, base: Problem) -> bool:
-    """Whether a choice of nuisance terms leaves out none that the problem has, and adds none."""
-    own = (variant.free, variant.offset, variant.drift)
-    same = all((e.free, e.offset, e.drift) == own for e in base.experiments)
-    return same and all(constants is None for constants in variant.constants)
-
-
-def _sharpened(base: Problem, poles: Complex) -> Complex:
-    """Poles of a window taken to those of longer ones, so that few steps on the whole are left."""
-    total = sum(e.n_samples for e in base.experiments)
-    if total >= 4 * LONGER * SMALL:
-        piece = window(base, LONGER * SMALL)
-        if is_usable(piece):
-            at = partial(evaluate_variant, piece, free_variant(piece))
-            poles = finish(at, at(poles), Recorder(), MOST_SHARPENING)[0].poles
-    return _nearer(base, poles) if total >= 16 * SMALL else poles
-
-
-def _nearer(base: Problem, poles: Complex) -> Complex:
-    """One Gauss-Newton step on a quarter of a long record: it saves one on the whole."""
-    piece = window(base, sum(e.n_samples for e in base.experiments) // 4)
-    if not is_usable(piece):
-        return poles
-    point = evaluate_variant(piece, free_variant(piece), poles)
-    return base.admissible(point.step(0.0)[0])[0]
-
-
-def _is_white(point: Point) -> bool:
-    """Whether the residual and its means over blocks, short and long, pass for white noise."""
-    residuals = point.residuals(TESTED)
-    longest = max(one.shape[0] for one in residuals) // SMALL
-    blocks = sorted({1, max(int(np.sqrt(longest)), 1), max(longest, 1)})
-    return all(
-        is_white([_block_means(one[:, i], block) for one in residuals])
-        for i in range(point.problem.n_outputs)
-        for block in blocks
-    )
-
-
-def _block_means(series: Array, block: int) -> Array:
-    kept = series.size // block * block
-    return np.asarray(series[:kept].reshape(-1, block).mean(axis=1))
 
 
 def explained(point: Point) -> float:

@@ -48,7 +48,8 @@ from tridentify.estimation.likelihood.raster import are_even
 from tridentify.estimation.likelihood.thresholds import ALLOWANCE
 from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.estimation.search.search import Search, SearchEnd, search_again
+from tridentify.estimation.search.found import SearchEnd
+from tridentify.estimation.search.search import Search, search_again
 from tridentify.estimation.search.starts import discrete_poles
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import (
