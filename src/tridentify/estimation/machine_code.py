@@ -7,35 +7,35 @@ starts several processes, does that beforehand.
 from __future__ import annotations
 
 from collections.abc import Callable
-from importlib import import_module
-
-KERNELS = {
-    "filters": (
-        "tridentify.numerics.kernels.recursions",
-        "tridentify.numerics.kernels.crossing",
-        "tridentify.numerics.kernels.driven",
-    ),
-    "noise": ("tridentify.numerics.incomplete_kernels",),
-    "models": (
-        "tridentify.numerics.kernels.cascades",
-        "tridentify.numerics.kernels.polynomials",
-        "tridentify.models.compiled_steps",
-    ),
-    "cost": ("tridentify.estimation.likelihood.compiled_cost",),
-}
-"""Modules whose functions are compiled when they are imported, by what they are for."""
+from types import ModuleType
 
 
-def load_kernels(say: Callable[[str], None] | None = None) -> None:
+def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, ...]:
     """Compile what has not been compiled on this machine yet, and load it.
 
     Parameters
     ----------
     say : callable, optional
         Is told what comes next.
+
+    Returns
+    -------
+    tuple of modules
+        Whose functions were compiled when they were imported.
     """
-    for name, modules in KERNELS.items():
-        if say is not None:
-            say(name)
-        for module in modules:
-            import_module(module)
+    tell = say or (lambda what: None)
+    tell("filters")
+    from tridentify.numerics.kernels import crossing, driven, recursions
+
+    tell("noise")
+    from tridentify.numerics import incomplete_kernels
+
+    tell("models")
+    from tridentify.models import compiled_columns, compiled_steps
+    from tridentify.numerics.kernels import cascades, polynomials, small_least_squares
+
+    tell("cost")
+    from tridentify.estimation.likelihood import compiled_cost
+
+    numerics = crossing, driven, recursions, incomplete_kernels, small_least_squares
+    return *numerics, cascades, polynomials, compiled_columns, compiled_steps, compiled_cost
