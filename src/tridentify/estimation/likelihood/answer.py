@@ -5,7 +5,8 @@ algorithm (delays that are estimated along, the choice between maximum and mean)
 the estimate is made from the last one, once, by `estimate_from`.
 
 The standard errors are those of the local curvature (`likelihood.curvature`), unless the scores
-scatter more (`likelihood.scores`) or the ending brings an uncertainty of its own. The variance that
+scatter more (`likelihood.scores`), other weights lead elsewhere (`likelihood.two_weights`), or the
+ending brings an uncertainty of its own. The variance that
 is reported is that of the noise itself, not of its innovations.
 """
 
@@ -17,6 +18,7 @@ from functools import cached_property
 from typing import Self
 
 import numpy as np
+from scipy.special import ndtri
 
 from tridentify.estimation.answer.assemble import Request, Solved, assemble
 from tridentify.estimation.answer.estimate import Estimate, Nuisance, Status, Trace
@@ -26,6 +28,7 @@ from tridentify.estimation.likelihood.curvature import Curvature, degrees_of_fre
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, mean_square
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.problem import Problem
+from tridentify.estimation.likelihood.two_weights import in_words
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import numerators
@@ -69,6 +72,8 @@ class Ending:
     trace : Trace
     spread : Spread, optional
         In place of that of the local curvature.
+    moved : (n_coefficients,) array, optional
+        How far other weights lead, where that is more than chance (`likelihood.two_weights`).
     """
 
     point: Point
@@ -77,6 +82,7 @@ class Ending:
     criterion: float
     trace: Trace
     spread: Spread | None = None
+    moved: Array | None = None
 
     @cached_property
     def curvature(self) -> Curvature:
@@ -147,7 +153,12 @@ def solved_at(
     root = curvature.root
     inverse = root @ root.T if scatter is None else root @ scatter.covariance @ root.T
     cov = curvature.physical @ inverse @ curvature.physical.T if own is None else own.covariance
-    words = () if scatter is None or own is not None else (scatter.in_words(),)
+    words: tuple[str, ...] = () if scatter is None or own is not None else (scatter.in_words(),)
+    scores = own.errors == "scores" if own is not None else scatter is not None
+    draws = np.zeros((0, 0)) if own is None else own.draws
+    if judged and ending.moved is not None:
+        words += (in_words(ending.moved, np.sqrt(np.diag(cov))),)
+        cov, draws, scores = *_widened(cov, draws, ending.moved), True
     return Solved(
         structure=ending.nuisances.resolved(structure),
         model=model_of(point.problem, theta, records[0]),
@@ -165,9 +176,17 @@ def solved_at(
         gradient=point.gradient,
         noise_model=point.problem.noise,
         findings=_left_out(point.problem),
-        errors=own.errors if own is not None else "likelihood" if scatter is None else "scores",
-        draws=np.zeros((0, 0)) if own is None else own.draws,
+        errors="scores" if scores else "likelihood",
+        draws=draws,
     )
+
+
+def _widened(cov: Array, draws: Array, moved: Array) -> tuple[Array, Array]:
+    """Covariance and draws with what other weights make of the coefficients."""
+    if draws.size:
+        steps = ndtri((np.arange(len(draws)) + 0.5) / len(draws))
+        draws = draws + np.outer(np.random.default_rng(0).permutation(steps), moved)
+    return cov + np.outer(moved, moved), draws
 
 
 def _unused(problem: Problem) -> tuple[str, ...]:

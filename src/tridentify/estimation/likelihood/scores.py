@@ -12,9 +12,15 @@ memory of ``g e`` (White 1980; Newey & West 1987). A disturbance that comes and 
 wanders, and a response that the model misses all make the scores of a block larger than white noise
 does; and the scores of a block are what its own estimate would differ by.
 
-*Which blocks.* They hold equal shares of the information, so that a stretch at rest does not count
-as a witness. Long ones have little bias, many have little scatter: of 8, 16, 32 and 64 blocks those
-with the largest scatter count. *Small samples.* The scores add up to zero at the estimate, and a
+*Which blocks.* Stretches of time, and bands of frequency: the cosine transform keeps all products,
+so white noise has scores of the same covariance there. Stretches see a disturbance that comes and
+goes. A response that the model misses is the same in every stretch, and its scores cancel over the
+record; over the bands they do not, as the model is too high in one and too low in the next, and
+another input, which weighs the bands differently, would lead elsewhere. Bands also see the colour
+of a stationary noise at its full length. Those that contradict more are taken. Blocks hold equal
+shares of the information, so that a stretch at rest does not count as a witness. Long ones have
+little bias, many have little scatter: of 8, 16, 32 and 64 blocks those with the largest scatter
+count. *Small samples.* The scores add up to zero at the estimate, and a
 block that holds much of the information pulls the estimate to itself. In these coordinates white
 noise gives ``cov s = H (I - H)``, with ``H = sum g g'`` over the block, so ``(I - H)^{-1/2} s``
 takes its place (Bell & McCaffrey 2002). The scatter of few blocks is itself uncertain: it is drawn
@@ -36,11 +42,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.fft import dctn
 from scipy.special import ndtri, stdtrit
 
 from tridentify.estimation.likelihood.cost import Point
@@ -54,7 +61,8 @@ FEWEST = 6
 """Samples that a block has at least, on the average."""
 
 FALSE_ALARMS = 1e-3
-"""Probability, over all numbers of blocks, that white noise is taken for something else."""
+"""Probability, over blocks of all numbers and both kinds, that white noise is taken for something
+else."""
 
 MOST_HELD = 0.8
 """Share of the information on one direction in one block above which it is not corrected for."""
@@ -78,16 +86,20 @@ class ScoreScatter:
         How many blocks it was taken from.
     ratio : float
         Mean of the scatter over what white noise gives.
+    over : {"time", "frequency"}
+        What the blocks are stretches of.
     """
 
     covariance: Array
     blocks: int
     ratio: float
+    over: Literal["time", "frequency"] = "time"
 
     def in_words(self) -> str:
         """Where the standard errors come from, and by how much they differ."""
+        which = "blocks" if self.over == "time" else "bands of frequency"
         return (
-            f"standard errors from the scatter of the scores over {self.blocks} blocks, "
+            f"standard errors from the scatter of the scores over {self.blocks} {which}, "
             f"{math.sqrt(self.ratio):.2g} times those that the noise model gives: the disturbance "
             "is neither white nor autoregressive, or part of it follows the input"
         )
@@ -177,18 +189,29 @@ def judged_scatter(
     >>> [judged_scatter([g[:, None]], [e[:, None]]) is None for e in left]
     [True, False]
     """
-    weight = np.concatenate([np.einsum("toi,toi->t", g, g) for g in directions])
-    scores = np.vstack(
-        [np.einsum("toi,to->ti", g, e) for g, e in zip(directions, innovations, strict=True)]
-    )
+    in_time = _scatter_along(np.vstack(directions), np.vstack(innovations))
+    lines = [dctn(one, axes=(0,), norm="ortho") for one in directions]
+    colours = [dctn(one, axes=(0,), norm="ortho") for one in innovations]
+    sizes = [len(one) for one in directions]
+    order = np.argsort(np.concatenate([np.arange(n) / n for n in sizes]), kind="stable")
+    in_bands = _scatter_along(np.vstack(lines)[order], np.vstack(colours)[order])
+    if in_bands is None or (in_time is not None and in_time.ratio >= in_bands.ratio):
+        return in_time
+    return replace(in_bands, over="frequency")
+
+
+def _scatter_along(g: Array, innovations: Array) -> ScoreScatter | None:
+    """The largest scatter over blocks of neighbouring rows; None where chance explains all."""
+    weight = np.einsum("toi,toi->t", g, g)
+    scores = np.einsum("toi,to->ti", g, innovations)
     k, used = scores.shape[1], int(np.sum(weight > 0))
     counts = [n for n in BLOCKS if n * FEWEST <= used]
     if not counts or k == 0:
         return None
-    blocks = _Blocks.of(np.vstack(directions), scores, weight, counts[0])
+    blocks = _Blocks.of(g, scores, weight, counts[0])
     found = None
     for n in counts:
-        one = _on_blocks(blocks.joined(weight, n), FALSE_ALARMS / len(counts))
+        one = _on_blocks(blocks.joined(weight, n), FALSE_ALARMS / (2 * len(counts)))
         if one is not None and (found is None or one.ratio > found.ratio):
             found = one
     return found

@@ -19,6 +19,7 @@ from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.search.delays import Located
 from tridentify.estimation.search.found import Scan, Starts
 from tridentify.estimation.search.search import search_again
+from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
@@ -38,12 +39,15 @@ class Maximum:
         The passes that led to where the end was begun from.
     tried : tuple of Start
         All starts with the cost they led to.
+    moved : (n_coefficients,) array, optional
+        How far white weights lead from the end, where that is more than chance.
     """
 
     end: Finished
     decisions: tuple[str, ...]
     trail: tuple[Pass, ...]
     tried: tuple[Start, ...]
+    moved: Array | None = None
 
 
 def maximum(question: Question, starts: Starts) -> Maximum:
@@ -81,9 +85,13 @@ class Reached(Ending):
     scan: Scan | None = None
 
     @classmethod
-    def of(cls, end: Finished, trace: Trace, scan: Scan | None = None) -> Reached:
+    def of(
+        cls, end: Finished, trace: Trace, scan: Scan | None = None, moved: Array | None = None
+    ) -> Reached:
         """Where the steps ended."""
-        return cls(end.point, end.nuisances, end.status, end.criterion, trace, scan=scan)
+        return cls(
+            end.point, end.nuisances, end.status, end.criterion, trace, moved=moved, scan=scan
+        )
 
 
 class Maximiser(Protocol):

@@ -57,6 +57,7 @@ from tridentify.estimation.likelihood.noise_model import (
 )
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, SAME_END
+from tridentify.estimation.likelihood.two_weights import moved_by_weights
 from tridentify.estimation.methods.maximum import Maximum
 from tridentify.estimation.methods.predictor import predictor_noise
 from tridentify.estimation.search.found import Starts
@@ -158,7 +159,15 @@ def with_noise_model(
         told = "noise taken as white: on whitened samples there was no usable minimum"
         return replace(_told(found, told), tried=best.tried)
     words = (_in_words(best.end.point, tinted, noise), *_apart(first, best.end))
-    return replace(best, decisions=(*best.decisions, *words))
+    moved = None if in_loop else _moved(first, best.end)
+    return replace(best, decisions=(*best.decisions, *words), moved=moved)
+
+
+def _moved(first: Finished, best: Finished) -> Array | None:
+    """How far white weights lead from the end; in a loop they are biased by themselves."""
+    if not first.status is best.status is Status.CONVERGED:
+        return None
+    return moved_by_weights(first.point, best.point)
 
 
 def _from_predictor(
