@@ -441,6 +441,55 @@ def test_advice_becomes_an_option_and_a_new_model(seen):
     expect(seen.page.locator("#option-delay")).to_have_value("0")
 
 
+def test_a_doubt_that_leaves_the_choice_has_a_button_for_each(seen):
+    seen.open("first.csv")
+    texts, buttons = seen.page.evaluate(CONTROLLER)
+    assert texts == ["State it: How it works = sampled or continuous."]
+    assert buttons == ["Estimate with How it works = sampled",
+                       "Estimate with How it works = continuous"]  # fmt: skip
+
+
+CONTROLLER = """async () => {
+  const { findingList } = await import("/page/findings.js");
+  const list = findingList([{ code: "controller", severity: "note", message: "It does not tell.",
+    remedy: "State it: controller='sampled' or 'continuous' (--controller).",
+    advice: "State it: How it works = sampled or continuous." }]);
+  const texts = (query) => [...list.querySelectorAll(query)].map((one) => one.textContent);
+  return [texts(".remedy"), texts("button")];
+}"""
+
+
+def test_a_picture_of_another_model_says_so_until_its_own_is_there(seen):
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.drag(0.2, 0.6))
+    panels = seen.page.locator("#panels .panel[data-panel]")
+    busy = seen.page.locator('#panels .panel[aria-busy="true"]')
+    expect(busy).to_have_count(0)
+    held: list[Any] = []
+    seen.page.route("**/panel/bode*", lambda route: held.append(route))
+    seen.estimated(lambda: seen.drag(0.3, 0.7))
+    expect(busy).to_have_count(panels.count())
+    for one in range(panels.count()):
+        expect(panels.nth(one).locator(".told")).to_have_text(re.compile("Being computed"))
+    for route in held:
+        route.continue_()
+    seen.page.unroute("**/panel/bode*")
+    expect(busy).to_have_count(0)
+
+
+def test_a_range_for_validation_is_tested_when_it_is_released(seen):
+    seen.open("second.csv")
+    seen.estimated(lambda: seen.drag(0.1, 0.5))
+    title = seen.page.locator("#result h3", has_text="On the range for validation")
+    expect(title).to_have_count(0)
+    seen.key("mode validate").click()
+    seen.drag(0.6, 0.95)
+    expect(title).to_have_count(1)
+    seen.page.locator("#undo").click()
+    expect(title).to_have_count(0)
+    seen.key("mode identify").click()
+
+
 def test_files_that_are_no_records_are_each_named(browser, server):
     with tab(browser, server) as seen:
         before = seen.page.locator(".card.record").count()

@@ -17,6 +17,7 @@ pytest.importorskip("httpx2", reason="httpx2, which asks the server in tests, is
 
 from fastapi.testclient import TestClient
 
+from tridentify.app.answers import _few
 from tridentify.app.bench import Bench
 from tridentify.app.server import Settings, create
 from tridentify.app.session import Session
@@ -365,7 +366,19 @@ def test_knowledge_and_physical_maps(ask, made):
     assert (rows["a0"]["value"], rows["a0"]["status"]) == (4.0, "fixed")
     mapped = estimated(ask, made[0], zeros="0", physical="mass-spring-damper")
     detail = ask.get(f"/api/models/{mapped}").json()
-    assert detail["physical"] or "gives nothing" in detail["sentence"]
+    assert detail["physical"]
+    assert "Channels" not in detail["sentence"]
+    (note,) = detail["physical_notes"]
+    assert note == "Channels by their names: force is elevator, position is q."
+
+
+def test_of_many_physical_parameters_that_do_as_well_one_set_is_told():
+    others = [f"these explain the record as well: m={mass}" for mass in (2, 5, 9)]
+    told, kept = _few([*others, "the delay is held"])
+    assert told.startswith("these explain the record as well: m=2, and 2 other sets")
+    assert "Known parameters" in told
+    assert kept == "the delay is held"
+    assert _few(["the delay is held"]) == ["the delay is held"]
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 
 from tridentify import Record, TransferFunction, identify, read_record, simulate
 from tridentify.app import lines
+from tridentify.app.exports import exported
 from tridentify.cli.entry import main
 from tridentify.options import checked, from_options
 
@@ -125,9 +126,10 @@ def test_models_are_compared_by_lines_that_run(card, tmp_path, capsys, monkeypat
     monkeypatch.chdir(tmp_path)
     record = read_record(card["path"], inputs=["force"], outputs=["position"])
     cards = []
-    for name, zeros in (("first", "0"), ("second", "1")):
+    for name, zeros in (("Model 1", "0"), ("best of (all)", "1")):
         estimate = identify(record, *from_options({"zeros": zeros, "noise": "white"}))
-        estimate.save(tmp_path / f"{name}.json")
+        file, _, content = exported(estimate, None, "json", name)
+        (tmp_path / file).write_bytes(content)
         cards.append({"name": name})
     found: dict[str, Any] = {}
     exec(lines.compare_in_python(cards, card), found)

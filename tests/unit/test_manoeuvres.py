@@ -103,3 +103,34 @@ def test_steps_of_one_manoeuvre_stay_together(hold):
 def test_what_is_held_for_long_is_another_level():
     found = places(log([(1000, 2800, 1.0)]))
     assert len(found) == 2
+
+
+def sparse(n_samples, period):
+    """A long log with a short doublet every so many samples."""
+    u = np.zeros(n_samples)
+    for first in range(period // 2, n_samples, period):
+        u[first : first + 60], u[first + 60 : first + 120] = 1.0, -1.0
+    return answered_by_the_plant(u, seed=4)
+
+
+def answered_by_the_plant(u, seed):
+    y = simulate(PLANT, Record(u, u, dt=DT))[:, 0]
+    return Record(u, y + 0.01 * np.random.default_rng(seed).standard_normal(u.size), dt=DT)
+
+
+def test_short_manoeuvres_of_a_long_log_are_found_one_by_one():
+    n_samples, period = 60_000, 1500
+    found = places(sparse(n_samples, period))
+    assert len(found) == n_samples // period
+    for (start, stop), first in zip(found, range(period // 2, n_samples, period), strict=True):
+        assert first - period / 2 < start < first
+        assert first + 120 < stop < first + 120 + period / 2
+
+
+@pytest.mark.parametrize("hold", [100, 300])
+def test_a_random_sequence_of_long_steps_stays_one_piece(hold):
+    rng = np.random.default_rng(hold)
+    steps = 40_000 // hold
+    for levels in (rng.choice([-1.0, 1.0], steps), rng.standard_normal(steps)):
+        (one,) = find_manoeuvres(answered_by_the_plant(np.repeat(levels, hold), seed=5))
+        assert "without a pause" in one.why

@@ -23,6 +23,8 @@ from tridentify.report.first_screen import NUMBERS, headline_of, trust_of
 from tridentify.uncertainty import derived
 
 LEVEL = 0.95
+AS_WELL = "these explain the record as well"
+"""How a note of another set of physical parameters begins."""
 LATE = 0.5
 """Standard error over the value, from which a number is no result."""
 
@@ -42,7 +44,7 @@ def described(
     chosen : mapping of str to str
         Options.
     """
-    physical, told = _physical(record, card, chosen)
+    physical, told, notes = _physical(record, card, chosen)
     fits, doubts = _validated(estimate, record, card)
     found = [*estimate.findings]
     sentence = " ".join([headline_of(estimate, found), trust_of(estimate, found)]).strip()
@@ -53,6 +55,7 @@ def described(
         "parameters": [_row(one) for one in estimate.parameters.values()],
         "derived": [_row(one) for one in derived(estimate)],
         "physical": physical,
+        "physical_notes": notes,
         "python": model_in_python(card, chosen),
         "command_line": model_in_shell(card, chosen),
         "judging": False,
@@ -112,10 +115,10 @@ def _validated(
 
 def _physical(
     record: Record | None, card: Mapping[str, Any], chosen: Mapping[str, str]
-) -> tuple[list[dict[str, Any]] | None, str]:
-    """Parameters of the map that is asked for, and why where there are none."""
+) -> tuple[list[dict[str, Any]] | None, str, list[str]]:
+    """Parameters of the map that is asked for; why, where there are none; and what to know."""
     if chosen["physical"] == "none" or record is None:
-        return None, ""
+        return None, "", []
     model = MODELS[chosen["physical"]]()
     channels = columns_of(model, record.input_names, record.output_names)
     try:
@@ -127,7 +130,7 @@ def _physical(
             channels=channels,
         )
     except TridentifyError as error:
-        return None, f"The map {chosen['physical']} gives nothing: {error}."
+        return None, f"The map {chosen['physical']} gives nothing: {error}.", []
     spread = np.sqrt(np.diag(found.cov))
     rows = [
         Parameter(name, float(value), float(std), unit)
@@ -138,8 +141,19 @@ def _physical(
     rows += list(found.combinations)
     taken = [f"{ours} is {theirs}" for ours, theirs in channels.items() if ours != theirs]
     said = [f"channels by their names: {', '.join(taken)}"] if taken else []
-    notes = " ".join(map(_as_sentence, [*found.notes, *said]))
-    return [_physical_row(one) for one in rows], notes
+    notes = [_as_sentence(one) for one in [*_few(found.notes), *said]]
+    return [_physical_row(one) for one in rows], "", notes
+
+
+def _few(notes: Sequence[str]) -> list[str]:
+    """Notes, of sets of parameters that do as well the first alone, with what to do."""
+    others = [one for one in notes if one.startswith(AS_WELL)]
+    if not others:
+        return list(notes)
+    rest = len(others) - 1
+    more = f", and {rest} other sets" if rest > 1 else ", and another set" if rest else ""
+    told = f"{others[0].rstrip('.')}{more}; state what is known beforehand under Known parameters"
+    return [told, *(one for one in notes if one not in others)]
 
 
 def _as_sentence(note: str) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import re
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -12,6 +11,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from tridentify.app.plain import saved_as
 from tridentify.checks.samples import typical_step
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
@@ -53,8 +53,8 @@ def exported(estimate: Estimate, records: Records, kind: str, name: str) -> tupl
             f"found the file {shown(kind)}; expected one of {', '.join(KINDS)}; choose one"
         )
     ending, media, content = KINDS[kind]
-    file = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_") or "model"
-    return f"{file}{ending}", media, content(estimate, records, file)
+    file = saved_as(name, ending)
+    return file, media, content(estimate, records, file.removesuffix(ending))
 
 
 def _written(ending: str, estimate: Estimate, records: Records, name: str) -> bytes:

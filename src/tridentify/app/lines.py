@@ -7,6 +7,7 @@ import shlex
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from tridentify.app.plain import saved_as
 from tridentify.options import (
     DEFAULTS,
     GIVEN_TO_METHOD,
@@ -216,12 +217,13 @@ def compared_card(
 
 def compare_in_python(cards: Sequence[Mapping[str, Any]], record: Mapping[str, Any]) -> str:
     """Lines that compare saved models on a record."""
-    names = [f"Estimate.load({card['name'] + '.json'!r})" for card in cards]
+    names = [f"Estimate.load({saved_as(card['name'], '.json')!r})" for card in cards]
     of = "pieces" if _identified(record) else "record"
     return "\n".join(
         [
             "from tridentify import Estimate, compare",
             record_in_python(record),
+            "# the models as Export wrote them: Model (JSON)",
             f"print(compare([{', '.join(names)}], {of}).summary())",
         ]
     )
@@ -229,5 +231,5 @@ def compare_in_python(cards: Sequence[Mapping[str, Any]], record: Mapping[str, A
 
 def compare_in_shell(cards: Sequence[Mapping[str, Any]], record: Mapping[str, Any]) -> str:
     """A command line that compares saved models on a record."""
-    files = [f"{card['name']}.json" for card in cards]
+    files = [saved_as(card["name"], ".json") for card in cards]
     return shlex.join(["tridentify", "compare", *files, *_source(record)])

@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tridentify.app.wording import in_words_of_the_page
 from tridentify.estimation.answer.finding import Finding
 
 DIGITS = 7
 """Of what is drawn: a screen shows four, and the answer is a third of its size."""
+
+
+def saved_as(name: str, ending: str) -> str:
+    """The file that a model of this name is exported to.
+
+    Examples
+    --------
+    >>> saved_as("Model 1", ".json")
+    'Model_1.json'
+    """
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_") or "model"
+    return f"{stem}{ending}"
 
 
 def number(value: float | None) -> float | None:
@@ -50,6 +64,7 @@ def finding(one: Finding) -> dict[str, Any]:
         "severity": one.severity,
         "message": one.message,
         "remedy": one.remedy,
+        "advice": in_words_of_the_page(one.remedy),
         "outputs": list(one.outputs),
         "experiment": one.experiment,
         "times": [number(t) for t in one.times],

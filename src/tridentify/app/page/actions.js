@@ -119,6 +119,7 @@ async function opened(ask, what) {
 export async function changeRecord(id, changes) {
   // a second change may follow before the first is answered: it starts from this one
   const own = recordOf(id);
+  const before = own && tested(own);
   if (own) Object.assign(own, changes);
   return attempt(async () => {
     const card = await patch(`/records/${id}`, changes).catch(async (error) => {
@@ -128,11 +129,15 @@ export async function changeRecord(id, changes) {
     state.session.records = state.session.records.map((old) => (old.id === id ? card : old));
     settled();
     forget();
-    tell("records", "record");
+    const judged = tested(card) === before ? [] : ["result"];
+    tell("records", "record", ...judged);
     attempt(refreshQuietly);
     return card;
   });
 }
+
+/** The ranges on which the models of a record are tested. */
+const tested = ({ ranges }) => JSON.stringify(ranges.filter(({ use }) => use === "validate"));
 
 export async function dropRecord(id) {
   await attempt(async () => {

@@ -1,13 +1,15 @@
 // What the record itself says, before anything is estimated from it.
 
-import { attempt } from "./actions.js";
+import { attempt, obstacle } from "./actions.js";
 import { get } from "./api.js";
 import { button, fill, make } from "./dom.js";
 import { findingList } from "./findings.js";
-import { note } from "./messages.js";
+import { note, warn } from "./messages.js";
 
 /** Asks what the record is good for and writes the answer into `place`. */
 export async function advise(record, place) {
+  const problem = obstacle(record);
+  if (problem) return warn(problem, "estimate");
   note("Looking at the record ...");
   await attempt(async () => {
     const { facts, notes, findings } = await get(`/records/${record.id}/advice`);

@@ -8,6 +8,7 @@ const DASHES = ["solid", "dash", "dashdot", "dot"];
 const COLOURS = 7;
 const LETTER = 7.5; // pixels of a letter beside an axis
 const UNIT = 8; // letters that are kept free for a unit
+const PLAIN_UP_TO = 4; // powers of ten that an axis writes out
 const FONT = "system-ui, 'Segoe UI', 'DejaVu Sans', sans-serif";
 
 export const CONFIG = { displayModeBar: false, displaylogo: false, responsive: true };
@@ -38,7 +39,7 @@ export function axis(title, more = {}) {
   return {
     title: { text: safe(title), standoff: 6, font: { size: 12 } }, automargin: true,
     gridcolor: line, zerolinecolor: line, linecolor: line, tickfont: { size: 11 },
-    nticks: 7, exponentformat: "power", ...more,
+    nticks: 7, exponentformat: "power", minexponent: PLAIN_UP_TO, ...more,
   };
 }
 

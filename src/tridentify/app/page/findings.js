@@ -1,7 +1,7 @@
 // Doubts as a list, the worst first as the server ranks them.
 
 import { make } from "./dom.js";
-import { remedyButton } from "./remedies.js";
+import { remedyButtons } from "./remedies.js";
 
 const SEVERITIES = ["error", "caution", "note"];
 
@@ -28,8 +28,8 @@ function grouped(findings) {
 const item = (alike, model) => make("li", { class: severityOf(alike[0]) },
   alike.map(({ message }, at) => make("p", {},
     at ? null : make("span", { class: "offscreen" }, `${severityOf(alike[0])}: `), message)),
-  alike[0].remedy ? make("p", { class: "remedy" }, alike[0].remedy) : null,
-  remedyButton(alike[0], model));
+  alike[0].remedy ? make("p", { class: "remedy" }, alike[0].advice ?? alike[0].remedy) : null,
+  remedyButtons(alike[0], model));
 
 /** An ordered list of findings, of `model` or of the record looked at; null where there is none. */
 export const findingList = (findings, model = null) => (findings?.length

@@ -41,9 +41,22 @@ export function startPanels() {
 function card(name, title) {
   const plot = make("div", { class: "plot", role: "img", "aria-label": title });
   const told = make("div", { class: "told" });
-  cards.set(name, { plot, told });
-  return make("section", { class: "panel", "aria-label": title, "data-panel": name },
+  const panel = make("section", { class: "panel", "aria-label": title, "data-panel": name },
     make("h3", {}, title), plot, told);
+  cards.set(name, { plot, told, panel, shows: null });
+  return panel;
+}
+
+/** What a picture shows: the same models on the same records. */
+const shownBy = (models) => String(models.map((model) => [model.id, recordFor(model)]));
+
+/** A picture of other models says so until its own is there. */
+function awaitPanels(models) {
+  for (const place of cards.values()) {
+    if (place.shows === shownBy(models)) continue;
+    place.panel.setAttribute("aria-busy", "true");
+    told(place, make("p", { class: "soft" }, "Being computed \u2026"));
+  }
 }
 
 let waiting = 0;
@@ -66,6 +79,7 @@ async function refresh() {
     fill(head);
     return;
   }
+  awaitPanels(models);
   await attempt(async () => {
     const details = await Promise.all(models.map((model) => detailOf(model.id)));
     if (now !== turn) return;
@@ -73,9 +87,7 @@ async function refresh() {
     if (chosenRecord && !suits(chosenRecord)) chosenRecord = null;
     fillHead(models);
     fillBeside(models, details);
-    for (const place of cards.values()) {
-      if (!place.plot.data) told(place, make("p", { class: "soft" }, "Being computed \u2026"));
-    }
+    awaitPanels(models);
     for (const [name, , drawing] of PANELS) {
       const place = cards.get(name);
       const found = await Promise.all(models.map((model) =>
@@ -83,6 +95,8 @@ async function refresh() {
       if (now !== turn) return;
       told(place);
       await drawing(place, models.map((model, at) => ({ model, data: found[at] })));
+      place.shows = shownBy(models);
+      place.panel.removeAttribute("aria-busy");
     }
   });
 }

@@ -175,6 +175,8 @@ async function store(record, all, estimate) {
 // ---------------------------------------------------------------- manoeuvres
 async function findManoeuvres() {
   const record = recordOf();
+  const problem = act.obstacle(record);
+  if (problem) return warn(problem, "estimate");
   note("Looking for manoeuvres ...");
   await act.attempt(async () => {
     manoeuvres = await get(`/records/${record.id}/manoeuvres`);

@@ -8,7 +8,7 @@ import { recordOf, state } from "./state.js";
 const COLOURED = { noise: "ar", loss: "squared", method: "three-model" };
 const ROBUST = { loss: "huber", noise: "auto", method: "three-model" };
 
-/** Code of a finding, what its remedy says, and the options that this comes to. */
+/** Code of a finding, what its remedy says, and the options that this comes to: a row each. */
 const REMEDIES = [
   ["intersample", /^State intersample='/, { intersample: "auto" }],
   ["delay", /delay='free'/, { delay: "free" }],
@@ -22,17 +22,25 @@ const REMEDIES = [
   ["order-low", /select_structure/, { poles: "auto", zeros: "auto" }],
   ["order-high", /select_structure/, { poles: "auto", zeros: "auto" }],
   ["bad-samples", /loss='huber'/, ROBUST],
+  ["controller", /controller='sampled' or 'continuous'/, { controller: "sampled" }],
+  ["controller", /controller='sampled' or 'continuous'/, { controller: "continuous" }],
   ["outside-the-record", /^Fix the pole at zero .*--fix a0=0/, { fixed: "a0=0" }],
 ];
 
-/** Options that do what a finding advises, or null. */
-export const optionsOf = ({ code, remedy }) =>
-  REMEDIES.find(([one, said]) => one === code && said.test(remedy ?? ""))?.[2] ?? null;
+/** Options that do what a finding advises; several where it leaves the choice. */
+const choicesOf = ({ code, remedy }) =>
+  REMEDIES.filter(([one, said]) => one === code && said.test(remedy ?? ""))
+    .map(([, , changes]) => changes);
 
-/** Sets the options that a finding advises and estimates again; null where there are none. */
-export function remedyButton(finding, model) {
-  const changes = optionsOf(finding);
-  if (!changes || !recordOf(model?.record ?? state.record)) return null;
+/** The first of them, or null. */
+export const optionsOf = (finding) => choicesOf(finding)[0] ?? null;
+
+/** Buttons that set the options which a finding advises and estimate again. */
+export const remedyButtons = (finding, model) =>
+  choicesOf(finding).map((changes) => remedyButton(finding, changes, model));
+
+function remedyButton(finding, changes, model) {
+  if (!recordOf(model?.record ?? state.record)) return null;
   const now = model?.options ?? state.chosen;
   if (changes.fixed && now.fixed) return null; // what is known already stays
   const news = state.options.filter(({ name, default: usual }) =>

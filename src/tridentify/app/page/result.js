@@ -15,6 +15,7 @@ const TABLES = [["parameters", "Coefficients", "coefficient"], ["derived", "Deri
 
 let body, picture, legend, head, tail;
 let drawn = 0;
+let pictured = null; // id of the model whose fit is drawn
 
 export function startResult() {
   picture = make("div", { class: "plot small", role: "img", "aria-label": "Measured against model" });
@@ -31,16 +32,23 @@ async function refresh() {
   const turn = ++drawn;
   if (!model || !isDone(model)) return empty(model);
   await attempt(async () => {
-    const [detail, fit] = await Promise.all([
-      detailOf(model.id), panelOf(model.id, "fit", model.record)]);
+    const fit = panelOf(model.id, "fit", model.record);
+    fit.catch(() => null); // told below, once the words are there
+    const detail = await detailOf(model.id);
     if (turn !== drawn) return;
     show(model, detail);
-    await drawFit(model, fit);
+    if (pictured !== model.id) picture.setAttribute("aria-busy", "true");
+    const found = await fit;
+    if (turn !== drawn) return;
+    await drawFit(model, found);
+    pictured = model.id;
+    picture.removeAttribute("aria-busy");
   });
 }
 
 function empty(model) {
   erase(picture);
+  pictured = null;
   picture.hidden = legend.hidden = true;
   fill(tail);
   fill(head, make("p", { class: "soft" }, model
@@ -53,7 +61,8 @@ function show(model, detail) {
     make("p", { class: `sentence ${worst(detail.findings)}` }, detail.sentence));
   fill(tail, numbers(detail), doubts(model, detail.findings), checked(model, detail),
     ...TABLES.flatMap(([place, title, first]) =>
-      section(title, parameters(title, first, detail[place]))));
+      section(title, parameters(title, first, detail[place]))),
+    (detail.physical_notes ?? []).map((text) => make("p", { class: "soft" }, text)));
 }
 
 function name(model) {

@@ -35,6 +35,12 @@ ANSWERED = 3.0
 """Range of an output within a manoeuvre over the usual one in quiet from which it is an answer."""
 SHORTEST_GAP, GAPS_IN_A_RECORD = 20, 100
 """Samples at least, and part of the record, that separate two manoeuvres."""
+FINER = 4
+"""By which the gap is shortened where so long a one finds no quiet: a log that is long holds
+manoeuvres that are not."""
+RESTING = 0.95
+"""Share of the samples between pieces at which the inputs are at their usual level, from which a
+shortened gap found rest: between the steps of a random sequence they are held anywhere."""
 LONGEST_HOLD = 10
 """Gaps for which an input may be held off its usual level within a manoeuvre: what is held for
 longer is another level, at which the plant is at rest."""
@@ -84,7 +90,8 @@ def find_manoeuvres(record: Record, gap: float | None = None) -> tuple[Manoeuvre
     record : Record
     gap : float, optional
         Quiet [s] that separates two manoeuvres and stands before and after each. A hundredth of
-        the record, or 20 samples, where left out.
+        the record where left out, shorter where a long log has no quiet of that length, and not
+        less than 20 samples.
 
     Returns
     -------
@@ -103,23 +110,43 @@ def find_manoeuvres(record: Record, gap: float | None = None) -> tuple[Manoeuvre
     >>> [(round(m.start), round(m.stop)) for m in find_manoeuvres(Record(u, y, dt=0.05))]
     [(48, 56)]
     """
-    step = typical_step(record.t)
-    width = max(SHORTEST_GAP, record.n_samples // GAPS_IN_A_RECORD)
-    if gap is not None:
-        width = max(round(gap / step), 1)
-    moves = np.column_stack([_moves(record.u[:, j], width) for j in range(record.n_inputs)])
-    active = np.asarray(moves.any(axis=1))
+    if any(_restless(u) for u in record.u.T):
+        return _whole(record)
     away = np.column_stack([_away(record.u[:, j]) for j in range(record.n_inputs)])
     held = np.asarray(away.any(axis=1))
-    pieces = _pieces(active, held, width)
-    covered = sum(last - first + 2 * width for first, last in pieces)
-    if covered > MOSTLY * record.n_samples or any(_restless(u) for u in record.u.T):
-        return _whole(record)
-    found = [_judged(record, moves, piece, pieces, width) for piece in pieces]
-    best = sorted((one for one in found if one is not None), key=lambda one: -one.score)
-    if not best:
-        return _whole(record)
-    return tuple(sorted(best[:MOST_OFFERED]))
+    widths = _widths(record, gap)
+    for width in widths:
+        moves = np.column_stack([_moves(record.u[:, j], width) for j in range(record.n_inputs)])
+        pieces = _pieces(np.asarray(moves.any(axis=1)), held, width)
+        covered = sum(last - first + 2 * width for first, last in pieces)
+        if covered > MOSTLY * record.n_samples:
+            continue
+        if width < widths[0] and not _rests(held, pieces):
+            continue
+        found = [_judged(record, moves, piece, pieces, width) for piece in pieces]
+        best = sorted((one for one in found if one is not None), key=lambda one: -one.score)
+        return tuple(sorted(best[:MOST_OFFERED])) if best else _whole(record)
+    return _whole(record)
+
+
+def _widths(record: Record, gap: float | None) -> list[int]:
+    """Gaps to try [samples], the longest first; the one that is given alone."""
+    if gap is not None:
+        return [max(round(gap / typical_step(record.t)), 1)]
+    width = max(SHORTEST_GAP, record.n_samples // GAPS_IN_A_RECORD)
+    found = [width]
+    while width > SHORTEST_GAP:
+        width = max(width // FINER, SHORTEST_GAP)
+        found.append(width)
+    return found
+
+
+def _rests(held: NDArray[np.bool_], pieces: list[tuple[int, int]]) -> bool:
+    """Whether the inputs are at their usual level between the pieces."""
+    between = np.ones(held.size, dtype=bool)
+    for first, last in pieces:
+        between[first : last + 1] = False
+    return bool(np.mean(~held[between]) >= RESTING)
 
 
 def _moves(u: Array, width: int) -> NDArray[np.bool_]:
