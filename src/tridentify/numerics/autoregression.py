@@ -254,6 +254,9 @@ Gains = tuple[Array, Array, Array, int, float]
 
 def _gains_from(a: Array, seen: Flags, state: Array, run: int) -> Gains:
     """Gains and variances of the next samples, state and run behind them, sum of logarithms."""
+    if run >= a.size and seen.all():
+        # the past stays known: of the gains only the mark of that is looked at
+        return np.full((seen.size, 1), -1.0), np.ones(seen.size), state, run, 0.0
     gain, scale, state = np.zeros((seen.size, a.size)), np.ones(seen.size), state.copy()
     run = int(_compiled()[0](a, seen, state, run, gain, scale))
     return gain, scale, state, run, float(np.sum(np.log(scale)))
