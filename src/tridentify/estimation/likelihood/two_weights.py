@@ -5,7 +5,7 @@ weigh frequencies differently, so where the structure is not the system's each e
 frequencies are explained. With ``d`` the difference of the two ends and ``V`` the covariance that
 it may have had by chance, a large ``d_i^2 / V_ii`` says that the structure does not hold over all
 frequencies (Hausman 1978). No choice of weights is right then. What the choice costs is added to
-the covariance, as ``h h'`` with ``h = d / 2``: the intervals of 95 % reach from one end to the other.
+the covariance, as ``h h'`` with ``h = d / 2``: intervals of 95 % reach from one end to the other.
 
 ``V`` is the sum of both covariances, that of the white end from the scatter of its scores
 (`likelihood.scores`). The difference of an efficient and another estimate varies less than that,
@@ -52,8 +52,9 @@ def moved_by_weights(white: Point, own: Point) -> Array | None:
     Returns
     -------
     (n_coefficients,) array or None
-        Half of the way from one to the other. None where chance explains the difference, where the two ends are not of the same poles, or
-        where the samples do not tell all coefficients of the white end.
+        Half of the way from one to the other. None where chance explains the difference, where the
+        two ends are not of the same poles, or where the samples do not tell all coefficients of
+        the white end.
     """
     here, there = coefficients(own), coefficients(white)
     if here.size != there.size or not _same_place(white, own):
