@@ -310,6 +310,7 @@ def _hanging(
     pairs = max(int((seen[1:] & seen[:-1]).sum()), 1)
     count = lost = begin = end = 0
     usual = float((repeated.length > 1).sum()) / pairs
+    quick = min(noise, _fast(y - f))
     noisy = noise > EXACT * q and (not q or _rough(y) > DITHER * q)
     restless = np.mean(np.any(u[1:] != u[:-1], axis=1)) > RESTLESS
     for first, length, value in zip(*repeated, strict=True):
@@ -321,14 +322,14 @@ def _hanging(
             continue
         if _at_rest(y, u, int(first), int(length)):
             continue
-        if q and _goes_on(y, f, int(first), int(length), MOVED * noise, q):
+        if q and _goes_on(y, f, int(first), int(length), MOVED * quick, q):
             continue
         part = f[first : first + length]
         frozen = restless and not np.ptp(u[first : first + length], axis=0).any()
         # its own residual is part of the noise's size: where nothing else repeats, noise that is
         # there cannot have stood still
         alone = usual < RARELY and length >= LONG_RUN and noisy
-        if frozen or alone or np.ptp(part) > MOVED * noise + 2.0 * q:
+        if frozen or alone or np.ptp(part) > MOVED * quick + 2.0 * q:
             begin, end = (begin if count else int(first)), int(first + length) - 1
             count, lost = count + 1, lost + int(length)
     if not count:
