@@ -265,7 +265,7 @@ def _of_chosen_order(
     """The estimate of the row that `select_structure` recommends, with the reason."""
     candidates = default_candidates(records, wanted.template, wanted.max_poles)
     selection = select_structure(
-        records, candidates, method=method, integrators=True, progress=progress
+        records, candidates, method=method, integrators=True, delays=True, progress=progress
     )
     row = selection.recommended
     if row is None or row.estimate is None:

@@ -37,7 +37,7 @@ def test_a_pole_that_is_missing_widens_the_errors():
     white = ThreeModel(noise="white").estimate([record], Structure(2, 1))
     assert len(said(estimate)) == 1
     assert estimate.errors == "scores"
-    assert np.all(np.abs(white.theta - estimate.theta) < 1.001 * estimate.std)
+    assert np.all(np.abs(white.theta - estimate.theta) < 2.001 * estimate.std)
 
 
 def test_the_draws_of_a_posterior_are_widened_as_well():

@@ -73,7 +73,8 @@ class Ending:
     spread : Spread, optional
         In place of that of the local curvature.
     moved : (n_coefficients,) array, optional
-        How far other weights lead, where that is more than chance (`likelihood.two_weights`).
+        Half of how far other weights lead, where that is more than chance
+        (`likelihood.two_weights`).
     """
 
     point: Point

@@ -4,8 +4,8 @@ Of a system of the structure asked for, both are consistent, whatever the colour
 weigh frequencies differently, so where the structure is not the system's each ends where its own
 frequencies are explained. With ``d`` the difference of the two ends and ``V`` the covariance that
 it may have had by chance, a large ``d_i^2 / V_ii`` says that the structure does not hold over all
-frequencies (Hausman 1978). No choice of weights is right then, and ``d d'`` is what the choice
-costs: it is added to the covariance.
+frequencies (Hausman 1978). No choice of weights is right then. What the choice costs is added to
+the covariance, as ``h h'`` with ``h = d / 2``: intervals of 95 % reach from one end to the other.
 
 ``V`` is the sum of both covariances, that of the white end from the scatter of its scores
 (`likelihood.scores`). The difference of an efficient and another estimate varies less than that,
@@ -40,7 +40,7 @@ IN_WORDS = "standard errors widened by what the coefficients move with the weigh
 
 
 def moved_by_weights(white: Point, own: Point) -> Array | None:
-    """How far the coefficients of a noise model lie from those with white weights.
+    """How uncertain the choice between white weights and a noise model leaves the coefficients.
 
     Parameters
     ----------
@@ -52,8 +52,9 @@ def moved_by_weights(white: Point, own: Point) -> Array | None:
     Returns
     -------
     (n_coefficients,) array or None
-        None where chance explains the difference, where the two ends are not of the same poles, or
-        where the samples do not tell all coefficients of the white end.
+        Half of the way from one to the other. None where chance explains the difference, where the
+        two ends are not of the same poles, or where the samples do not tell all coefficients of
+        the white end.
     """
     here, there = coefficients(own), coefficients(white)
     if here.size != there.size or not _same_place(white, own):
@@ -68,7 +69,7 @@ def moved_by_weights(white: Point, own: Point) -> Array | None:
     if not np.all(np.isfinite(joint)):
         return None
     moved = np.asarray(there - here)
-    return moved if np.any(np.abs(moved) > BY_CHANCE * joint) else None
+    return 0.5 * moved if np.any(np.abs(moved) > BY_CHANCE * joint) else None
 
 
 def _same_place(white: Point, own: Point) -> bool:
@@ -85,10 +86,11 @@ def in_words(moved: Array, along: Array) -> str:
     Parameters
     ----------
     moved : (n_coefficients,) array
+        From `moved_by_weights`.
     along : (n_coefficients,) array
         Standard errors without it.
     """
-    size = float(np.max(np.abs(moved) / np.where(along > 0, along, np.inf)))
+    size = 2.0 * float(np.max(np.abs(moved) / np.where(along > 0, along, np.inf)))
     return (
         f"{IN_WORDS}: white weights lead up to {size:.2g} standard errors elsewhere, so that the "
         "structure does not hold over all frequencies"

@@ -40,7 +40,7 @@ class Maximum:
     tried : tuple of Start
         All starts with the cost they led to.
     moved : (n_coefficients,) array, optional
-        How far white weights lead from the end, where that is more than chance.
+        Half of how far white weights lead from the end, where that is more than chance.
     """
 
     end: Finished

@@ -164,7 +164,7 @@ def with_noise_model(
 
 
 def _moved(first: Finished, best: Finished) -> Array | None:
-    """How far white weights lead from the end; in a loop they are biased by themselves."""
+    """Half of how far white weights lead from the end; in a loop they are biased by themselves."""
     if not first.status is best.status is Status.CONVERGED:
         return None
     return moved_by_weights(first.point, best.point)

@@ -67,7 +67,24 @@ def judged(
         seen += sensor_findings(estimate, record, number, known)
         if not tested:
             found += residual_findings(estimate, record, number, known)
+    seen = _beside_causes(seen, tested)
     return joined(_with_trial(seen, tested), tested, [*found, *seen])
+
+
+BENDS = ("saturation", "nonlinear", "varying")
+"""Causes that leave single samples far from a model that was fitted across them."""
+
+
+def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[Finding]:
+    """Without far samples that a cause makes.
+
+    What a limit cuts off lies far from a model that was fitted to it. The tests look for far
+    samples beside the causes that they fit, so where they find such a cause and no bad samples, a
+    robust loss would only keep what the cause bends.
+    """
+    bent = {name for one in tested if one.code in BENDS and one.effect for name in one.outputs}
+    bent -= {name for one in tested if one.code == "bad-samples" for name in one.outputs}
+    return [one for one in seen if one.code != "bad-samples" or not set(one.outputs) <= bent]
 
 
 SEEN = {"saturation": TRIED, "bad-samples": WITHOUT_THEM}

@@ -17,7 +17,8 @@ With noise and a coarse converter alone the samples at the largest value are tho
 points outward; a response that settles enters its plateau smoothly.
 
 *Hanging* is a run of one value, longer than any that a coarse converter makes by chance, during
-which the model moves by several standard deviations of the noise.
+which the model moves by several standard deviations of the noise; not one that the output leaves
+step by step, as where dry friction holds it.
 
 *Repeats* are single samples equal to the one before in a signal that otherwise never repeats.
 
@@ -64,6 +65,8 @@ BEYOND_NOISE = 4.0
 chance."""
 FEWEST_HANGING = 5
 """Equal samples in a row below which a sensor has not hung."""
+SMOOTHLY = 2.5
+"""Steps of the converter by which a value is left without a jump: one of motion, one of noise."""
 RARELY = 0.02
 """Runs of equal values a sample, below which values do not repeat by themselves."""
 LONG_RUN = 8
@@ -148,7 +151,7 @@ def seen_in(
             continue
         repeated, q = runs(y), quantum(y)
         own = [repeats := _repeating(y, u, q, f, repeated, name + where)]
-        if q < EXACT * noise:
+        if q < EXACT * min(noise, _fast(y - f)):
             q = 0.0
         own.append(_coarse(y, q, noise, name + where))
         own += _saturated(y, f, u, q, noise, repeated, name + where)
@@ -183,6 +186,17 @@ class _Place(NamedTuple):
         return Finding(
             seen.code, seen.severity, seen.message, seen.remedy, outputs, self.experiment, times
         )
+
+
+def _fast(residual: Array) -> float:
+    """Size of the noise from one sample to the next: what wanders spreads no converter's steps."""
+    return float(np.sqrt(np.nanmean(np.diff(residual) ** 2) / 2.0))
+
+
+def _rough(y: Array) -> float:
+    """Size of what is not smooth, by third differences: a motion that is sampled well has none."""
+    third = np.abs(np.diff(y, 3))
+    return float(np.nanmedian(third) / (0.6745 * math.sqrt(20.0))) if third.size else 0.0
 
 
 def _coarse(y: Array, q: float, noise: float, name: str) -> _Seen | None:
@@ -296,6 +310,8 @@ def _hanging(
     pairs = max(int((seen[1:] & seen[:-1]).sum()), 1)
     count = lost = begin = end = 0
     usual = float((repeated.length > 1).sum()) / pairs
+    quick = min(noise, _fast(y - f))
+    noisy = noise > EXACT * q and (not q or _rough(y) > DITHER * q)
     restless = np.mean(np.any(u[1:] != u[:-1], axis=1)) > RESTLESS
     for first, length, value in zip(*repeated, strict=True):
         if length < FEWEST_HANGING or value in ends or first == 0:
@@ -306,12 +322,14 @@ def _hanging(
             continue
         if _at_rest(y, u, int(first), int(length)):
             continue
+        if q and _goes_on(y, f, int(first), int(length), MOVED * quick, q):
+            continue
         part = f[first : first + length]
         frozen = restless and not np.ptp(u[first : first + length], axis=0).any()
         # its own residual is part of the noise's size: where nothing else repeats, noise that is
         # there cannot have stood still
-        alone = usual < RARELY and length >= LONG_RUN and noise > EXACT * q
-        if frozen or alone or np.ptp(part) > MOVED * noise + 2.0 * q:
+        alone = usual < RARELY and length >= LONG_RUN and noisy
+        if frozen or alone or np.ptp(part) > MOVED * quick + 2.0 * q:
             begin, end = (begin if count else int(first)), int(first + length) - 1
             count, lost = count + 1, lost + int(length)
     if not count:
@@ -325,6 +343,19 @@ def _hanging(
         "Mark these samples as missing (nan).",
         (begin, end),
     )
+
+
+def _goes_on(y: Array, f: Array, first: int, length: int, much: float, q: float) -> bool:
+    """Whether a value is left by a step of the converter although the model has gone elsewhere.
+
+    After a sensor has hung the output jumps to where it would be. One that goes on from where it
+    stood has stood still: it sticks, or its input is too small to move it.
+    """
+    after = first + length
+    if after >= y.size or not np.isfinite(y[after]):
+        return False
+    left = abs(float(y[after] - y[after - 1]))
+    return left <= SMOOTHLY * q and abs(float(f[after] - f[first])) > much + SMOOTHLY * q
 
 
 def _at_rest(y: Array, u: Array, first: int, length: int) -> bool:

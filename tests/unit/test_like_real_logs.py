@@ -1,0 +1,119 @@
+"""Simulations like logs of real plants: what is said of them is what is true of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from tridentify import Record, Structure, TransferFunction, advise, identify, simulate
+
+FINE = 10
+"""Steps of the simulation a sample."""
+
+
+def held(rng, low, high, n, hold):
+    return np.repeat(rng.uniform(low, high, n // hold + 1), hold)[:n]
+
+
+def chamber(seed):
+    """Heater to temperature in steps of 0.1 K, while the day goes by outside."""
+    rng, dt, n = np.random.default_rng(seed), 10.0, 720
+    u = np.repeat(rng.choice([10.0, 30.0, 50.0, 70.0], n // 40 + 1), 40)[:n]
+    slow = fast = 0.5 * u[0]
+    y = np.empty(n)
+    for k in range(n):
+        y[k] = fast
+        for _ in range(FINE):
+            slow += dt / FINE * (0.5 * u[k] - slow) / 600.0
+            fast += dt / FINE * (slow - fast) / 60.0
+    day = 1.5 * np.sin(2.0 * np.pi * np.arange(n) * dt / 14_000.0 + rng.uniform(0.0, 6.0))
+    y = y + 21.0 + day + 0.03 * rng.standard_normal(n)
+    return Record(u, np.round(y / 0.1) * 0.1, dt=dt, intersample="auto")
+
+
+def drive(seed):
+    """Voltage to the angle of an encoder, with dry friction."""
+    rng, dt, n = np.random.default_rng(seed), 0.005, 1200
+    u = held(rng, -6.0, 6.0, n, 30)
+    angle = speed = 0.0
+    y = np.empty(n)
+    for k in range(n):
+        y[k] = angle
+        for _ in range(FINE):
+            speed += dt / FINE * (12.0 * (u[k] - 0.5 * np.tanh(speed / 0.2)) - speed) / 0.08
+            angle += dt / FINE * speed
+    step = 2.0 * np.pi / 2000.0
+    return Record(u, np.round(y / step) * step, dt=dt, intersample="auto")
+
+
+def tank(seed):
+    """Pump to level; the sensor ends below the highest fifth."""
+    rng, n = np.random.default_rng(seed), 600
+    u = held(rng, 1.0, 5.0, n, 25)
+    level, y = 3.0, np.empty(n)
+    for k in range(n):
+        y[k] = level
+        for _ in range(FINE):
+            level += 0.5 * 1.2 * (u[k] - np.sqrt(max(level, 0.0))) / 50.0
+    y = np.minimum(y, np.quantile(y, 0.8)) + 0.02 * rng.standard_normal(n)
+    return Record(u, y, dt=5.0, intersample="auto")
+
+
+def serious(findings):
+    return [one.code for one in findings if one.matters]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.fast("1")
+def test_a_coarse_thermometer_in_a_wandering_room_is_not_saturated(seed):
+    found = identify(chamber(seed), Structure(2, 0), throw=False).findings
+    assert "saturation" not in serious(found)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.fast("1")
+def test_a_drive_that_sticks_is_no_sensor_that_hangs(seed):
+    record = drive(seed)
+    found = serious(identify(record, Structure(2, 0, fixed={"a0": 0.0}), throw=False).findings)
+    assert found[0] == "nonlinear"
+    assert "stuck-sensor" not in found + serious(advise(record).findings)
+
+
+def test_an_encoder_that_hangs_is_still_told():
+    record = drive(1)
+    y = record.y.copy()
+    y[300:340] = y[299]
+    found = identify(
+        record.with_outputs(y), Structure(2, 0, fixed={"a0": 0.0}), throw=False
+    ).findings
+    assert "stuck-sensor" in serious(found)
+
+
+@pytest.mark.parametrize("seed", [4, 5, 6])
+@pytest.mark.fast("4")
+def test_of_a_level_that_is_cut_off_the_limit_is_told_and_no_outliers(seed):
+    found = serious(identify(tank(seed), Structure(1, 0), throw=False).findings)
+    assert found[0] == "saturation"
+    assert "bad-samples" not in found
+
+
+def vehicle(seed):
+    """Measured steering to yaw rate, whose sensor is 45 ms late."""
+    rng, dt, n, fine = np.random.default_rng(seed), 0.02, 500, 10
+    pole = np.exp(-2.0 * np.pi * dt / fine)
+    u = lfilter([1.0 - pole], [1.0, -pole], rng.standard_normal(n * fine + 2000))
+    u = lfilter([1.0 - pole], [1.0, -pole], u)[2000:]
+    u *= 0.04 / u.std()
+    grid = Record(u, u, dt=dt / fine, intersample="foh")
+    y = simulate(TransferFunction([36.75, 245.0], [1.0, 8.4, 49.0], delay=0.045), grid)
+    y, u = y[::fine, 0], u[::fine]
+    y = y + 0.03 * y.std() * rng.standard_normal(n)
+    return Record(u, y, dt=dt, intersample="auto")
+
+
+def test_a_late_sensor_is_no_further_pole_where_the_order_is_open():
+    found = identify(vehicle(1), Structure.auto(max_poles=3), throw=False)
+    assert (found.structure.poles, found.structure.zeros) == (2, 1)
+    assert found.parameters["delay"].value == pytest.approx(0.045, abs=0.004)
+    assert found.theta[:4] == pytest.approx([8.4, 49.0, 36.75, 245.0], rel=0.05)
