@@ -24,7 +24,7 @@ from tridentify.estimation.closed_loop.predictor import (
     recorded,
     slopes,
 )
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import whiten
 
 AS_WELL = 1e4
@@ -122,7 +122,12 @@ class Linear:
 
 
 def linear_errors(
-    loops: Sequence[Loop], plant: Plant, noise: Array, *, fed_back: bool = True
+    loops: Sequence[Loop],
+    plant: Plant,
+    noise: Array,
+    *,
+    fed_back: bool = True,
+    held: Complex | None = None,
 ) -> Linear:
     """Errors and columns at a plant, whitened by an autoregression of the noise.
 
@@ -133,6 +138,7 @@ def linear_errors(
     noise : (p,) array
         Empty for white noise.
     fed_back : bool
+    held : (n,) complex array, optional
         As of the `Predictor`.
     """
     edge = slowest(loops)
@@ -140,7 +146,7 @@ def linear_errors(
     with np.errstate(all="ignore"):
         for loop in loops:
             signals = recorded(loop)
-            predictor = Predictor(plant, signals.dt, edge, fed_back)
+            predictor = Predictor(plant, signals.dt, edge, fed_back, held)
             rest, e = predictor.starts(len(signals.y)), predictor.errors(signals)
             seen = np.isfinite(loop.record.y[:, 0])
             records.append(_Seen(loop, predictor, signals, rest, e, seen))

@@ -150,12 +150,15 @@ class Predictor:
     fed_back : bool
         Without it ``K`` is zero and ``e`` the output's error itself, which grows where the plant
         does: of use in open loop alone, where the record grows alike.
+    held : (n,) complex array, optional
+        Poles of the predictor, whatever the plant [rad/s].
     """
 
     plant: Plant
     dt: float
     slowest: float
     fed_back: bool = True
+    held: Complex | None = None
 
     @cached_property
     def _continuous(self) -> tuple[Array, Array, Array, Array]:
@@ -188,23 +191,39 @@ class Predictor:
     @property
     def mirrored(self) -> Complex:
         """(n,) complex poles of the predictor [rad/s]."""
+        if self.held is not None:
+            return self.held
         poles = self.plant.poles
         return np.asarray(-np.maximum(np.abs(poles.real), self.slowest) + 1j * poles.imag)
 
     @cached_property
     def gain(self) -> Array:
-        """(n,) ``K``, by Ackermann's formula on the observer form."""
-        a, n = self._sampled[0], self.plant.a.size
-        if not self.fed_back or np.all(self.plant.poles.real <= -self.slowest):
+        """(n,) ``K``, by Ackermann's formula on the observer form.
+
+        In powers of ``z - 1``: slow poles and fast samples crowd around one, and in powers of ``z``
+        nothing of them would be left but rounding.
+        """
+        n = self.plant.a.size
+        decays = self.held is None and np.all(self.plant.poles.real <= -self.slowest)
+        if not self.fed_back or decays:
             return np.zeros(n)
-        wanted = np.real(np.poly(np.exp(self.mirrored * self.dt)))
+        wanted = np.real(np.poly(np.expm1(self.mirrored * self.dt)))
+        step = self._less_one
         value, power, rows = np.zeros((n, n)), np.eye(n), []
         for k in range(n + 1):
             value += wanted[n - k] * power
             if k < n:
                 rows.append(power[0])
-            power = power @ a
+            power = power @ step
         return np.asarray(value @ np.linalg.solve(np.array(rows), np.eye(n)[:, -1]))
+
+    @property
+    def _less_one(self) -> Array:
+        """``exp(A dt) - 1``, as the integral of ``A exp(A t)``."""
+        a, n = self._continuous[0] * self.dt, self.plant.a.size
+        block = np.zeros((2 * n, 2 * n))
+        block[:n, :n], block[:n, n:] = a, np.eye(n)
+        return np.asarray(a @ scipy.linalg.expm(block)[:n, n:])
 
     def errors(self, signals: Signals, start: Array | None = None) -> Array:
         """(n_samples,) ``e``, from rest or from a start: the initial state, then the offset."""
@@ -272,6 +291,9 @@ def slopes(predictor: Predictor, signals: Signals, start: Array) -> Array:
     plant = predictor.plant
     physical = np.append(start[:-1] * predictor.start_numerators, 0.0)
     theta, scale = plant.theta, plant.scale
+    # of poles that are slower than the record no more is seen than of those that are as slow
+    sizes = np.maximum(np.abs(plant.poles), predictor.slowest)
+    scale[: sizes.size] = np.poly(-sizes)[1:]
     found = np.empty((len(signals.u), theta.size))
     for k in range(theta.size):
         step = np.zeros(theta.size)

@@ -27,7 +27,7 @@ from tridentify.estimation.closed_loop.linear_errors import (
     slowest,
 )
 from tridentify.estimation.closed_loop.predictor import Plant, Predictor
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.levinson import autocovariance
@@ -38,8 +38,7 @@ MOST_STEPS = 60
 STILL = 1e-4
 """Standard errors that the coefficients move by in the last step."""
 NEARLY = 0.03
-"""The same after all steps: near two poles at zero, whose mirrored ones have no derivative, steps
-do not get shorter than that."""
+"""The same after all steps."""
 FLOOR = 1e-8
 """Of the coefficients' natural sizes, added to their standard errors: the derivatives by difference
 are not known better, and without noise there is no error to compare with."""
@@ -49,6 +48,10 @@ a root of as many equations as unknowns does not minimise it."""
 NEAR = 5.0
 """Standard errors from the root within which a whole step is taken, with references: what they
 explain is no measure there of coloured noise, whose slow part they explain by chance."""
+FOLLOWED = 20
+"""Steps after each of which the predictor's poles follow the plant's, with references. In a step
+they stay: the driven part of the errors is zero at the plant whatever they are, and near two poles
+at zero they have no derivative."""
 HALVINGS = 8
 """Of a step that does not lower the driven error: 1/256 of it is none."""
 MOST_NOISE_ROUNDS = 4
@@ -203,9 +206,13 @@ def _descended(
     loops: Sequence[Loop], plant: Plant, linear: Linear, basis: Array | None, fed_back: bool
 ) -> Found:
     """Where the steps from a plant end, given its errors whitened by the model of the noise."""
-    moved, noise = np.inf, linear.noise
+    moved, noise, edge = np.inf, linear.noise, slowest(loops)
     before, last = np.zeros(plant.theta.size), 1.0
-    for steps in range(1, MOST_STEPS + 1):  # noqa: B007 - counts after the loop
+    held: Complex | None = None
+    for steps in range(1, MOST_STEPS + 1):
+        if basis is not None and steps <= FOLLOWED:
+            held = Predictor(plant, 0.0, edge).mirrored
+            linear = linear_errors(loops, plant, noise, fed_back=fed_back, held=held)
         change, left, upper = linear.step()
         n = plant.theta.size
         size = _deviation(upper, left, linear.count, n) + FLOOR * plant.scale
@@ -220,7 +227,7 @@ def _descended(
             allowed = np.inf
         for _ in range(HALVINGS):
             following = plant.with_theta(plant.theta + share * change[:n])
-            new = linear_errors(loops, following, noise, fed_back=fed_back)
+            new = linear_errors(loops, following, noise, fed_back=fed_back, held=held)
             lower = new.is_bounded and merit(new, basis) <= allowed * (1 + 1e-9)
             if lower and new.is_finite:
                 break
@@ -231,7 +238,7 @@ def _descended(
         plant, linear, before, last = following, new, change[:n] / size, share
         if moved <= STILL:
             break
-    return _found(loops, plant, noise, linear, (steps, moved), fed_back)
+    return _found(loops, plant, linear, (steps, moved), fed_back, held)
 
 
 def _turning(change: Array, before: Array, share: float) -> float:
@@ -255,19 +262,19 @@ def _deviation(upper: Array, left: Array, count: int, n: int) -> Array:
 def _found(
     loops: Sequence[Loop],
     plant: Plant,
-    noise: Array,
     linear: Linear,
     walked: tuple[int, float],
     fed_back: bool,
+    held: Complex | None,
 ) -> Found:
     change, left, upper = linear.step()
-    n = plant.theta.size
+    n, noise = plant.theta.size, linear.noise
     freedom = max(linear.count - upper.shape[1] - noise.size, 1)
     variance = float(left @ left) / freedom
     inverse = np.linalg.pinv(upper)
     columns = upper[:, :n] / (np.linalg.norm(upper[:, :n], axis=0) + 1e-300)
     rest = np.split(change[n:], len(loops))
-    plain = linear_errors(loops, plant, np.zeros(0), fed_back=fed_back)
+    plain = linear_errors(loops, plant, np.zeros(0), fed_back=fed_back, held=held)
     whole = plain.errors - plain.rest @ change[n:]
     errors = np.split(whole, np.cumsum([loop.record.n_samples for loop in loops])[:-1])
     seen = [np.isfinite(loop.record.y[:, 0]) for loop in loops]
