@@ -459,6 +459,32 @@ CONTROLLER = """async () => {
 }"""
 
 
+def test_samples_that_a_doubt_names_are_left_out_by_a_button(seen):
+    doubt = {"code": "bad-samples", "severity": "warning", "message": "They lie far off.",
+             "remedy": "Use a robust loss (loss='huber'), or mark them as missing.",
+             "times": [9.0, 9.02, 12.0]}  # fmt: skip
+
+    def spoilt(route):
+        answer = route.fetch()
+        route.fulfill(response=answer, json={**answer.json(), "findings": [doubt]})
+
+    seen.open("second.csv")
+    seen.page.route("**/api/models/*", spoilt)
+    seen.estimated(lambda: seen.drag(0.1, 0.8))
+    seen.page.unroute("**/api/models/*")
+    seen.estimated(seen.page.get_by_role("button", name="Leave them out and estimate").click)
+    bad = seen.page.evaluate(BAD)
+    assert [[round(end, 3) for end in one] for one in bad] == [
+        [8.995, 9.005], [9.015, 9.025], [11.995, 12.005]]  # fmt: skip
+    expect(seen.page.locator("#result .findings")).to_contain_text("samples are missing")
+
+
+BAD = """async () => {
+  const { recordOf } = await import("/page/state.js");
+  return recordOf().bad.map(({ start, end }) => [start, end]);
+}"""
+
+
 def test_a_picture_of_another_model_says_so_until_its_own_is_there(seen):
     seen.open("first.csv")
     seen.estimated(lambda: seen.drag(0.2, 0.6))

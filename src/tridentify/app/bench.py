@@ -26,7 +26,7 @@ READABLE = (
 CHANGEABLE = ("inputs", "outputs", "references", "intersample", "ranges", "bad", "name")
 COLOURS = 28
 """Looks of a line, seven colours in four kinds of dashes: as many before one comes again."""
-OWN = ("source", "t0", "file")
+OWN = ("source", "file")
 """Of a card, what the page does not need."""
 
 

@@ -83,10 +83,11 @@ async function refresh() {
   await attempt(async () => {
     const details = await Promise.all(models.map((model) => detailOf(model.id)));
     if (now !== turn) return;
+    fillBeside(models, details);
     await choosePair(models);
+    if (now !== turn) return;
     if (chosenRecord && !suits(chosenRecord)) chosenRecord = null;
     fillHead(models);
-    fillBeside(models, details);
     awaitPanels(models);
     for (const [name, , drawing] of PANELS) {
       const place = cards.get(name);

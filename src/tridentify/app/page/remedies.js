@@ -8,6 +8,9 @@ import { recordOf, state } from "./state.js";
 const COLOURED = { noise: "ar", loss: "squared", method: "three-model" };
 const ROBUST = { loss: "huber", noise: "auto", method: "three-model" };
 
+const MARKED = /\bmark them as missing/i;
+const MOST_MARKED = 100; // samples: more of them are not single ones
+
 /** Code of a finding, what its remedy says, and the options that this comes to: a row each. */
 const REMEDIES = [
   ["intersample", /^State intersample='/, { intersample: "auto" }],
@@ -35,9 +38,25 @@ const choicesOf = ({ code, remedy }) =>
 /** The first of them, or null. */
 export const optionsOf = (finding) => choicesOf(finding)[0] ?? null;
 
-/** Buttons that set the options which a finding advises and estimate again. */
-export const remedyButtons = (finding, model) =>
-  choicesOf(finding).map((changes) => remedyButton(finding, changes, model));
+/** Buttons that do what a finding advises and estimate again. */
+export const remedyButtons = (finding, model) => [
+  ...choicesOf(finding).map((changes) => remedyButton(finding, changes, model)),
+  markButton(finding, model)];
+
+/** Marks the samples that a finding names; null where it does not name each of them. */
+function markButton({ code, remedy, times = [] }, model) {
+  const record = model && recordOf(model.record);
+  const fits = code === "bad-samples" && MARKED.test(remedy ?? "");
+  if (!record || !fits || !times.length || times.length > MOST_MARKED) return null;
+  const mark = async () => {
+    const bad = [...record.bad, ...times.map((time) => around(time - record.t0, record.dt))]
+      .sort((one, other) => one.start - other.start);
+    if (await act.changeRecord(record.id, { bad })) await act.estimateWith({}, model);
+  };
+  return button("Leave them out and estimate", mark, { "data-key": `mark ${times[0]}` });
+}
+
+const around = (time, dt) => ({ start: Math.max(0, time - dt / 4), end: time + dt / 4 });
 
 function remedyButton(finding, changes, model) {
   if (!recordOf(model?.record ?? state.record)) return null;
