@@ -28,7 +28,7 @@ from scipy.linalg import lapack
 from scipy.special import fdtrc
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.least_squares import triangle
+from tridentify.numerics.least_squares import triangle, upper
 
 SPAN_CUTOFF = 1e-6
 
@@ -92,7 +92,7 @@ def _orthonormal(columns: Array, cutoff: float) -> Array:
     """Basis of some columns; of their singular values only the large ones where some are not."""
     n, k = columns.shape
     factors, tau, _, failed = lapack.dgeqrf(columns)
-    of = np.triu(factors[:k])
+    of = upper(factors[:k])
     if n < k or failed or np.linalg.svd(of, compute_uv=False)[-1] <= cutoff:
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(u[:, s > cutoff])

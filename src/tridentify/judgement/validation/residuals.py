@@ -301,9 +301,9 @@ def _nuisance_columns(
     columns: Sequence[Array], ours: NDArray[np.bool_]
 ) -> tuple[tuple[Array, ...], NDArray[np.intp]]:
     """Those by nuisance terms that move this output at all, and which they are."""
-    used = [np.nan_to_num(one).any(axis=0) for one in columns]
-    kept = np.flatnonzero(~ours & np.any(used, axis=0))
-    return tuple(np.nan_to_num(one[:, kept]) for one in columns), kept
+    whole = [np.nan_to_num(one) for one in columns]
+    kept = np.flatnonzero(~ours & np.any([one.any(axis=0) for one in whole], axis=0))
+    return tuple(one[:, kept] for one in whole), kept
 
 
 def _fitted_start(
