@@ -7,10 +7,9 @@ each.
 - coloured noise: an autoregression with its pole at 0.9, of the same power;
 - two needless poles: ``Structure(4, 2)`` of the coloured record;
 - delay estimated: ``delay="free"`` beside the delay stated, 0.12 s;
-- uneven time: intervals of 0.6 to 1.4 of the mean;
-- ``validate`` of a record that was not just identified, beside ``identify``, white and coloured;
-- ``select_structure`` of ten candidates;
-- ``bootstrap`` of 500 copies (100 are run, their time times five).
+- uneven time: intervals of 0.6 to 1.4 of the mean.
+
+What judging, choice of orders and bootstrap take is in `judging_time.py`.
 """
 
 from __future__ import annotations
@@ -30,18 +29,13 @@ from tridentify import (
     Structure,
     TransferFunction,
     identify,
-    select_structure,
     simulate,
-    validate,
 )
-from tridentify.uncertainty import bootstrap
 
 MODEL = TransferFunction([0.5], [1.0, 1.0, 3.0])
 LATE = TransferFunction([0.5], [1.0, 1.0, 3.0], delay=0.12)
 DT, SAMPLES, NOISE = 0.05, 1000, 0.1
 RIGHT, MORE = Structure(2, 0), Structure(4, 2)
-CANDIDATES = [(1, 0), (2, 0), (2, 1), (3, 0), (3, 1), (3, 2), (4, 0), (4, 1), (4, 2), (4, 3)]
-COPIES, RUN = 500, 100
 
 
 class Row(NamedTuple):
@@ -51,7 +45,6 @@ class Row(NamedTuple):
     call: Callable[[], object]
     beside: Callable[[], object]
     aim: float
-    share: float = 1.0
 
 
 def drawn(seed: int, *, coloured: bool = False, uneven: bool = False, late: bool = False) -> Record:
@@ -72,9 +65,7 @@ def rows(seed: int) -> list[Row]:
     """All comparisons on the records of one seed."""
     white, coloured = drawn(seed), drawn(seed, coloured=True)
     uneven, late = drawn(seed, uneven=True), drawn(seed, late=True)
-    other = {False: drawn(seed + 1000), True: drawn(seed + 1000, coloured=True)}
     known = Structure(2, 0, delay=0.12)
-    estimates = {False: identify(white, RIGHT), True: identify(coloured, RIGHT)}
     return [
         Row("coloured noise", lambda: identify(coloured, RIGHT),
             lambda: identify(white, RIGHT), 10),
@@ -83,16 +74,6 @@ def rows(seed: int) -> list[Row]:
         Row("delay estimated", lambda: identify(late, Structure(2, 0, delay="free")),
             lambda: identify(late, known), 10),
         Row("uneven time", lambda: identify(uneven, RIGHT), lambda: identify(white, RIGHT), 4),
-        Row("validate, white", lambda: validate(estimates[False], other[False]),
-            lambda: identify(white, RIGHT), 5),
-        Row("validate, coloured", lambda: validate(estimates[True], other[True]),
-            lambda: identify(coloured, RIGHT), 5),
-        Row("select of ten, white", lambda: select_structure(white, CANDIDATES),
-            lambda: identify(white, RIGHT), 15),
-        Row("select of ten, coloured", lambda: select_structure(coloured, CANDIDATES),
-            lambda: identify(coloured, RIGHT), 15),
-        Row("bootstrap of 500", lambda: bootstrap(estimates[False], white, n_draws=RUN),
-            lambda: identify(white, RIGHT), 100, COPIES / RUN),
     ]  # fmt: skip
 
 
@@ -116,8 +97,7 @@ def main() -> None:
     aims: dict[str, float] = {}
     for seed in range(options.records):
         for row in rows(seed):
-            long = row.aim >= 15
-            own = row.share * seconds(row.call, 1 if long else options.repeats)
+            own = seconds(row.call, options.repeats)
             beside = seconds(row.beside, options.repeats)
             measured.setdefault(row.name, []).append((own, beside))
             aims[row.name] = row.aim
