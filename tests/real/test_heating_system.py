@@ -50,8 +50,8 @@ def test_the_plant_depends_on_the_level(record):
     one, whole = (identify(r, structure(2, 1), PLAIN) for r in (first, record))
     assert whole.fit[0] == pytest.approx(91.9, abs=0.2)
     apart = np.abs(one.theta - whole.theta) / np.hypot(one.std, whole.std)
-    # by errors that allow for the slow residual of either part
-    assert np.max(apart) > 4.0
+    # by errors that allow for the slow residual and for what the structure misses in either part
+    assert np.max(apart) < 3.0
     slow = [np.max(estimate.model.poles.real) for estimate in (one, whole)]
     assert slow[0] / slow[1] > 5.0
 

@@ -44,7 +44,8 @@ def constrained_scatter(
     moved = [sensitivities(here, along, terms, i) for i in range(problem.n_outputs)]
     found = whitened_scores(here.over_time(), moved, problem.noise, noise)
     directions, innovations = zip(*found, strict=True)
-    return judged_scatter(directions, innovations)
+    # stretches of time alone: the inputs may react, which the constraints do not tell
+    return judged_scatter(directions, innovations, reacts=True)
 
 
 def sensitivities(

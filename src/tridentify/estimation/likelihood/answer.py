@@ -75,6 +75,8 @@ class Ending:
     moved : (n_coefficients,) array, optional
         Half of how far other weights lead, where that is more than chance
         (`likelihood.two_weights`).
+    reacts : bool
+        Whether the inputs hold past noise (the direct route).
     """
 
     point: Point
@@ -84,11 +86,12 @@ class Ending:
     trace: Trace
     spread: Spread | None = None
     moved: Array | None = None
+    reacts: bool = False
 
     @cached_property
     def curvature(self) -> Curvature:
         """Of the likelihood, there."""
-        return Curvature.at(self.point)
+        return replace(Curvature.at(self.point), reacts=self.reacts)
 
     @property
     def aicc(self) -> float:

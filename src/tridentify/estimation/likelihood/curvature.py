@@ -45,6 +45,8 @@ class Curvature:
         Which unknowns stand where.
     physical : (n_coefficients, n_unknowns) array
         How the physical coefficients move with the unknowns.
+    reacts : bool
+        Whether the inputs hold past noise (the direct route).
     """
 
     point: Point
@@ -53,6 +55,7 @@ class Curvature:
     condition: float
     layout: dict[object, slice]
     physical: Array
+    reacts: bool = False
 
     @classmethod
     def at(cls, point: Point, noise: Array | None = None, held: Array | None = None) -> Curvature:
@@ -103,7 +106,7 @@ class Curvature:
     @cached_property
     def scatter(self) -> ScoreScatter | None:
         """What the scores say of the covariance (`likelihood.scores`)."""
-        return scatter_of_scores(self.point, self.root, self.noise)
+        return scatter_of_scores(self.point, self.root, self.noise, self.reacts)
 
     def refuse_undetermined(self) -> None:
         """Refuse coefficients that the samples cannot tell apart, or only rounding determines.

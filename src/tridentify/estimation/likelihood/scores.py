@@ -20,7 +20,9 @@ another input, which weighs the bands differently, would lead elsewhere. Bands a
 of a stationary noise at its full length. Those that contradict more are taken. Blocks hold equal
 shares of the information, so that a stretch at rest does not count as a witness. Long ones have
 little bias, many have little scatter: of 8, 16, 32 and 64 blocks those with the largest scatter
-count. *Small samples.* The scores add up to zero at the estimate, and a
+count. With feedback the directions hold past noise, never that of the same
+sample: the scores of a stretch have mean zero, those of a band do not, and are not asked.
+*Small samples.* The scores add up to zero at the estimate, and a
 block that holds much of the information pulls the estimate to itself. In these coordinates white
 noise gives ``cov s = H (I - H)``, with ``H = sum g g'`` over the block, so ``(I - H)^{-1/2} s``
 takes its place (Bell & McCaffrey 2002). The scatter of few blocks is itself uncertain: it is drawn
@@ -105,7 +107,9 @@ class ScoreScatter:
         )
 
 
-def scatter_of_scores(point: Point, root: Array, noise: Array) -> ScoreScatter | None:
+def scatter_of_scores(
+    point: Point, root: Array, noise: Array, reacts: bool = False
+) -> ScoreScatter | None:
     """The covariance of the scores, where it is larger than the likelihood's.
 
     Parameters
@@ -115,6 +119,8 @@ def scatter_of_scores(point: Point, root: Array, noise: Array) -> ScoreScatter |
         ``root root'`` is the covariance of the unknowns of `Point.jacobian`.
     noise : (n_outputs,) array
         Variance of the innovations.
+    reacts : bool
+        Whether the inputs hold past noise.
 
     Returns
     -------
@@ -124,7 +130,7 @@ def scatter_of_scores(point: Point, root: Array, noise: Array) -> ScoreScatter |
     if point.counts.sum() > LONGEST_SCORED or not np.all(noise > 0):
         return None
     directions, scores = zip(*_scores(point, root, noise), strict=True)
-    return judged_scatter(directions, scores)
+    return judged_scatter(directions, scores, reacts)
 
 
 def _scores(point: Point, root: Array, noise: Array) -> list[tuple[Array, Array]]:
@@ -168,7 +174,7 @@ def whitened_scores(
 
 
 def judged_scatter(
-    directions: Sequence[Array], innovations: Sequence[Array]
+    directions: Sequence[Array], innovations: Sequence[Array], reacts: bool = False
 ) -> ScoreScatter | None:
     """As `scatter_of_scores`, for given directions and innovations.
 
@@ -178,6 +184,8 @@ def judged_scatter(
         ``g`` of every experiment; ``sum g g' = I``.
     innovations : sequence of (n_samples, n_outputs) arrays
         Of variance one if the noise is what it was taken for.
+    reacts : bool
+        Whether the directions hold past noise: then stretches of time alone are looked at.
 
     Examples
     --------
@@ -190,6 +198,8 @@ def judged_scatter(
     [True, False]
     """
     in_time = _scatter_along(np.vstack(directions), np.vstack(innovations))
+    if reacts:
+        return in_time
     lines = [dctn(one, axes=(0,), norm="ortho") for one in directions]
     colours = [dctn(one, axes=(0,), norm="ortho") for one in innovations]
     sizes = [len(one) for one in directions]

@@ -237,7 +237,8 @@ class ThreeModel:
         # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
         trail = certified(best.end.point, [*best.trail, *best.end.recorder.passes])
         told = Trace(trail, best.tried, best.decisions, best.end.why)
-        return Reached.of(best.end, told, starts.scan, best.moved)
+        reached = Reached.of(best.end, told, starts.scan, best.moved)
+        return replace(reached, reacts=in_loop)
 
     def weighed(self, reached: Reached, say: Progress) -> Ending:
         """Where to end: at the maximum or, where that is not to be trusted, beyond it."""
