@@ -275,7 +275,12 @@ def _of_chosen_order(
         )
     told = f"poles, zeros = {row.label} chosen of {len(candidates)} candidates: {selection.reason}"
     between: tuple[str, ...] = ()
-    if any(record.intersample == "auto" for record in records):
-        between = (f"input taken as {IN_WORDS[row.estimate.intersample]}",)
-    trace = replace(row.estimate.trace, decisions=(told, *between, *row.estimate.trace.decisions))
-    return replace(row.estimate, trace=trace)
+    estimate, left_open = row.estimate, any(record.intersample == "auto" for record in records)
+    if left_open and row.structure.delay == "free":
+        # held for half an interval is late by as much: what was said without a delay is no matter
+        again, seen, found, words = with_behaviour(method, records, row.structure, progress)
+        estimate = with_judgement(again, seen, method, found, words)
+    elif left_open:
+        between = (f"input taken as {IN_WORDS[estimate.intersample]}",)
+    trace = replace(estimate.trace, decisions=(told, *between, *estimate.trace.decisions))
+    return replace(estimate, trace=trace)
