@@ -1,4 +1,4 @@
-"""Medians and quantiles of finite samples: numpy's, without what those do for any other array.
+"""Medians and quantiles of samples: numpy's, without what those do for any other array.
 
 On a few hundred samples numpy spends ten times as long on axes, masks and ``nan`` as on the numbers
 themselves, and a look at a residual asks for some twenty of them.
@@ -42,7 +42,7 @@ def quantiles(values: Array, shares: Sequence[float]) -> Array:
     Parameters
     ----------
     values : (n,) array
-        Not empty, no ``nan``.
+        Not empty, no ``nan``; between infinite ones there is nothing, so that the nearer counts.
     shares : sequence of float
         Of the samples that lie below, 0 to 1.
 
@@ -54,6 +54,8 @@ def quantiles(values: Array, shares: Sequence[float]) -> Array:
     --------
     >>> quantiles(np.array([3.0, 1.0, 2.0]), (0.5, 0.75)).tolist()
     [2.0, 2.5]
+    >>> quantiles(np.array([-np.inf, 1.0, np.inf, np.inf]), (0.1, 0.9)).tolist()
+    [-inf, inf]
     """
     at = [share * (values.size - 1) for share in shares]
     below = [min(int(one), values.size - 1) for one in at]
@@ -63,7 +65,11 @@ def quantiles(values: Array, shares: Sequence[float]) -> Array:
     for one, i, j in zip(at, below, above, strict=True):
         low, high = float(ordered[i]), float(ordered[j])
         part = one - i
-        # from the nearer side, so that the ends are met exactly
-        near = low + (high - low) * part if part < 0.5 else high - (high - low) * (1.0 - part)
-        found.append(near)
+        if low == high or part == 0.0:
+            found.append(low)
+        elif math.isinf(low) or math.isinf(high):
+            found.append(low if part < 0.5 else high)
+        else:  # from the nearer side, so that the ends are met exactly
+            near = low + (high - low) * part if part < 0.5 else high - (high - low) * (1.0 - part)
+            found.append(near)
     return np.array(found)

@@ -10,6 +10,7 @@ import numpy as np
 
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.quantiles import quantiles
 
 NOT_DETERMINED = "not determined"
 """What tables show in place of such a number (`Parameter.determined`)."""
@@ -56,7 +57,9 @@ class Parameter:
         to the mean where that lies in their tail. That of a delay begins at zero at the earliest.
         """
         if self.draws.size:
-            low, high = np.quantile(self.draws, ((1 - level) / 2, (1 + level) / 2)).tolist()
+            if np.isnan(self.draws).any():
+                return math.nan, math.nan
+            low, high = quantiles(self.draws, ((1 - level) / 2, (1 + level) / 2)).tolist()
             return min(low, self.value), max(high, self.value)
         half = NormalDist().inv_cdf((1 + level) / 2) * self.std
         low = self.value - half
