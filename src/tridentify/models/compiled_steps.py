@@ -111,6 +111,40 @@ def parallel_fit(
 
 
 @compiled(
+    "float64[::1](float64[::1], int64[::1], int64[::1], int64[:,::1], int64[:,::1],"
+    " complex128[::1], float64[:,::1], int64)"
+)
+def expanded_numerators(
+    x: Array,
+    orders: Indices,
+    firsts: Indices,
+    group: Indices,
+    zeros: Indices,
+    poles: Complex,
+    basis: Array,
+    count: int,
+) -> Array:
+    """(count,) coefficients of all ``b``, descending powers, from the unknowns of Step 2."""
+    found, place, n_poles = np.zeros(count), 0, firsts[-1] + orders[-1]
+    for i in range(group.shape[0]):
+        for j in range(group.shape[1]):
+            n, pole, m = orders[group[i, j]], firsts[group[i, j]], zeros[i, j]
+            table, whole = numerator_table(poles[pole : pole + n]), expanded(poles[pole : pole + n])
+            full = np.zeros(n + 1)
+            for c in range(min(m + 1, n)):
+                for d in range(n):
+                    share = x[n_poles + place + c] * basis[pole + c, d]
+                    for k in range(n):
+                        full[k + 1] += share * table[d, k]
+            for k in range(m + 1):
+                found[place + k] = full[n - m + k]
+                if m == n:
+                    found[place + k] += x[n_poles + place + n] * whole[k]
+            place += m + 1
+    return found
+
+
+@compiled(
     "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
     " int64[::1], int64[:,::1], int64[:,::1], int64, complex128[::1], float64[::1],"
     " float64[:,::1], float64[::1], float64[::1], boolean)",
@@ -214,20 +248,5 @@ def adapted_steps(
         for c in range(orders[g]):
             for d in range(orders[g]):
                 row[firsts[g] + d] += x[firsts[g] + c] * basis[firsts[g] + c, d]
-    numerators, place = np.zeros(n_b), 0
-    for i in range(n_outputs):
-        for j in range(n_inputs):
-            n, pole, m = orders[group[i, j]], firsts[group[i, j]], zeros[i, j]
-            table, whole = numerator_table(poles[pole : pole + n]), expanded(poles[pole : pole + n])
-            full = np.zeros(n + 1)
-            for c in range(min(m + 1, n)):
-                for d in range(n):
-                    share = x[n_poles + place + c] * basis[pole + c, d]
-                    for k in range(n):
-                        full[k + 1] += share * table[d, k]
-            for k in range(m + 1):
-                numerators[place + k] = full[n - m + k]
-                if m == n:
-                    numerators[place + k] += x[n_poles + place + n] * whole[k]
-            place += m + 1
+    numerators = expanded_numerators(x, orders, firsts, group, zeros, poles, basis, n_b)
     return beta, costs, condition, row, numerators, cost, own_condition

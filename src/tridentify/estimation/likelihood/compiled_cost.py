@@ -27,6 +27,119 @@ Linear = tuple[Array, Array, Array, Array, Array, Array, Indices, Array, Array, 
 
 
 @compiled(
+    "void(int64, float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1],"
+    " int64[::1], int64[::1], int64[:,::1], int64[:,::1], int64, float64[:,::1], float64[:,::1],"
+    " float64[::1])"
+)
+def fill_columns(
+    output: int,
+    stack: Array,
+    which: Indices,
+    targets: Array,
+    first_input: int,
+    free: bool,
+    nuisance: Indices,
+    orders: Indices,
+    firsts: Indices,
+    group: Indices,
+    zeros: Indices,
+    repeats: int,
+    basis: Array,
+    matrix: Array,
+    target: Array,
+) -> None:
+    """Columns of one output's linear fit, and what they are to meet, into arrays of zeros.
+
+    Arguments are those of `fit_outputs`.
+    """
+    n_experiments, height, n_inputs = targets.shape[0], targets.shape[2], group.shape[1]
+    q = repeats * (firsts[-1] + orders[-1])
+    at = 0
+    for j in range(n_inputs):
+        at += zeros[output, j] + 1
+    for e in range(n_experiments):
+        s, top = stack[which[e, output]], e * height
+        for r in range(height):
+            target[top + r] = targets[e, output, r]
+        place = 0
+        for j in range(n_inputs):
+            n, pole = orders[group[output, j]], firsts[group[output, j]]
+            own = basis[pole : pole + min(zeros[output, j] + 1, n), :n]
+            state = q * (j + first_input) + pole * repeats
+            add_combined(s, state, own, 1.0, matrix, top, place)
+            if zeros[output, j] == n:
+                for r in range(height):
+                    matrix[top + r, place + n] = s[r, q * (n_inputs + first_input) + j]
+            place += zeros[output, j] + 1
+        for g in range(orders.size):
+            if free and leads_to(group, output, g):
+                for k in range(orders[g]):
+                    for r in range(height):
+                        matrix[top + r, at] = s[r, firsts[g] * repeats + k]
+                    at += 1
+        for k in range(nuisance.size):
+            for r in range(height):
+                matrix[top + r, at] = s[r, nuisance[k]]
+            at += 1
+
+
+@compiled(
+    "void(int64, float64[::1], boolean, int64, int64[::1], int64[::1], int64[:,::1],"
+    " int64[:,::1], int64, float64[:,::1], float64[:,:,::1], float64[:,::1], float64[:,:,::1])"
+)
+def put_in_place(
+    output: int,
+    x: Array,
+    free: bool,
+    n_nuisance: int,
+    orders: Indices,
+    firsts: Indices,
+    group: Indices,
+    zeros: Indices,
+    repeats: int,
+    basis: Array,
+    rows: Array,
+    direct: Array,
+    started: Array,
+) -> None:
+    """The unknowns of one output as its response on the bank, into arrays of zeros."""
+    place = 0
+    for j in range(group.shape[1]):
+        n, pole = orders[group[output, j]], firsts[group[output, j]]
+        for d in range(min(zeros[output, j] + 1, n)):
+            for k in range(n):
+                rows[output, j, pole * repeats + k] += x[place + d] * basis[pole + d, k]
+        if zeros[output, j] == n:
+            direct[output, j] = x[place + n]
+        place += zeros[output, j] + 1
+    if free:
+        for e in range(started.shape[0]):
+            for g in range(orders.size):
+                if leads_to(group, output, g):
+                    for k in range(orders[g]):
+                        started[e, output, firsts[g] * repeats + k] = x[place]
+                        place += 1
+            place += n_nuisance
+
+
+@compiled("int64[::1](boolean, int64, int64, int64[::1], int64[:,::1], int64[:,::1])")
+def unknowns(
+    free: bool, n_nuisance: int, n_experiments: int, orders: Indices, group: Indices, zeros: Indices
+) -> Indices:
+    """(n_outputs,) how many unknowns each output has."""
+    sizes = np.zeros(group.shape[0], dtype=np.int64)
+    for i in range(group.shape[0]):
+        local = n_nuisance
+        for g in range(orders.size):
+            if free and leads_to(group, i, g):
+                local += orders[g]
+        sizes[i] = n_experiments * local
+        for j in range(group.shape[1]):
+            sizes[i] += zeros[i, j] + 1
+    return sizes
+
+
+@compiled(
     "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
     " int64[::1], int64[:,::1], int64[:,::1], int64, float64[:,::1])",
     free=True,
@@ -83,64 +196,26 @@ def fit_outputs(
     ranks : (n_outputs,) int array
     residuals : (n_outputs, n_experiments r) array
     """
-    n_experiments, n_outputs, height = targets.shape
-    n_inputs, n_groups = group.shape[1], orders.size
+    n_experiments, n_outputs = which.shape
+    n_inputs, tall = group.shape[1], n_experiments * targets.shape[2]
     q = repeats * (firsts[-1] + orders[-1])
-    first_direct = q * (n_inputs + first_input)
-    sizes = np.zeros(n_outputs, dtype=np.int64)
-    for i in range(n_outputs):
-        for j in range(n_inputs):
-            sizes[i] += zeros[i, j] + 1
-        local = nuisance.size
-        if free:
-            for g in range(n_groups):
-                if leads_to(group, i, g):
-                    local += orders[g]
-        sizes[i] += n_experiments * local
+    sizes = unknowns(free, nuisance.size, n_experiments, orders, group, zeros)
     most = sizes.max()
     rows, direct = np.zeros((n_outputs, n_inputs, q)), np.zeros((n_outputs, n_inputs))
     started = np.zeros((n_experiments, n_outputs, q))
     costs, conditions = np.zeros(n_outputs), np.zeros(n_outputs)
-    matrices = np.zeros((n_outputs, n_experiments * height, most))
-    bases = np.zeros((n_outputs, n_experiments * height, most))
+    matrices, bases = np.zeros((n_outputs, tall, most)), np.zeros((n_outputs, tall, most))
     solutions, ranks = np.zeros((n_outputs, most)), np.zeros(n_outputs, dtype=np.int64)
-    residuals = np.zeros((n_outputs, n_experiments * height))
+    residuals = np.zeros((n_outputs, tall))
     for i in range(n_outputs):
-        matrix = np.zeros((n_experiments * height, sizes[i]))
-        target = np.empty(n_experiments * height)
-        shared = 0
-        for j in range(n_inputs):
-            shared += zeros[i, j] + 1
-        at = shared
-        for e in range(n_experiments):
-            s, top = stack[which[e, i]], e * height
-            for r in range(height):
-                target[top + r] = targets[e, i, r]
-            place = 0
-            for j in range(n_inputs):
-                g = group[i, j]
-                n, pole = orders[g], firsts[g]
-                state = q * (j + first_input) + pole * repeats
-                own = basis[pole : pole + min(zeros[i, j] + 1, n), :n]
-                add_combined(s, state, own, 1.0, matrix, top, place)
-                if zeros[i, j] == n:
-                    for r in range(height):
-                        matrix[top + r, place + n] = s[r, first_direct + j]
-                place += zeros[i, j] + 1
-            if free:
-                for g in range(n_groups):
-                    if leads_to(group, i, g):
-                        for k in range(orders[g]):
-                            for r in range(height):
-                                matrix[top + r, at] = s[r, firsts[g] * repeats + k]
-                            at += 1
-            for k in range(nuisance.size):
-                for r in range(height):
-                    matrix[top + r, at] = s[r, nuisance[k]]
-                at += 1
+        matrix, target = np.zeros((tall, sizes[i])), np.empty(tall)
+        fill_columns(
+            i, stack, which, targets, first_input, free, nuisance, orders, firsts, group, zeros,
+            repeats, basis, matrix, target,
+        )  # fmt: skip
         x, cost, condition, span, residual = solve_small(matrix, target)
         costs[i], conditions[i], ranks[i] = cost, condition, span.shape[1]
-        for r in range(residual.size):
+        for r in range(tall):
             residuals[i, r] = residual[r]
             for k in range(sizes[i]):
                 matrices[i, r, k] = matrix[r, k]
@@ -148,23 +223,10 @@ def fit_outputs(
                 bases[i, r, k] = span[r, k]
         for k in range(sizes[i]):
             solutions[i, k] = x[k]
-        place = 0
-        for j in range(n_inputs):
-            n, pole = orders[group[i, j]], firsts[group[i, j]]
-            for d in range(min(zeros[i, j] + 1, n)):
-                for k in range(n):
-                    rows[i, j, pole * repeats + k] += x[place + d] * basis[pole + d, k]
-            if zeros[i, j] == n:
-                direct[i, j] = x[place + n]
-            place += zeros[i, j] + 1
-        if free:
-            for e in range(n_experiments):
-                for g in range(n_groups):
-                    if leads_to(group, i, g):
-                        for k in range(orders[g]):
-                            started[e, i, firsts[g] * repeats + k] = x[place]
-                            place += 1
-                place += nuisance.size
+        put_in_place(
+            i, x, free, nuisance.size, orders, firsts, group, zeros, repeats, basis, rows, direct,
+            started,
+        )  # fmt: skip
     return (
         rows, direct, started, costs, conditions, matrices, sizes, solutions, bases, ranks,
         residuals,
