@@ -33,6 +33,8 @@ COMMAND = [sys.executable, "-m", "tridentify", "app"]
 TOKEN = "token-of-the-tests-of-the-page-0123456789"
 PATIENCE = 30.0
 """Seconds a server may take to start, and a page to show what it is asked for."""
+SETTLING = 250
+"""Milliseconds between two looks at a page that is to have come to rest."""
 LOOPBACK = re.compile(r"^(http://127\.0\.0\.1:\d+/|data:|blob:)")
 SMALLEST = 11
 """Pixels of a letter that is still read without effort."""
@@ -219,6 +221,13 @@ class Tab:
         expect(self.page.locator("#result .named")).to_contain_text(name)
         expect(self.page.locator("#result .sentence")).not_to_be_empty()
         return name
+
+    def at_rest(self) -> None:
+        """Waits until nothing is computed or drawn any more: nodes keep their places then."""
+        expect(self.page.locator('[aria-busy="true"]')).to_have_count(0, timeout=PATIENCE * 1000)
+        before = -1
+        while before != (before := self.page.evaluate("document.querySelectorAll('*').length")):
+            self.page.wait_for_timeout(SETTLING)
 
     def told(self, text: str | re.Pattern[str]) -> None:
         expect(self.page.locator("#messages")).to_contain_text(text)
@@ -431,7 +440,7 @@ def test_advice_becomes_an_option_and_a_new_model(seen):
     seen.open("first.csv")
     seen.page.route("**/api/models/*", late)
     before = seen.estimated(lambda: seen.drag(0.18, 0.68))
-    seen.page.unroute("**/api/models/*")
+    seen.page.unroute_all(behavior="wait")
     advised = seen.page.get_by_role("button", name="Estimate with Delay [s] = free")
     assert seen.estimated(advised.click) != before
     expect(seen.page.locator("#option-delay")).to_have_value("free")
@@ -471,7 +480,7 @@ def test_samples_that_a_doubt_names_are_left_out_by_a_button(seen):
     seen.open("second.csv")
     seen.page.route("**/api/models/*", spoilt)
     seen.estimated(lambda: seen.drag(0.1, 0.8))
-    seen.page.unroute("**/api/models/*")
+    seen.page.unroute_all(behavior="wait")  # an answer under way is not answered twice
     seen.estimated(seen.page.get_by_role("button", name="Leave them out and estimate").click)
     bad = seen.page.evaluate(BAD)
     assert [[round(end, 3) for end in one] for one in bad] == [
@@ -518,6 +527,7 @@ def test_a_range_for_validation_is_tested_when_it_is_released(seen):
 
 def test_files_that_are_no_records_are_each_named(browser, server):
     with tab(browser, server) as seen:
+        seen.at_rest()
         before = seen.page.locator(".card.record").count()
         chosen = [{"name": name, "mimeType": "text/csv", "buffer": content}
                   for name, content in (("photo.png", b"\x89PNG\r\n\x1a\n"), ("none.csv", b""),
@@ -660,7 +670,7 @@ def test_small_coefficients_are_not_cut(seen):
     scroll = seen.page.locator("#result .scroll").first
     expect(scroll).to_contain_text("e\u22125")
     assert scroll.evaluate("(node) => node.scrollWidth - node.clientWidth") <= 0
-    seen.page.unroute("**/api/models/*")
+    seen.page.unroute_all(behavior="wait")
 
 
 def test_two_tabs_show_the_same(browser, server, seen):
@@ -683,6 +693,7 @@ def test_names_are_text_and_never_markup(seen):
 
 def test_every_control_is_reached_by_the_tab_key(seen):
     seen.open("first.csv")
+    seen.at_rest()
     wanted = set(seen.page.evaluate(CONTROLS))
     seen.page.locator("h1").click()
     reached, unseen = set(), []

@@ -1,7 +1,7 @@
 // Everything a person can do: asks the server, keeps the session, tells the page.
 
 import { get, patch, post, remove, sentence, upload } from "./api.js";
-import { clear, explain, note, settled, warn } from "./messages.js";
+import { clear, explain, note, passing, settled, warn } from "./messages.js";
 import { detailOf, forget } from "./details.js";
 import { modelOf, recordOf, remember, state, tell } from "./state.js";
 
@@ -121,13 +121,14 @@ export async function changeRecord(id, changes) {
   const own = recordOf(id);
   const before = own && tested(own);
   if (own) Object.assign(own, changes);
+  const done = passing(); // an estimate that is refused meanwhile has its own word
   return attempt(async () => {
     const card = await patch(`/records/${id}`, changes).catch(async (error) => {
       if (error.code !== "gone") await loadSession();
       throw error;
     });
     state.session.records = state.session.records.map((old) => (old.id === id ? card : old));
-    settled();
+    done();
     forget();
     const judged = tested(card) === before ? [] : ["result"];
     tell("records", "record", ...judged);

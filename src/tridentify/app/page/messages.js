@@ -45,6 +45,12 @@ export function settled(...others) {
   for (const kind of [...PASSING, ...others]) clear(kind);
 }
 
+/** What stands there now and ends with the success of what is begun now: what follows stays. */
+export function passing() {
+  const rows = PASSING.flatMap((kind) => [...rowsOf(kind)]);
+  return () => rows.forEach((row) => row.remove());
+}
+
 const kindOf = ({ code, message }) => {
   if (code === "gone") return "gone";
   return message.startsWith(NO_FILE) ? "missing" : "error"; // a lost file is said once

@@ -112,8 +112,8 @@ def local_response(window: Window) -> Local:
     >>> x = np.linspace(-1.0, 1.0, 15)
     >>> u = np.exp(1j * np.arange(15.0) ** 2)
     >>> window = Window(x, u[:, None], (2.0 - 1j * x) * u, np.ones((15, 1), complex))
-    >>> complex(np.round(local_response(window).response[0], 9))
-    (2+0j)
+    >>> bool(np.isclose(local_response(window).response[0], 2.0))
+    True
     """
     n, n_inputs = window.inputs.shape
     fits = [found for q in DENOMINATORS if (found := _fit(window, q)) is not None]
