@@ -48,9 +48,10 @@ const newlyMissing = (records) =>
     && !state.session.records.find((old) => old.id === record.id)?.missing_file);
 
 export async function moveInTime(direction) {
+  const done = passing();
   await attempt(async () => {
     const session = await post(`/${direction}`);
-    settled();
+    done();
     forget();
     take(session, "result");
     note(direction === "undo" ? "Undone" : "Done again");
@@ -100,9 +101,10 @@ export const uploadFiles = (files, dt) =>
 
 async function opened(ask, what) {
   note(`Reading ${what} ...`);
+  const done = passing();
   await attempt(async () => {
     const answer = await ask();
-    settled();
+    done();
     await loadSession();
     const last = answer.records.at(-1);
     if (last) {
@@ -141,9 +143,10 @@ export async function changeRecord(id, changes) {
 const tested = ({ ranges }) => JSON.stringify(ranges.filter(({ use }) => use === "validate"));
 
 export async function dropRecord(id) {
+  const done = passing();
   await attempt(async () => {
     await remove(`/records/${id}`);
-    settled();
+    done();
     await loadSession();
   });
 }

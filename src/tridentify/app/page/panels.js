@@ -7,7 +7,7 @@ import { band, colour, dots, draw, erase, axis, fitting, layout, line, modelColo
   from "./charts.js";
 import { detailOf, panelOf } from "./details.js";
 import { breakable, button, byId, choice, fill, make, table } from "./dom.js";
-import { settled, warn } from "./messages.js";
+import { passing, warn } from "./messages.js";
 import { brief, hasUnit, percent, perUnit, ratioOf, withError, withUnit } from "./numbers.js";
 import { listen, recordOf, shownModels, state, tell } from "./state.js";
 
@@ -415,10 +415,11 @@ async function compare() {
   const models = shownModels();
   const record = target(models);
   if (!suits(record)) return;
+  const done = passing();
   await attempt(async () => {
     const ids = models.map((one) => one.id);
     const found = await post("/compare", { models: ids, record });
-    settled();
+    done();
     state.compared = { models: ids, record, ...found };
     fill(beside.querySelector(".fits"), comparison(shownModels()));
     tell("compared");
