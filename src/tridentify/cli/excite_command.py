@@ -6,12 +6,10 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import StrEnum
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
-import typer
-
+from tridentify.cli import excite_options as own
+from tridentify.cli.excite_options import Signal
 from tridentify.cli.knowledge import NUMBER
 from tridentify.cli.stored_models import model_file
 from tridentify.cli.terminal import say, show, show_json
@@ -21,17 +19,6 @@ if TYPE_CHECKING:
     from tridentify.estimation.answer.estimate import Estimate
     from tridentify.excitation import Excitation
     from tridentify.transfer_function import TransferFunction
-
-
-class Signal(StrEnum):
-    """What is made."""
-
-    PRBS = "prbs"
-    MULTISINE = "multisine"
-    THREE_TWO_ONE_ONE = "3-2-1-1"
-    DOUBLET = "doublet"
-    CHIRP = "chirp"
-    OPTIMAL = "optimal"
 
 
 @dataclass(frozen=True)
@@ -77,76 +64,25 @@ SEVERAL = (Signal.PRBS, Signal.MULTISINE)
 
 
 def excite(
-    signal: Annotated[Signal, typer.Argument(help="What to make.")],
-    dt: Annotated[float, typer.Option(metavar="SECONDS", help="Sampling interval.")],
-    out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write time and inputs there, as CSV.")
-    ] = None,
-    amplitude: Annotated[
-        str | None,
-        typer.Option(
-            metavar="A",
-            help="Largest magnitude about the trim, in the unit of the input or with one of its "
-            "own, such as 1.5deg.",
-        ),
-    ] = None,
-    duration: Annotated[
-        float | None,
-        typer.Option(metavar="SECONDS", help="Of a chirp, or of a multisine's period."),
-    ] = None,
-    band: Annotated[
-        str | None,
-        typer.Option(metavar="LOW,HIGH", help="Of a chirp or multisine [rad/s]."),
-    ] = None,
-    width: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Of a doublet's or 3-2-1-1's unit.")
-    ] = None,
-    for_frequency: Annotated[
-        float | None,
-        typer.Option(metavar="RAD/S", help="In place of --width: the mode to be excited."),
-    ] = None,
-    order: Annotated[int | None, typer.Option(help="Stages of a PRBS; 7 by default.")] = None,
-    clock: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Time that a PRBS holds a bit.")
-    ] = None,
-    lead: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Rest before pulses.")
-    ] = None,
-    tail: Annotated[
-        float | None, typer.Option(metavar="SECONDS", help="Rest after pulses.")
-    ] = None,
-    periods: Annotated[int | None, typer.Option(help="How often it is repeated.")] = None,
-    inputs: Annotated[
-        list[str] | None,
-        typer.Option("--input", metavar="NAME", help="Name of an input; may be repeated."),
-    ] = None,
-    model: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL",
-            help="model.json of the plant, or the folder of identify --out: say what precision to "
-            "expect.",
-        ),
-    ] = None,
-    noise: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="STD",
-            help="Noise on the outputs: once for all of them, or once for each, by name "
-            "(--noise q=0.2) or in their order; that of the estimate by default.",
-        ),
-    ] = None,
-    coefficient: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="Of interest to the optimal input; may be repeated."),
-    ] = None,
-    binary: Annotated[
-        bool | None,
-        typer.Option("--binary", help="The optimal input as a signal of two levels."),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print one JSON object instead of text.")
-    ] = False,
+    signal: own.What,
+    dt: own.Step,
+    out: own.PlanFile = None,
+    amplitude: own.Amplitude = None,
+    duration: own.Duration = None,
+    band: own.Band = None,
+    width: own.Width = None,
+    for_frequency: own.ForFrequency = None,
+    order: own.Stages = None,
+    clock: own.Clock = None,
+    lead: own.Lead = None,
+    tail: own.Tail = None,
+    periods: own.Periods = None,
+    inputs: own.InputNames = None,
+    model: own.Plant = None,
+    noise: own.SensorNoise = None,
+    coefficient: own.Coefficients = None,
+    binary: own.TwoLevels = None,
+    as_json: own.AsJson = False,
 ) -> None:
     """Make an input for an experiment, and say what precision it will give.
 

@@ -163,7 +163,7 @@ Opening = Annotated[
 Clock = Annotated[
     float | None,
     method_option(
-        "--clock", metavar="X", help="Time between two adaptations of filter and basis [s]."
+        "--clock", metavar="X", help="Seconds between two adaptations of filter and basis."
     ),
 ]
 Rate = Annotated[float | None, method_option(metavar="X", help="Rate of the gradient.")]
