@@ -63,9 +63,9 @@ from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
     Controller,
+    assumed,
     coarse_findings,
     compared,
-    kind_of,
     opposite,
 )
 from tridentify.estimation.methods.given_controller import by_likelihood, how_it_worked, rule_of
@@ -120,7 +120,8 @@ def reference_estimate(
     say("what the reference drives")
     rule = None if known is None else rule_of(asked.records, asked.structure, known)
     exactly = rule is not None and rule.exact
-    kind = "sampled" if exactly else kind_of(controller, asked.records)
+    taken = assumed(controller, asked.records, asked.structure)
+    kind = "sampled" if exactly else taken.sampling
     parts = [driven(record, between=kind == "continuous") for record in asked.records]
     apart = not together_findings(asked.records)
     if apart and (coloured is not None or not robust):
@@ -128,13 +129,16 @@ def reference_estimate(
         if unstable is not None:
             return unstable
     found = _white(parts, kind, asked.structure, plain, near, say, again=known is None)
-    told, how = f"controller taken as {IN_WORDS[kind]}", rule
+    told, how = f"controller taken as {IN_WORDS[kind]}{taken.why}", rule
     findings: tuple[Finding, ...] = ()
     if known is not None and not exactly:
         say("the loop with the controller given")
         found, how = _with_controller(found, known, rule, asked.structure, plain, near, say)
-    if controller == "unknown" or (how is not None and not how.explains):
-        found, told, findings = _either(found, asked.structure, near, say)
+        if how is not None and not how.explains:
+            taken = assumed("unknown", asked.records, asked.structure)
+            told = f"controller taken as {IN_WORDS[taken.sampling]}{taken.why}"
+    if not taken.certain:
+        found, told, findings = _either(found, taken.why, asked.structure, near, say)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
     if known is not None:
@@ -146,6 +150,7 @@ def reference_estimate(
 
 def _either(
     found: Rooted,
+    why: str,
     structure: Structure,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
@@ -156,8 +161,8 @@ def _either(
     except TridentifyError as refused:
         kind = found.loops[0].sampling
         without = f"as {IN_WORDS[opposite(kind)]}, no estimate: {refused}"
-        return found, f"controller taken as {IN_WORDS[kind]}; {without}", ()
-    seen = compared(found, other)
+        return found, f"controller taken as {IN_WORDS[kind]}{why}; {without}", ()
+    seen = compared(found, other, why)
     return other if seen.turned else found, seen.told, seen.findings
 
 
@@ -232,7 +237,7 @@ def _with_controller(
         how = rule
     taken: Sampling = "sampled"
     if how is not None and not how.explains:
-        taken = kind_of("unknown", [part.record for part in parts])
+        taken = assumed("unknown", [part.record for part in parts], structure).sampling
     elif how is None or how.sampling == "continuous":
         found = root(known, structure, best.estimate, near, say)
         return replace(found, passes=found.passes + best.passes), how

@@ -1,0 +1,182 @@
+"""Whether recorded inputs follow from recorded samples alone: what kind of controller made them.
+
+A computer that reads reference and output when the record does gives an input that is a function of
+these samples,
+
+    u_k  =  sum_i c_i y_{k-i}  +  sum_i d_i r_{k-i}  +  sum_i f_i u_{k-i}  +  constant,      (1)
+
+to the last recorded digit for a linear controller, and for one that meets a limit wherever it does
+not. One that acts in continuous time, or more often than is recorded, sees what noise does between
+the samples: (1) is then left with an error that no coefficients take away. So the record tells the
+two apart without any model of the plant.
+
+Two cases are not told. A controller without memory, ``u = K (r - y)``, makes (1) either way. And
+noise that is held over each interval, as in simulations, tells everything: then (1) holds for a
+continuous controller too, but with the states of the plant among those of the rule, so with more
+lags than the plant has poles. Fewer lags are a sampled controller's.
+
+Coefficients are those of least absolute errors (least squares with weights ``1 / |error|``, again
+and again; Schlossmacher 1973, J. American Statistical Association 68, 857-859), which pass through
+the majority of the samples where a majority is exact, whatever the others are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import Enum
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
+
+from tridentify.numerics.arrays import Array, Indices
+from tridentify.record.record import Record
+
+LAGS = 6
+"""Of each signal, at most: a controller of sixth order, its delays included."""
+EXACT = 1e-6
+"""Share of the moving input that is left of an exact rule, beside the rounding of what is
+recorded: continuous controllers leave 3e-4 to 9e-2 (random loops)."""
+COARSE = 1e-4
+"""Share of the moving input from which its rounding, and that of the outputs, hides the rule: a
+third of the least that continuous controllers leave."""
+MAJORITY = 0.5
+"""Share of the samples in which a rule has to hold."""
+FEWEST_EACH, MOST_EACH = 5, 40
+"""Samples for each coefficient, at least and at most: more say nothing new of a rule."""
+TURNS = 15
+"""Of the weights: a majority that is exact shows in ten."""
+FEWEST_VALUES = 16
+"""Different values from which a signal may be rounded; one with fewer was set to them."""
+MOST_DIGITS = 12
+"""Digits behind the point up to which numbers count as rounded."""
+
+
+class InputRule(Enum):
+    """How recorded inputs follow from recorded samples."""
+
+    SAMPLED = "the input follows from the recorded samples to the last digit"
+    STATIC = "the input follows from the sample at the same time"
+    NONE = "the input does not follow from the recorded samples"
+    UNKNOWN = "the records do not tell whether the input follows from their samples"
+
+
+def input_rule(records: Sequence[Record], poles: int) -> InputRule:
+    """What the records say of the controller that made their inputs.
+
+    Parameters
+    ----------
+    records : sequence of Record
+        With references.
+    poles : int
+        Of the plant.
+
+    Returns
+    -------
+    InputRule
+        ``UNKNOWN`` on uneven time, with missing samples, where rounding is coarse, and where
+        records or inputs say different things.
+
+    Examples
+    --------
+    >>> rng = np.random.default_rng(0)
+    >>> r, y = np.repeat(rng.standard_normal(20), 10), rng.standard_normal(200)
+    >>> u = np.cumsum(r - y)
+    >>> input_rule([Record(u, y, dt=0.1, reference=r)], 2).name
+    'SAMPLED'
+    >>> moved = u + 0.1 * rng.standard_normal(200)
+    >>> input_rule([Record(moved, y, dt=0.1, reference=r)], 2).name
+    'NONE'
+    """
+    found = {_rule(one, j, min(poles, LAGS)) for one in records for j in range(one.n_inputs)}
+    if found == {InputRule.SAMPLED, InputRule.STATIC}:
+        return InputRule.SAMPLED
+    return found.pop() if len(found) == 1 else InputRule.UNKNOWN
+
+
+def _rule(record: Record, j: int, few: int) -> InputRule:
+    """Of one input of one record."""
+    u, y, reference = (np.asarray(one) for one in (record.u, record.y, record.reference))
+    signals = np.hstack([y, reference])
+    if record.dt is None or not np.isfinite(signals).all() or len(u) <= LAGS:
+        return InputRule.UNKNOWN
+    width = 1 + signals.shape[1] * (1 + LAGS) + u.shape[1] * LAGS
+    free, size = _free(u[:, j]), float(np.std(u[:, j]))
+    if free.size < FEWEST_EACH * width or not size > 0:
+        return InputRule.UNKNOWN
+    some = free[np.unique(np.linspace(0, free.size - 1, MOST_EACH * width).astype(int))]
+    # a reference that stays for a while was set so
+    outer = np.concatenate([_resolution(y), _resolution(reference, converted=False)])
+    own = _resolution(u)
+
+    def holds(lags: int) -> bool | None:
+        table = np.hstack(
+            [_lagged(signals, some, range(lags + 1)), _lagged(u, some, range(1, lags + 1))]
+        )
+        steps = np.concatenate([np.repeat(outer, lags + 1), np.repeat(own, lags)])
+        return _holds(table, u[some, j], steps, own[j], size)
+
+    if holds(0):
+        return InputRule.STATIC
+    if holds(few):
+        return InputRule.SAMPLED
+    return InputRule.NONE if holds(LAGS) is False else InputRule.UNKNOWN
+
+
+def _holds(columns: Array, target: Array, steps: Array, step: float, size: float) -> bool | None:
+    """Whether a combination of columns is the target in most samples; None where that is hidden.
+
+    Parameters
+    ----------
+    columns : (n, k) array
+    target : (n,) array
+    steps : (k,) array
+        Between two values that a column may have.
+    step : float
+        Of the target.
+    size : float
+        By how much the target moves.
+    """
+    whole = np.hstack([np.ones((len(target), 1)), columns])
+    scale = np.linalg.norm(whole, axis=0)
+    scale[scale == 0] = 1.0
+    weights = np.ones(len(target))
+    for _ in range(TURNS):
+        solved = np.linalg.lstsq(whole * weights[:, None] / scale, target * weights, rcond=1e-13)[0]
+        left = np.abs(target - whole @ (solved / scale))
+        rounding = 0.5 * (step + float(np.abs(solved / scale)[1:] @ steps))
+        if np.mean(left <= EXACT * size + rounding) > MAJORITY:
+            return True if rounding < COARSE * size else None
+        weights = 1.0 / np.sqrt(np.maximum(left, 1e-3 * EXACT * size))
+    return None if float(np.median(left)) < 2.0 * rounding else False
+
+
+def _free(u: Array) -> Indices:
+    """Samples at which an input and its past are off the values that it stays at: its limits.
+
+    Only the extremes count, and where they stand twice in a row.
+    """
+    stays = np.append(False, np.diff(u) == 0.0)
+    limits = [value for value in (u.min(), u.max()) if np.any(stays & (u == value))]
+    away = ~np.isin(u, limits)
+    past = sliding_window_view(away, LAGS + 1).all(axis=1)
+    return np.asarray(LAGS + np.flatnonzero(past))
+
+
+def _lagged(signals: Array, some: Indices, lags: range) -> Array:
+    """Columns of every signal at every lag, signal by signal."""
+    columns = [one[some - k] for one in signals.T for k in lags]
+    return np.column_stack(columns) if columns else np.zeros((some.size, 0))
+
+
+def _resolution(signals: Array, *, converted: bool = True) -> Array:
+    """Smallest step that the numbers of each signal show: of decimals, floats, or a converter."""
+    found = []
+    for one in signals.T:
+        values, step = np.unique(one), float(np.finfo(float).eps * np.abs(one).max())
+        if values.size >= FEWEST_VALUES:
+            digits = (d for d in range(MOST_DIGITS) if np.array_equal(one.round(d), one))
+            step = max(step, next((10.0**-d for d in digits), 0.0))
+            repeated = converted and values.size < 0.5 * one.size
+            step = max(step, float(np.diff(values).min())) if repeated else step
+        found.append(step)
+    return np.array(found)

@@ -1,0 +1,111 @@
+"""Whether a recorded input follows from recorded samples, and the kind of controller taken so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+import tridentify as tri
+from oracles import continuous_loop, sampled_loop
+from tridentify.estimation.closed_loop.input_rule import InputRule, input_rule
+
+DT, FINE, N = 0.1, 10, 700
+CHANNEL = ([1.0, 2.0], [1.0, 1.2, 4.0])
+TRUTH = np.array([1.2, 4.0, 1.0, 2.0])
+PI = (np.zeros((1, 1)), np.ones(1), np.array([1.0]), 2.0)
+
+
+def moved(seed, held=15):
+    rng = np.random.default_rng(seed)
+    return rng, np.repeat(rng.choice([-1.0, 1.0], N // held + 1), held)[:N]
+
+
+def continuous(seed, *, noise=0.2, digits=None, gain=None):
+    """A continuous controller that sees what the noise does between the samples."""
+    rng, r = moved(seed)
+    pole = np.exp(-DT / FINE / 0.15)
+    driving = rng.standard_normal(N * FINE + 500)
+    v = noise * lfilter([np.sqrt(1 - pole**2)], [1.0, -pole], driving)[500:]
+    law = PI if gain is None else (np.zeros((0, 0)), np.zeros(0), np.zeros(0), gain)
+    u, y = continuous_loop(CHANNEL, law, np.repeat(r, FINE), v, DT / FINE)
+    return recorded(u[::FINE], y[::FINE], r, digits)
+
+
+def sampled(seed, *, noise=0.2, limit=np.inf, memory=True, digits=None, late=0):
+    """A computer's controller, with the samples that are recorded."""
+    rng, r = moved(seed)
+    total, waiting = 0.0, [0.0] * late
+
+    def control(k, y):
+        nonlocal total
+        total += DT * (r[k] - y[0]) * memory
+        waiting.append(float(np.clip(2.0 * (r[k] - y[0]) + total, -limit, limit)))
+        return waiting.pop(0)
+
+    u, y = sampled_loop([[CHANNEL]], control, noise * rng.standard_normal((N, 1)), DT)
+    return recorded(u, y, r, digits)
+
+
+def recorded(u, y, r, digits=None):
+    u, y = (one if digits is None else np.round(one, digits) for one in (u, y))
+    return tri.Record(u, y, dt=DT, reference=r)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_rule_of_the_samples_is_seen_and_its_absence_too(seed):
+    assert input_rule([sampled(seed)], 2) is InputRule.SAMPLED
+    assert input_rule([sampled(seed, late=1)], 2) is InputRule.SAMPLED
+    assert input_rule([sampled(seed, memory=False)], 2) is InputRule.STATIC
+    assert input_rule([continuous(seed)], 2) is InputRule.NONE
+    assert input_rule([continuous(seed, gain=2.0)], 2) is InputRule.STATIC
+
+
+def test_a_limit_does_not_hide_the_rule():
+    record = sampled(3, limit=2.0)
+    assert np.mean(np.abs(record.u) == 2.0) > 0.05
+    assert input_rule([record], 2) is InputRule.SAMPLED
+
+
+def test_rounded_numbers_tell_nothing_that_is_wrong():
+    assert input_rule([sampled(4, digits=9)], 2) is InputRule.SAMPLED
+    assert input_rule([sampled(4, digits=2)], 2) is InputRule.UNKNOWN
+    assert input_rule([continuous(4, digits=4)], 2) is InputRule.NONE
+    assert input_rule([continuous(4, digits=1)], 2) is not InputRule.SAMPLED
+
+
+def test_noise_that_is_held_shows_the_plant_in_the_rule_of_a_continuous_controller():
+    rng, r = moved(6)
+    u, y = continuous_loop(CHANNEL, PI, r, 0.2 * rng.standard_normal(N), DT)
+    assert input_rule([recorded(u, y, r)], 2) is InputRule.UNKNOWN
+
+
+def test_uneven_time_missing_samples_and_few_of_them_tell_nothing():
+    whole = sampled(7)
+    y = np.array(whole.y)
+    y[50] = np.nan
+    assert input_rule([recorded(whole.u, y, whole.reference)], 2) is InputRule.UNKNOWN
+    few = tri.Record(whole.u[:60], whole.y[:60], dt=DT, reference=whole.reference[:60])
+    assert input_rule([few], 2) is InputRule.UNKNOWN
+    t = DT * np.arange(N) + 0.01 * np.random.default_rng(0).uniform(size=N)
+    uneven = tri.Record(whole.u, whole.y, t=t, reference=whole.reference)
+    assert input_rule([uneven], 2) is InputRule.UNKNOWN
+
+
+@pytest.mark.parametrize("make", [sampled, continuous])
+def test_the_kind_is_taken_by_what_the_input_shows(make):
+    """Of a continuous controller in noise that moves, the residual alone speaks for the other."""
+    estimate = tri.identify(make(8), tri.Structure(2, 1))
+    assert estimate.loop.sampling == make.__name__
+    assert np.all(np.abs(estimate.theta - TRUTH) < 4.0 * estimate.std)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20, 32))
+def test_no_continuous_controller_is_taken_for_a_sampled_one_in_silence(seed):
+    record = continuous(seed, gain=2.0 if seed % 2 else None)
+    estimate = tri.identify(record, tri.Structure(2, 1))
+    far = np.max(np.abs(estimate.theta - TRUTH) / estimate.std)
+    told = [one for one in estimate.findings if one.code == "intersample"]
+    assert estimate.loop.sampling == "continuous" or told
+    assert far < 5.0 or any(one.severity != "note" for one in told)
