@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.special import chdtri
 
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
@@ -45,6 +46,8 @@ matter: it adds 2 % to the error."""
 APART = 3.0
 """Difference of the coefficients under either kind [standard errors] from which one of the two is
 wrong beyond its interval, so that a kind which was only assumed is to be warned of."""
+MISSED = 1e-3
+"""Probability of taking noise for what is left of the response."""
 COARSE = 0.3
 """Rate of the loop times sampling interval from which what a continuous controller does between the
 samples counts: standard errors are then a fifth too small and more."""
@@ -141,7 +144,8 @@ def compared(mine: Rooted, other: Rooted, why: str = "") -> Compared:
     """
     kind = other.loops[0].sampling
     words, rival = IN_WORDS[mine.loops[0].sampling], IN_WORDS[kind]
-    own, beside = _misfits(mine, other)
+    basis = _wider(mine, other)
+    own, beside = (one.excess for one in (_followed(mine, basis), _followed(other, basis)))
     plainly = PLAINLY * sum(int(np.isfinite(one.record.y).sum()) for one in mine.loops)
     if other.still and (own - beside > plainly or not mine.still):
         told = f"controller taken as {rival}: as {words}, "
@@ -154,13 +158,30 @@ def compared(mine: Rooted, other: Rooted, why: str = "") -> Compared:
     return Compared(False, f"{taken}; {told}", finding)
 
 
-def _misfits(mine: Rooted, other: Rooted) -> tuple[float, float]:
-    """How much of the residual of either fit follows the references, in variances of the noise."""
-    basis = [
-        max((_widest(one), _widest(two)), key=lambda part: part.order).columns
-        for one, two in zip(mine.loops, other.loops, strict=True)
-    ]
-    return _misfit(mine, basis), _misfit(other, basis)
+class _Following(NamedTuple):
+    """What follows the references in a residual, in variances of the noise, and what chance leaves.
+
+    ``size`` is a sum of squares along ``freedom`` directions.
+    """
+
+    size: float
+    freedom: int
+
+    @property
+    def excess(self) -> float:
+        """Beyond what chance leaves."""
+        return self.size - self.freedom
+
+    @property
+    def is_chance(self) -> bool:
+        """Whether noise alone may be that."""
+        return not self.freedom or self.size <= float(chdtri(self.freedom, MISSED))
+
+
+def _wider(mine: Rooted, other: Rooted) -> list[Array]:
+    """What the references drive, by the richer of two descriptions, record by record."""
+    parts = ((_widest(one), _widest(two)) for one, two in zip(mine.loops, other.loops, strict=True))
+    return [max(pair, key=lambda part: part.order).columns for pair in parts]
 
 
 def _widest(loop: Loop) -> Driven:
@@ -168,9 +189,9 @@ def _widest(loop: Loop) -> Driven:
     return widest(part.record, part.rate, part.before)
 
 
-def _misfit(found: Rooted, basis: Sequence[Array]) -> float:
-    """Sum of squares along what the references drive, less what chance leaves there."""
-    total = 0.0
+def _followed(found: Rooted, basis: Sequence[Array]) -> _Following:
+    """What follows the references in the residual, whitened output by output."""
+    size, freedom = 0.0, 0
     for left, columns in zip(residuals(found.loops, found.estimate), basis, strict=True):
         for series in left.T:
             seen = np.isfinite(series)
@@ -184,9 +205,9 @@ def _misfit(found: Rooted, basis: Sequence[Array]) -> float:
             white = white[seen]
             along = np.linalg.qr(white[:, :-1])[0].T @ white[:, -1]
             rest = white[:, -1] @ white[:, -1] - along @ along
-            freedom = len(white) - along.size
-            total += float(along @ along) / max(rest / freedom, 1e-300) - along.size
-    return total
+            size += float(along @ along) / max(rest / (len(white) - along.size), 1e-300)
+            freedom += along.size
+    return _Following(size, freedom)
 
 
 def _left_open(
@@ -219,6 +240,35 @@ def _left_open(
         "State how the controller works: controller='sampled' or 'continuous' (--controller).",
     )
     return told, (finding,)
+
+
+def following_findings(white: Rooted) -> tuple[Finding, ...]:
+    """What is to be said where the residual of a continuous loop follows the reference.
+
+    It is looked for under white weights: a model of the noise gives fast motion more weight, where
+    what is not known between the samples is largest, and the coefficients then make up for it.
+
+    Parameters
+    ----------
+    white : Rooted
+        The root before the noise is modelled.
+    """
+    if white.loops[0].sampling == "sampled":
+        return ()
+    left = _followed(white, [_widest(one).columns for one in white.loops])
+    if left.is_chance:
+        return ()
+    return (
+        Finding(
+            "intersample",
+            "warning",
+            "The controller is continuous, and the residual follows the reference: "
+            f"{left.size / left.freedom:.1f} times what chance leaves. What the input does between "
+            "the samples is not known well enough, or the order is too low; the standard errors do "
+            "not allow for it.",
+            "Sample faster, by five times if possible, or try a higher order.",
+        ),
+    )
 
 
 def coarse_findings(best: Rooted) -> tuple[Finding, ...]:

@@ -66,6 +66,7 @@ from tridentify.estimation.methods.controller_kind import (
     assumed,
     coarse_findings,
     compared,
+    following_findings,
     opposite,
 )
 from tridentify.estimation.methods.given_controller import by_likelihood, how_it_worked, rule_of
@@ -139,6 +140,7 @@ def reference_estimate(
             told = f"controller taken as {IN_WORDS[taken.sampling]}{taken.why}"
     if not taken.certain:
         found, told, findings = _either(found, taken.why, asked.structure, near, say)
+    findings = (*following_findings(found), *findings)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
     if known is not None:
