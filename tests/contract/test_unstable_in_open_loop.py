@@ -117,6 +117,7 @@ def test_steps_to_and_fro_come_to_rest():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("key", list(CASES))
+@pytest.mark.timeout(900)
 def test_intervals_hold_the_truth(key):
     """On 60 draws: 95 % within three standard deviations of that count, and no bias.
 

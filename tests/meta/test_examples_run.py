@@ -101,7 +101,6 @@ SMALLER = {
 @pytest.mark.fast(
     "changing_plant.py",
     "first_model.py",
-    "jsbsim_amplitude.py",
     "physical_parameters.py",
     "jsbsim_short_period.py",
 )

@@ -117,11 +117,16 @@ def test_the_same_record_twice_is_half_the_variance(key, seed):
     twice = identify([record, record], Structure(2, 1, **REST), method)
     # The compensation takes its noise variance from the degrees of freedom, which double and more.
     assert np.all(np.abs(once.theta - twice.theta) < 0.05 * once.std)
+    ratio = once.std / twice.std
     if once.errors == twice.errors == "likelihood":
-        assert np.allclose(once.std / twice.std, np.sqrt(2.0), rtol=0.03)
-    elif once.errors == "likelihood":
-        # the scores of a band are the same twice: their scatter tells that no more is known
-        assert np.all(once.std / twice.std < np.sqrt(2.0) * 1.03)
+        assert np.allclose(ratio, np.sqrt(2.0), rtol=0.01)
+        return
+    # The scores of a band are the same twice: their scatter tells that no more is known, and stands
+    # out more. It is nowhere below what the likelihood gives; few blocks may double it.
+    assert twice.errors == "scores"
+    assert np.all(ratio > 0.5)
+    if once.errors == "likelihood":
+        assert np.all(ratio < np.sqrt(2.0) * 1.01)
 
 
 @FEW

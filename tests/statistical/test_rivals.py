@@ -43,18 +43,31 @@ def respond(theta, n, u, dt):
     return by_exponential(theta[n:], np.append(1.0, theta[:n]), u, dt)
 
 
-def bound_of(theta, n, u, dt, sigma, d=(1.0,)):
-    """Standard errors of efficient estimation; ``sigma`` is that of the white source of D v = e."""
+def scores_of(theta, n, u, dt):
+    """(n_samples, n_coefficients) derivatives of the response."""
     columns = []
     for k in range(theta.size):
         step = np.zeros(theta.size)
         step[k] = 1e-5 * abs(theta[k])
         difference = respond(theta + step, n, u, dt) - respond(theta - step, n, u, dt)
-        columns.append(lfilter(d, [1.0], difference) / (2.0 * step[k]))
-    scores = np.stack(columns, axis=1)
+        columns.append(difference / (2.0 * step[k]))
+    return np.stack(columns, axis=1)
+
+
+def bound_of(theta, n, u, dt, sigma, d=(1.0,)):
+    """Standard errors of efficient estimation; ``sigma`` is that of the white source of D v = e."""
+    scores = lfilter(d, [1.0], scores_of(theta, n, u, dt), axis=0)
     lengths = np.linalg.norm(scores, axis=0)
     inverse = np.linalg.inv((scores / lengths).T @ (scores / lengths))
     return sigma * np.sqrt(np.diag(inverse)) / lengths
+
+
+def spread_of_white_weights(theta, n, u, dt, sigma, d):
+    """Standard deviations of plain output error where D v = e: each estimate is a sum over e."""
+    sums = np.linalg.pinv(scores_of(theta, n, u, dt))
+    # what e has done before the record lasts into it
+    back = np.pad(sums[:, ::-1], ((0, 0), (0, 1000)))
+    return sigma * np.linalg.norm(lfilter([1.0], d, back, axis=1), axis=1)
 
 
 def register(stages, taps, length, hold):
@@ -265,7 +278,11 @@ COLOURED_DRAWS = 120
 
 @pytest.fixture(scope="module", params=list(COLOURED))
 def modes(request):
-    """(colour, bound, errors and standard errors by noise option, how often a model was taken)."""
+    """What a colour of noise makes of both noise options.
+
+    (colour, bound, spread of white weights, errors and standard errors by noise option, how often
+    a model was taken).
+    """
     d = COLOURED[request.param]
     truth, u = np.array([1.0, 3.0, 0.2, 0.5]), register(9, (9, 5), 1000, 6)
     clean = respond(truth, 2, u, 0.05)
@@ -282,8 +299,9 @@ def modes(request):
             std.append(found.std)
             taken += mode == "auto" and len(found.noise_model[0]) > 0
     bound = bound_of(truth, 2, u, 0.05, source, d)
+    spread = spread_of_white_weights(truth, 2, u, 0.05, source, d)
     values = {mode: (np.array(e), np.array(s)) for mode, (e, s) in values.items()}
-    return request.param, bound, values, taken / COLOURED_DRAWS
+    return request.param, bound, spread, values, taken / COLOURED_DRAWS
 
 
 def coverage(error, std):
@@ -291,30 +309,40 @@ def coverage(error, std):
 
 
 def test_auto_intervals_cover_in_any_colour(modes):
-    _, _, values, _ = modes
+    _, _, _, values, _ = modes
     # The four coefficients move together: 120 draws are worth little more than 120 intervals.
     assert coverage(*values["auto"]) == pytest.approx(0.95, abs=0.06)
 
 
 def test_white_weights_in_colour_lose_accuracy_and_state_it(modes):
-    """Their errors are those of the scores, which may be too wide where the noise rings."""
-    colour, bound, values, _ = modes
+    """They scatter as the colour says; the errors of the scores are up to half as large again."""
+    colour, bound, spread, values, _ = modes
+    error, std = values["white"]
+    rmse = np.sqrt(np.mean(error**2, axis=0))
+    sampling = 3.0 / np.sqrt(2.0 * COLOURED_DRAWS)
+    assert np.all(np.abs(rmse / spread - 1.0) < sampling), rmse / spread
     if colour == "white":
-        assert 0.92 <= coverage(*values["white"]) <= 0.98
+        assert 0.92 <= coverage(error, std) <= 0.98
+        assert np.allclose(np.median(std, axis=0), bound, rtol=0.1)
         return
-    assert coverage(*values["white"]) > 0.95 - 0.06
-    assert np.all(np.median(values["white"][1], axis=0) > 1.05 * bound)
-    rmse = {mode: np.sqrt(np.mean(one[0] ** 2, axis=0)) for mode, one in values.items()}
-    assert np.mean(rmse["white"] / rmse["auto"]) > 1.0, "else the option would not be needed"
+    assert np.all(spread > bound)
+    assert np.max(spread / bound) > 1.15, "else the option would not be needed"
+    # Never below what holds; above it, as of several numbers of blocks the widest counts: 1.2 to
+    # 1.3 times in slow noise, 1.2 to 1.5 times where it rings.
+    stated = np.median(std, axis=0) / spread
+    assert np.all((stated > 1.0) & (stated < 1.7)), stated
+    assert coverage(error, std) > 0.95 - 0.06
+    beside = np.sqrt(np.mean(values["auto"][0] ** 2, axis=0))
+    assert np.mean(rmse / beside) > 1.0, "else the option would not be needed"
 
 
 def test_colour_is_taken_when_it_is_there_and_seldom_else(modes):
-    colour, _, _, taken = modes
+    colour, _, _, _, taken = modes
     assert taken < 0.12 if colour == "white" else taken > 0.95
 
 
 def test_auto_is_near_the_bound_of_generalised_least_squares(modes):
-    colour, bound, values, _ = modes
+    colour, bound, _, values, _ = modes
     error, std = values["auto"]
     sampling = 3.0 / np.sqrt(2.0 * COLOURED_DRAWS)
     rmse = np.sqrt(np.mean(error**2, axis=0))

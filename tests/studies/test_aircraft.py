@@ -404,6 +404,7 @@ def test_pictures_load_no_pyplot():
 
 # ------------------------------------------------------------------------------------ statistics
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_full_study_shows_the_papers_pattern():
     """At 1000 samples Step 2 alone collapses at once; the strategy does so much later."""
     result = STUDIES["aircraft"].run(draws=200, seed=1)

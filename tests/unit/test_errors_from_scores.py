@@ -165,7 +165,11 @@ def test_scatter_is_that_of_blocks_that_agree_in_sign():
         e = np.repeat(rng.standard_normal(N // 20), 20)
         found = judged_scatter([g[:, None]], [left_over(g[:, None], e[:, None])])
         assert found is not None
-        assert found.blocks <= max(BLOCKS)
+        if found.over == "time":
+            assert found.blocks in BLOCKS
+        else:
+            # a slow direction has few lines of frequency, some of which hold several blocks' share
+            assert 2 <= found.blocks <= max(BLOCKS)
         ratios.append(found.ratio)
     assert 10.0 < np.median(ratios) < 30.0
 
@@ -181,6 +185,47 @@ def test_several_experiments_count_as_one_after_the_other():
     assert whole is not None
     assert parts is not None
     assert parts.covariance == pytest.approx(whole.covariance)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_contradicts_the_free_response_alone_is_not_lent_to_the_coefficients(seed):
+    """Wild samples at the beginning, where two directions that move no coefficient live."""
+    rng = np.random.default_rng(seed)
+    smooth = lfilter([1.0], [1.0, -0.8], rng.standard_normal((N, 2)), axis=0)
+    fading = np.exp(-np.arange(N) / 6.0)[:, None] * np.cos(np.outer(np.arange(N), [0.3, 0.9]))
+    g = np.linalg.qr(np.hstack([smooth, fading]))[0][:, None]
+    wild = rng.standard_normal((N, 1))
+    wild[:4] += 40.0 * rng.choice([-1.0, 1.0], (4, 1))
+    e = left_over(g, wild)
+    along = np.array([[1e-6, 0.0, 0.0, 0.0], [300.0, 1e3, 0.0, 0.0]])
+    alike, told_apart = judged_scatter([g], [e]), judged_scatter([g], [e], along=along)
+    assert alike is not None
+    assert told_apart is not None
+    k = slice(2)
+    assert np.max(np.diag(told_apart.covariance)[k]) < 0.3 * np.min(np.diag(alike.covariance)[k])
+    # what does contradict the coefficients is seen as before
+    assert np.all(np.diag(told_apart.covariance)[2:] > 5.0)
+    slow = left_over(g, rng.standard_normal((N, 1)) + drift(rng)[:, None] * 5.0)
+    seen = judged_scatter([g], [slow], along=along)
+    assert seen is not None
+    assert np.all(np.diag(seen.covariance)[k] > 5.0)
+
+
+def test_units_of_the_coefficients_are_of_no_account_to_their_scatter():
+    rng = np.random.default_rng(4)
+    g = drawn(rng, 5)
+    e = left_over(g, np.repeat(rng.standard_normal(N // 20), 20)[:, None])
+    along = rng.standard_normal((3, 5))
+    one = judged_scatter([g], [e], along=along)
+    other = judged_scatter([g], [e], along=along * np.array([[1e-30], [1.0], [1e30]]))
+    assert one is not None
+    assert other is not None
+    assert other.covariance == pytest.approx(one.covariance, rel=1e-9)
+    # and so are the coordinates of the directions
+    turn = np.linalg.qr(rng.standard_normal((5, 5)))[0]
+    turned = judged_scatter([g @ turn], [e], along=along @ turn)
+    assert turned is not None
+    assert turned.covariance == pytest.approx(turn.T @ one.covariance @ turn, rel=1e-9)
 
 
 def test_a_misfit_that_repeats_is_seen_over_bands_of_frequency():

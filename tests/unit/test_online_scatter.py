@@ -152,6 +152,7 @@ def test_white_noise_keeps_its_standard_errors_and_coloured_noise_gets_its_own(m
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 def test_bands_hold_with_coloured_noise():
     theta, std, changes = [], [], 0
     for seed in range(100):

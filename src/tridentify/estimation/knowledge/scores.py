@@ -45,7 +45,7 @@ def constrained_scatter(
     found = whitened_scores(here.over_time(), moved, problem.noise, noise)
     directions, innovations = zip(*found, strict=True)
     # stretches of time alone: the inputs may react, which the constraints do not tell
-    return judged_scatter(directions, innovations, reacts=True)
+    return judged_scatter(directions, innovations, reacts=True, along=along)
 
 
 def sensitivities(

@@ -106,7 +106,7 @@ class Curvature:
     @cached_property
     def scatter(self) -> ScoreScatter | None:
         """What the scores say of the covariance (`likelihood.scores`)."""
-        return scatter_of_scores(self.point, self.root, self.noise, self.reacts)
+        return scatter_of_scores(self.point, self.root, self.noise, self.reacts, self.along)
 
     def refuse_undetermined(self) -> None:
         """Refuse coefficients that the samples cannot tell apart, or only rounding determines.

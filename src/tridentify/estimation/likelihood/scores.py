@@ -27,7 +27,9 @@ block that holds much of the information pulls the estimate to itself. In these 
 noise gives ``cov s = H (I - H)``, with ``H = sum g g'`` over the block, so ``(I - H)^{-1/2} s``
 takes its place (Bell & McCaffrey 2002). The scatter of few blocks is itself uncertain: it is drawn
 towards its mean over the directions, by the share that unknowns have in unknowns and blocks, and
-the errors are those of the t distribution that the blocks leave.
+the errors are those of the t distribution that the blocks leave. Directions that move coefficients
+have a mean of their own: wild samples at the beginning contradict the free response, which takes
+them up, and would lend their scatter to coefficients that they hardly touch.
 
 *Whether.* Given ``H`` the mean and variance of ``sum |s|^2`` under white noise are known. Only
 where it is larger than chance explains are these errors used, and they are then in no direction
@@ -72,6 +74,9 @@ MOST_HELD = 0.8
 LONGEST_SCORED = 200_000
 """Samples of all outputs beyond which the scores are not looked at."""
 
+NO_MOVE = 1e-9
+"""Share of the largest movement below which a direction moves no coefficient but by rounding."""
+
 COVERED = 0.975
 """Quantile at which Student's and the Gaussian's ends are compared: that of an interval of 95 %."""
 
@@ -87,7 +92,7 @@ class ScoreScatter:
     blocks : int
         How many blocks it was taken from.
     ratio : float
-        Mean of the scatter over what white noise gives.
+        Mean of the scatter over what white noise gives, over what moves the coefficients.
     over : {"time", "frequency"}
         What the blocks are stretches of.
     """
@@ -108,7 +113,7 @@ class ScoreScatter:
 
 
 def scatter_of_scores(
-    point: Point, root: Array, noise: Array, reacts: bool = False
+    point: Point, root: Array, noise: Array, reacts: bool = False, along: Array | None = None
 ) -> ScoreScatter | None:
     """The covariance of the scores, where it is larger than the likelihood's.
 
@@ -121,6 +126,8 @@ def scatter_of_scores(
         Variance of the innovations.
     reacts : bool
         Whether the inputs hold past noise.
+    along : (p, k) array, optional
+        As of `judged_scatter`.
 
     Returns
     -------
@@ -130,7 +137,7 @@ def scatter_of_scores(
     if point.counts.sum() > LONGEST_SCORED or not np.all(noise > 0):
         return None
     directions, scores = zip(*_scores(point, root, noise), strict=True)
-    return judged_scatter(directions, scores, reacts)
+    return judged_scatter(directions, scores, reacts, along)
 
 
 def _scores(point: Point, root: Array, noise: Array) -> list[tuple[Array, Array]]:
@@ -174,7 +181,10 @@ def whitened_scores(
 
 
 def judged_scatter(
-    directions: Sequence[Array], innovations: Sequence[Array], reacts: bool = False
+    directions: Sequence[Array],
+    innovations: Sequence[Array],
+    reacts: bool = False,
+    along: Array | None = None,
 ) -> ScoreScatter | None:
     """As `scatter_of_scores`, for given directions and innovations.
 
@@ -186,6 +196,8 @@ def judged_scatter(
         Of variance one if the noise is what it was taken for.
     reacts : bool
         Whether the directions hold past noise: then stretches of time alone are looked at.
+    along : (p, k) array, optional
+        How the coefficients move along the directions; without it all directions are theirs.
 
     Examples
     --------
@@ -197,20 +209,42 @@ def judged_scatter(
     >>> [judged_scatter([g[:, None]], [e[:, None]]) is None for e in left]
     [True, False]
     """
-    in_time = _scatter_along(np.vstack(directions), np.vstack(innovations))
+    turn, own = _own_first(along, directions[0].shape[-1])
+    turned = [one @ turn for one in directions]
+    found = _largest_scatter(turned, innovations, reacts, own)
+    return found and replace(found, covariance=turn @ found.covariance @ turn.T)
+
+
+def _own_first(along: Array | None, k: int) -> tuple[Array, int]:
+    """Axes of which the first so many span what moves the coefficients.
+
+    Each coefficient by its standard error, so that units are of no account.
+    """
+    if along is None:
+        return np.eye(k), k
+    size = np.linalg.norm(along, axis=1)
+    _, s, vt = np.linalg.svd(along[size > 0] / size[size > 0, None])
+    return vt.T, max(int(np.sum(s > s.max(initial=0.0) * NO_MOVE)), 1)
+
+
+def _largest_scatter(
+    directions: Sequence[Array], innovations: Sequence[Array], reacts: bool, own: int
+) -> ScoreScatter | None:
+    """Over stretches of time, and over bands of frequency."""
+    in_time = _scatter_along(np.vstack(directions), np.vstack(innovations), own)
     if reacts:
         return in_time
     lines = [dctn(one, axes=(0,), norm="ortho") for one in directions]
     colours = [dctn(one, axes=(0,), norm="ortho") for one in innovations]
     sizes = [len(one) for one in directions]
     order = np.argsort(np.concatenate([np.arange(n) / n for n in sizes]), kind="stable")
-    in_bands = _scatter_along(np.vstack(lines)[order], np.vstack(colours)[order])
+    in_bands = _scatter_along(np.vstack(lines)[order], np.vstack(colours)[order], own)
     if in_bands is None or (in_time is not None and in_time.ratio >= in_bands.ratio):
         return in_time
     return replace(in_bands, over="frequency")
 
 
-def _scatter_along(g: Array, innovations: Array) -> ScoreScatter | None:
+def _scatter_along(g: Array, innovations: Array, own: int) -> ScoreScatter | None:
     """The largest scatter over blocks of neighbouring rows; None where chance explains all."""
     weight = np.einsum("toi,toi->t", g, g)
     scores = np.einsum("toi,to->ti", g, innovations)
@@ -221,7 +255,7 @@ def _scatter_along(g: Array, innovations: Array) -> ScoreScatter | None:
     blocks = _Blocks.of(g, scores, weight, counts[0])
     found = None
     for n in counts:
-        one = _on_blocks(blocks.joined(weight, n), FALSE_ALARMS / (2 * len(counts)))
+        one = _on_blocks(blocks.joined(weight, n), own, FALSE_ALARMS / (2 * len(counts)))
         if one is not None and (found is None or one.ratio > found.ratio):
             found = one
     return found
@@ -269,7 +303,7 @@ def _edges(weight: Array, count: int) -> NDArray[np.intp]:
     return np.asarray(edges[edges < weight.size])
 
 
-def _on_blocks(found: _Blocks, rate: float) -> ScoreScatter | None:
+def _on_blocks(found: _Blocks, own: int, rate: float) -> ScoreScatter | None:
     """The scatter over some blocks; None where chance explains it."""
     edges, sums, held = found
     k, blocks = sums.shape[1], edges.size
@@ -289,12 +323,17 @@ def _on_blocks(found: _Blocks, rate: float) -> ScoreScatter | None:
     turned = np.einsum("bji,bj->bi", vectors, sums) / shrink
     adjusted = np.einsum("bij,bj->bi", vectors, turned)
     scatter = adjusted.T @ adjusted
-    ratio = float(np.trace(scatter)) / k
+    means = np.repeat([_mean(scatter[:own, :own]), _mean(scatter[own:, own:])], [own, k - own])
     towards = k / (k + blocks)
-    scatter = (1.0 - towards) * scatter + towards * ratio * np.eye(k)
+    scatter = (1.0 - towards) * scatter + towards * np.diag(means)
     few = float(stdtrit(blocks - 1.0, COVERED) / ndtri(COVERED)) ** 2
     size, axes = np.linalg.eigh(few * scatter)
-    return ScoreScatter((axes * np.maximum(size, 1.0)) @ axes.T, blocks, ratio)
+    return ScoreScatter((axes * np.maximum(size, 1.0)) @ axes.T, blocks, float(means[0]))
+
+
+def _mean(scatter: Array) -> float:
+    """Over the directions; of none zero."""
+    return float(np.trace(scatter)) / max(len(scatter), 1)
 
 
 def _largest(freedom: float, rate: float) -> float:
