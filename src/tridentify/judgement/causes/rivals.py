@@ -145,7 +145,7 @@ def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:
     """What a power of a signal has beside a straight line; None where it has nothing.
 
     The line is what the model has already, and its constant an offset, which is another cause. Of
-    an input of two levels, or an odd power of one of three, nothing is left.
+    an input of two levels nothing is left.
     """
     whole = np.concatenate(signals)
     size = float(np.ptp(whole))
