@@ -80,7 +80,7 @@ def with_behaviour(
         # what lies between the samples of a loop is no matter of the input's samples alone
         found = None if estimate.route == "reference" else behaviours(estimate, seen)
         if stated:
-            return estimate, seen, found, ()
+            return estimate, seen, found and replace(found, stated=True), ()
         if found is None:
             told = f"input taken as {IN_WORDS[wanted]}, which its samples suggest"
             return estimate, seen, None, (told,)

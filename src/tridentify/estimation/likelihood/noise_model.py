@@ -60,7 +60,10 @@ many."""
 HARDLY = 0.1
 """Share of a residual that may follow the input for nothing but noise to be left: right models in
 coloured noise leave 0.04 at most, in 12 records; one to four poles for the heating record of the
-benchmark of real records, none of which explains it, 0.18 to 0.53. Set with that record in view."""
+benchmark of real records, none of which explains it, 0.18 to 0.53. Set with that record in view.
+In 180 other random systems with noise of four colours the search ended early in 132, 105 of them
+identifiable: AICc was the same in these to 1e-3. In two of the others whitened samples then ended
+at a limit; with every start tried there (`methods.noise`) AICc is the same to 0.3."""
 MOST_ROUNDS = 8
 """Turns of noise model and coefficients: they stand still after three or four."""
 STILL = 0.01

@@ -152,7 +152,7 @@ def with_noise_model(
     if in_loop:
         question.say("coloured noise, from the predictor")
         best = _from_predictor(question, found, tinted, starts, best)
-    if _misses(best.end.point, tinted):
+    if _misses(best.end.point, tinted) or (noise == "auto" and _is_lost(best.end, first)):
         question.say("coloured noise, a model for every start")
         best = _elsewhere(question, best, tinted)
     if noise == "auto" and _is_lost(best.end, first):
@@ -214,7 +214,10 @@ def _criterion(point: Point) -> float:
 
 
 def _elsewhere(question: Question, found: Maximum, tinted: tuple[bool, ...]) -> Maximum:
-    """The end of the turns from the likeliest start, where that is clearly better."""
+    """The end of the turns from the likeliest start, where that is clearly better.
+
+    Where the turns ended at a limit, any other end that lies near it will do.
+    """
     point = found.end.point
     seeds = [_poles_of(point, one.theta) for one in found.tried]
     near = [point.poles]
@@ -233,7 +236,8 @@ def _elsewhere(question: Question, found: Maximum, tinted: tuple[bool, ...]) -> 
     if other.end.status is not Status.CONVERGED or np.any(left):
         return found
     fall = _criterion(point) - _criterion(end)
-    return replace(other, tried=found.tried) if fall > CLEARLY else found
+    least = CLEARLY if found.end.status is Status.CONVERGED else -CLEARLY
+    return replace(other, tried=found.tried) if fall > least else found
 
 
 def _poles_of(point: Point, theta: Array) -> Complex:

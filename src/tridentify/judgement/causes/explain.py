@@ -48,6 +48,10 @@ MOST_OF_IT = 0.7
 NEARLY = 0.8
 """The same among rivals of one cause, of which the simplest is named."""
 
+AS_MUCH = 0.9
+"""Share of the best rival's gain from which an offset or a line is named before a bend, which
+follows what is slow as well where the input moves in a few places only."""
+
 ALONE = 0.5
 """Share of the gain of lost rows that no other cause may reach: cuts in a record explain a little
 of everything that is not noise."""
@@ -145,9 +149,15 @@ class Explanations:
         enough = MOST_OF_IT * clear[0].gain
         rank = list(CODES)
         code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
+        if code == "nonlinear" and any(self._is_a_line(one, clear[0]) for one in clear):
+            code = "drift"
         own = [one for one in clear if one.rival.code == code]
         near = [one for one in own if one.gain >= NEARLY * own[0].gain]
         return min(near, key=lambda one: (one.unknowns, -one.gain))
+
+    def _is_a_line(self, one: Explanation, first: Explanation) -> bool:
+        """Whether an offset or a drift, to be estimated along, explains as much as the best."""
+        return one.rival.code == "drift" and one.rival.refits and one.gain >= AS_MUCH * first.gain
 
     def _is_worse(self, one: Explanation) -> bool:
         """Whether the simulated output of some channel is farther from the recorded one."""

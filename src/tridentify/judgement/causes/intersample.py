@@ -63,6 +63,19 @@ REPEATS = 0.5
 in a measured signal, so that it takes a clear answer not to call it held, and it is never
 band-limited."""
 
+UNDECIDED = 6.0
+"""Rise of -2 log L (odds of 20 to 1) up to which a behaviour that nobody stated is one of two."""
+
+LEANS = 3.0
+"""Fall of -2 log L (odds of 4 to 1) from which a record leans to another behaviour than the one
+stated: to be told where much hangs on it."""
+
+HANGS_ON_IT = 3.0
+"""Movement of a coefficient [standard errors] from which much hangs on an open question."""
+
+NOTABLY = 0.02
+"""The same as a share of its natural size: less is no matter, however well it is known."""
+
 MATTERS = 1.0
 """Movement of a coefficient [standard errors] from which it is a warning and not a note."""
 
@@ -89,6 +102,8 @@ class Behaviours:
         Whether the inputs repeat their values at most samples.
     count : int
         Samples of all outputs.
+    stated : bool
+        Whether the present one was stated, and not found.
     """
 
     present: Behaviour
@@ -96,6 +111,7 @@ class Behaviours:
     attempts: dict[Behaviour, Attempt]
     staircase: bool
     count: int
+    stated: bool = False
 
     @property
     def clearly(self) -> float:
@@ -172,7 +188,7 @@ def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | No
         return None
     count = sum(int(np.isfinite(e.y).sum()) for e in problem.experiments)
     orders = [a.size for a in problem.noise] or [0] * problem.n_outputs
-    limit = HOPELESS if any(orders) else -TIE
+    limit = HOPELESS if any(orders) else -TIE if steps else UNDECIDED
     near = [one for one, more in above.items() if one == first or more < limit]
     if near == [first]:
         return Behaviours(first, above, {}, steps, count)
@@ -220,7 +236,7 @@ def intersample_findings(estimate: Estimate, found: Behaviours) -> list[Finding]
     """A word where another behaviour than the one stated explains the record clearly better."""
     fall = found.fall(found.best, found.present)
     if found.advised == found.present:
-        return []
+        return _undecided(estimate, found)
     best, present = found.attempts[found.best], found.attempts[found.present]
     moved = coefficients(best.point) - coefficients(present.point)
     std = np.where(estimate.std > 0, estimate.std, np.inf)
@@ -239,6 +255,43 @@ def intersample_findings(estimate: Estimate, found: Behaviours) -> list[Finding]
             "input was not as stated.",
             effect=f"With it: {estimate.names[k]} from {before:.4g} to {after:.4g} "
             f"({sizes[k]:.1f} standard errors), {fits}.",
+        )
+    ]
+
+
+def _undecided(estimate: Estimate, found: Behaviours) -> list[Finding]:
+    """A word where the record does not tell two behaviours apart, and coefficients hang on it.
+
+    An input that repeats its values is held, whatever a likelihood leans to.
+    """
+    least = -LEANS if found.stated else UNDECIDED
+    near = [
+        other
+        for other in found.attempts
+        if other != found.present and found.above[other] < least and not found.staircase
+    ]
+    if not near:
+        return []
+    other = min(near, key=lambda one: found.above[one])
+    before, after = (coefficients(found.attempts[one].point) for one in (found.present, other))
+    std = np.where(estimate.std > 0, estimate.std, np.inf)
+    sizes = np.abs(after - before) / std
+    sizes = np.where(np.abs(after - before) > NOTABLY * np.abs(before), sizes, 0.0)
+    k = int(np.argmax(sizes))
+    if sizes[k] < HANGS_ON_IT:
+        return []
+    more = found.above[other]
+    return [
+        Finding(
+            "intersample",
+            "warning",
+            f"The record does not tell whether the input is {IN_WORDS[found.present]}, as it is "
+            f"taken here, or {IN_WORDS[other]} (of -2 log L: {abs(more):.2g} "
+            f"{'higher' if more > 0 else 'lower'}); {estimate.names[k]} hangs on it.",
+            "Find out what the input does between its samples and state it (intersample=, "
+            "--intersample), or record faster.",
+            effect=f"With the other: {estimate.names[k]} from {before[k]:.4g} to {after[k]:.4g} "
+            f"({sizes[k]:.1f} standard errors).",
         )
     ]
 

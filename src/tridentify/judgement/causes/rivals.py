@@ -32,6 +32,11 @@ LONG_ENOUGH = 40
 """Samples of a half record below which it is not fitted by itself."""
 
 
+AFFINE = 1e-3
+"""Share of a power that a straight line may leave for it to be no bend: a converter's steps, or
+noise of a measured input of two levels."""
+
+
 @dataclass(frozen=True, eq=False)
 class Limits:
     """Between what one output stays.
@@ -115,14 +120,18 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
     )
     for j, name in enumerate(records[0].input_names):
         for power, which in ((2, "even"), (3, "odd")):
-            extra = [(record.u[:, j] - np.mean(record.u[:, j])) ** power for record in records]
+            extra = _bent([record.u[:, j] for record in records], power)
+            if extra is None:
+                continue
             m = max(row[j] for row in present.zeros)
             what = f"an {which} non-linearity of the input {name}"
             other = present.with_inputs(extra, "non-linear", m)
             yield one("nonlinear", other, what, advice, refits=False)
     for i, name in enumerate(records[0].output_names):
         for power, which in ((2, "even"), (3, "odd")):
-            extra = [_centred(f[:, i]) ** power for f in fitted]
+            extra = _bent([_filled(f[:, i]) for f in fitted], power)
+            if extra is None:
+                continue
             what = f"an {which} non-linearity in the output {name} (a stiffness, a level)"
             other = present.with_inputs(extra, "non-linear", 0)
             yield one("nonlinear", other, what, advice, refits=False)
@@ -132,13 +141,32 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
         yield one("nonlinear", other, what, advice, refits=False)
 
 
-def _centred(values: Array) -> Array:
-    whole = np.nan_to_num(values, nan=float(np.nanmean(values)))
-    return np.asarray(whole - whole.mean())
+def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:
+    """What a power of a signal has beside a straight line; None where it has nothing.
+
+    The line is what the model has already, and its constant an offset, which is another cause. Of
+    an input of two levels nothing is left.
+    """
+    whole = np.concatenate(signals)
+    size = float(np.ptp(whole))
+    if not size > 0.0:
+        return None
+    whole = (whole - whole.mean()) / size
+    line = np.column_stack([np.ones(whole.size), whole])
+    bent = whole**power
+    left = bent - line @ np.linalg.lstsq(line, bent)[0]
+    if float(left @ left) < AFFINE**2 * float(bent @ bent):
+        return None
+    pieces = np.split(size**power * left, np.cumsum([one.size for one in signals])[:-1])
+    return [np.asarray(one) for one in pieces]
+
+
+def _filled(values: Array) -> Array:
+    return np.nan_to_num(values, nan=float(np.nanmean(values)))
 
 
 def _smooth_slope(values: Array) -> Array:
-    return np.asarray(np.gradient(_centred(values)))
+    return np.asarray(np.gradient(_filled(values)))
 
 
 def drift_rivals(present: Present) -> Iterator[Rival]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
+from tridentify.numerics.arrays import Array
 
 HALVES = 6
 """Half periods of the fastest wave in a record: faster ones are noise, or a response."""
@@ -31,6 +32,12 @@ UNEVEN = (
     "stand for it."
 )
 """The same where time is uneven, on which no autoregression stands."""
+
+
+def slow_waves(n: int) -> Array:
+    """(n, k) cosines of one to a few half periods in `n` even samples."""
+    phase = np.pi * np.arange(n) / max(n - 1, 1)
+    return np.asarray(np.cos(np.outer(phase, np.arange(1, HALVES + 1))))
 
 
 def slow_rivals(present: Present) -> Iterator[Rival]:

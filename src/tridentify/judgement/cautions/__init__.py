@@ -18,7 +18,11 @@ from tridentify.judgement.causes.intersample import Behaviours, intersample_find
 from tridentify.judgement.causes.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.outliers import outlier_findings
-from tridentify.judgement.cautions.residual import residual_findings, response_as_noise
+from tridentify.judgement.cautions.residual import (
+    residual_findings,
+    response_as_noise,
+    slow_findings,
+)
 from tridentify.judgement.cautions.sensors import sensor_findings
 from tridentify.judgement.validation.assess import looked_at
 from tridentify.judgement.validation.explained import TRIED, WITHOUT_THEM
@@ -67,6 +71,9 @@ def judged(
         seen += sensor_findings(estimate, record, number, known)
         if not tested:
             found += residual_findings(estimate, record, number, known)
+    if not any(one.matters and one.code != "noise-model" for one in tested):
+        # a cause that was fitted says what is slow there
+        found += slow_findings(estimate, records, known)
     seen = _beside_causes(seen, tested)
     return joined(_with_trial(seen, tested), tested, [*found, *seen])
 
