@@ -137,7 +137,7 @@ def children(pid: int) -> list[int]:
     found = subprocess.run(
         ["ps", "-o", "pid=,args=", "--ppid", str(pid)], capture_output=True, text=True, check=False
     )
-    return [int(line.split()[0]) for line in found.stdout.splitlines() if "fleet.child" in line]
+    return [int(line.split()[0]) for line in found.stdout.splitlines() if "workers.child" in line]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tridentify.errors import MissingDependencyError, OptionError, TridentifyError, shown
-from tridentify.fleet.work import WORKERS
+from tridentify.workers.children import WORKERS
 
 __all__ = ["Engine", "engine"]
 
@@ -73,7 +73,7 @@ def engine(workers: Any = None) -> Iterator[Engine]:
 def _of_this_machine(count: int) -> Iterator[Engine]:
     if count < 1:
         raise OptionError(f"found workers={count}; expected at least 1; correct it")
-    pool = ThreadPoolExecutor(count, thread_name_prefix="tridentify-fleet")
+    pool = ThreadPoolExecutor(count, thread_name_prefix="tridentify-worker")
     try:
         yield Engine(pool, count)
     except BaseException:
