@@ -46,6 +46,11 @@ IN_FLIGHT = 4
 HANDED_OUT = 3
 """How often the same batch is given to workers that are lost with it, before it is taken apart."""
 
+GONE = (
+    "found the scheduler gone, or the way to it; expected it to stay until the end; start one and "
+    "run it again: what is done is kept"
+)
+
 
 def _alike(item: Any) -> Hashable:
     return None
@@ -156,14 +161,20 @@ def dispatch(
     Raises
     ------
     TridentifyError
-        What ``function`` raises: the disk is full, no process can be started.
+        What ``function`` raises: the disk is full, no process can be started. The scheduler is
+        gone.
     """
     run = secrets.token_hex(4)
     numbers = itertools.count()
     flying: dict[Future[Any], _Flying] = {}
 
     def launch(batch: _Flying) -> None:
-        future = engine.executor.submit(function, task(batch.name, batch.items))
+        try:
+            future = engine.executor.submit(function, task(batch.name, batch.items))
+        except Exception as error:
+            if type(error).__name__ != "ClosedClientError":
+                raise
+            raise TridentifyError(GONE) from error
         flying[future] = batch
 
     try:
@@ -176,7 +187,10 @@ def dispatch(
                     launch(_Flying(f"{run}-{next(numbers):07d}", taken))
             if not flying:
                 return
-            for future in wait(flying, return_when=FIRST_COMPLETED).done:
+            done = wait(flying, return_when=FIRST_COMPLETED).done
+            for future in sorted(done, key=lambda one: one.cancelled()):
+                if future.cancelled():  # not by us: Dask does so when it has no scheduler any more
+                    raise TridentifyError(GONE)
                 batch = flying.pop(future)
                 error = future.exception()
                 if error is None:

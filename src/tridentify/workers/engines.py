@@ -7,6 +7,7 @@ process beside it, which does what takes time; one worker is the serial engine.
 from __future__ import annotations
 
 import contextlib
+import logging
 import re
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -99,6 +100,18 @@ def _check_address(address: str) -> None:
 
 
 @contextlib.contextmanager
+def _hushed(name: str) -> Iterator[None]:
+    """Nothing from a logger that tells in fifty lines what is told here in one."""
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+@contextlib.contextmanager
 def _of_dask(workers: Any) -> Iterator[Engine]:
     try:
         from distributed import Client
@@ -111,6 +124,7 @@ def _of_dask(workers: Any) -> Iterator[Engine]:
         client = workers
         if isinstance(workers, str):
             _check_address(workers)
+            stack.enter_context(_hushed("distributed.client"))
             try:
                 client = Client(workers, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
                 stack.enter_context(client)
