@@ -144,7 +144,7 @@ def test_what_are_no_workers_is_refused(study: DeclaredStudy, workers: Any) -> N
         run_study(study, workers=workers)
 
 
-@pytest.mark.parametrize(("status", "why"), [(CRASHED, "ended, twice"), (OVER_TIME, "3600 s")])
+@pytest.mark.parametrize(("status", "why"), [(CRASHED, "ended, again"), (OVER_TIME, "3600 s")])
 def test_a_draw_that_takes_its_process_along_is_a_row(
     study: DeclaredStudy, status: str, why: str
 ) -> None:

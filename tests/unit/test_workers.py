@@ -35,6 +35,7 @@ class Scripted(Executor):
             future.set_result(work())
         elif how == "cancelled":
             future.cancel()
+            future.set_running_or_notify_cancel()
         else:
             future.set_exception(OSError("worker lost"))
 

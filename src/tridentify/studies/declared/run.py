@@ -73,8 +73,8 @@ def run_study(
 
     Notes
     -----
-    A draw runs in a process beside its worker; one whose process ends, or that takes an hour, is
-    tried once more or counts as a draw without an answer.
+    A draw runs in a process beside its worker. One whose process ends is tried again; one that
+    takes an hour, or ends its process every time, counts as a draw without an answer.
 
     Examples
     --------

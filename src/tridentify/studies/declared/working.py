@@ -20,6 +20,10 @@ __all__ = ["Draw", "rows_of"]
 LONGEST = 3600.0
 """What one draw may take [s]: what takes an hour where milliseconds are usual will not end."""
 
+ROUNDS = 4
+"""How often a draw is tried whose process ends: whoever ends processes, people or a machine that is
+out of memory, would otherwise be a failure of the method."""
+
 FAULT = "fault"
 """Status of a draw that could not even be simulated."""
 
@@ -102,8 +106,15 @@ def work(task: Task) -> list[tuple[Row, float]]:
     TridentifyError
         A draw cannot be made, or no child process can be started.
     """
+    found: dict[Draw, Outcome] = {}
+    left = task.draws
     with WORKERS.keeper(Limits(LONGEST)) as keeper:
-        return [(_row(one), one.seconds) for one in keeper.outcomes(task.job, task.draws)]
+        for _ in range(ROUNDS):
+            found |= {one.item: one for one in keeper.outcomes(task.job, left)}
+            left = tuple(draw for draw in left if found[draw].status == CRASHED)
+            if not left:
+                break
+    return [(_row(found[draw]), found[draw].seconds) for draw in task.draws]
 
 
 def rows_of(draws: Iterator[Draw], seed: int, workers: Any) -> Iterator[list[Row]]:
@@ -161,7 +172,7 @@ def _row(outcome: Outcome) -> Row:
     if outcome.status == OVER_TIME:
         told = f"no answer within {LONGEST:g} s"
     elif outcome.status == CRASHED:
-        told = "its process ended, twice"
+        told = "its process ended, again and again"
     else:
         return outcome.value
     return no_answer(draw.cell, draw.method, draw.number, told, outcome.seconds)
