@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -154,6 +155,34 @@ def test_a_draw_that_takes_its_process_along_is_a_row(
     assert why in row["failure"]
     assert (row["cell"], row["draw"], row["theta"], row["ok"]) == (cell.name, 7, None, False)
     assert set(row) == set(draw_row(cell, method, 0, 0))
+
+
+def test_a_draw_whose_process_is_ended_from_outside_is_tried_again(
+    monkeypatch: pytest.MonkeyPatch, study: DeclaredStudy
+) -> None:
+    cell, method = meetings(study)[0]
+    draws = tuple(working.Draw(cell, method, k) for k in range(3))
+    asked: list[list[int]] = []
+
+    class Keeper:
+        """Ends with the second draw, as often as that is asked for."""
+
+        def outcomes(self, job: Any, items: Any) -> Iterator[Outcome]:
+            asked.append([item.number for item in items])
+            for item in items:
+                fallen = item.number == 1 and len(asked) < kills
+                yield Outcome(item, {"draw": item.number}, CRASHED if fallen else "")
+
+    monkeypatch.setattr(working.WORKERS, "keeper", lambda limits: nullcontext(Keeper()))
+    kills = 3
+    rows = [row for row, _ in working.work(working.Task(working.Drawing(0), draws))]
+    assert rows == [{"draw": 0}, {"draw": 1}, {"draw": 2}]
+    assert asked == [[0, 1, 2], [1], [1]]
+    asked.clear()
+    kills = 100
+    rows = [row for row, _ in working.work(working.Task(working.Drawing(0), draws))]
+    assert "again and again" in rows[1]["failure"]
+    assert len(asked) == working.ROUNDS
 
 
 def test_a_draw_that_cannot_be_made_ends_the_study(study: DeclaredStudy) -> None:
