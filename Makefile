@@ -93,7 +93,7 @@ bits: $(INSTALLED_DEV) ## hashes of estimates, states and files, compared with t
 
 # One thread a worker: each has a child process beside it, which does the work on one core.
 cluster: $(INSTALLED_DEV) ## start a Dask scheduler and two workers on this machine, until Ctrl-C
-	@echo "in another terminal: tridentify fleet ... --scheduler tcp://127.0.0.1:$(CLUSTER_PORT)"
+	@echo "in another terminal: tridentify fleet|study ... --scheduler tcp://127.0.0.1:$(CLUSTER_PORT)"
 	@trap 'trap - INT TERM EXIT; kill 0' INT TERM EXIT; \
 	$(PY) -m distributed.cli.dask_scheduler --host 127.0.0.1 --port $(CLUSTER_PORT) --no-dashboard & \
 	for worker in 1 2; do \

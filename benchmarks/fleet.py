@@ -28,9 +28,11 @@ from machine import keep
 from poison import Nothing, Poisoned, fit_by_hand
 
 from tridentify import Record, Structure, TransferFunction, fleet, simulate
-from tridentify.fleet.job import Item, Limits
-from tridentify.fleet.keeper import Keeper
+from tridentify.fleet.attempt import OnRecords
+from tridentify.fleet.job import Item
 from tridentify.fleet.places import Given
+from tridentify.workers.job import Limits
+from tridentify.workers.keeper import Keeper
 
 TRUTH = np.array([1.0, 3.0, 0.5])
 SAMPLES, DT, NOISE, SPREAD = 250, 0.1, 0.1, 0.05
@@ -118,11 +120,12 @@ def by_joblib(units: dict[str, Record], workers: int) -> dict[str, float]:
 
 def task_cost(units: dict[str, Record]) -> float:
     """Milliseconds a record that reading, handing over and accounting take, without any fit."""
+    job = OnRecords(Nothing())
     items = [Item(key, Given((record,))) for key, record in units.items()]
     with Keeper(Limits(60.0, 1 << 32)) as keeper:
-        list(keeper.outcomes(Nothing(), items[:10]))
+        list(keeper.outcomes(job, items[:10]))
         begin = time.perf_counter()
-        list(keeper.outcomes(Nothing(), items))
+        list(keeper.outcomes(job, items))
         return 1e3 * (time.perf_counter() - begin) / len(items)
 
 

@@ -135,9 +135,12 @@ def start(folder: Path, out: Path, workers: object) -> subprocess.Popen[bytes]:
 def children(pid: int) -> list[int]:
     """Processes that a process started."""
     found = subprocess.run(
-        ["ps", "-o", "pid=,args=", "--ppid", str(pid)], capture_output=True, text=True, check=False
+        ["ps", "-ww", "-o", "pid=,args=", "--ppid", str(pid)],
+        capture_output=True,
+        text=True,
+        check=False,
     )
-    return [int(line.split()[0]) for line in found.stdout.splitlines() if "fleet.child" in line]
+    return [int(line.split()[0]) for line in found.stdout.splitlines() if "workers.child" in line]
 
 
 @dataclass(frozen=True)

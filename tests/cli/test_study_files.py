@@ -115,3 +115,23 @@ def test_the_pace_counts_what_this_run_has_done():
     assert pace.left(now=100.0, done=40, total=100) is None
     assert pace.left(now=110.0, done=60, total=100) == pytest.approx(20.0)
     assert pace.left(now=130.0, done=100, total=100) is None
+
+
+def test_workers_beside_a_scheduler_are_one_line(run, file):
+    outcome = run("study", file, "--workers", 1, "--scheduler", "tcp://127.0.0.1:9")
+    assert outcome.code == 2
+    (line,) = outcome.error_lines
+    assert "found --workers beside --scheduler" in line
+
+
+def test_a_program_does_not_go_to_a_scheduler(run):
+    outcome = run("study", "aircraft", "--scheduler", "tcp://127.0.0.1:9")
+    assert outcome.code == 2
+    (line,) = outcome.error_lines
+    assert "take aircraft.toml, or --workers" in line
+
+
+def test_what_is_no_scheduler_is_one_line(run, file):
+    outcome = run("study", file, "--scheduler", "host")
+    assert outcome.code == 2
+    assert "expected an address such as 'tcp://host:8786'" in outcome.error_lines[-1]

@@ -10,7 +10,7 @@ import pytest
 import fleets
 from tridentify import fleet
 from tridentify.errors import IdentifiabilityError
-from tridentify.fleet.job import Item, Limits, Outcome
+from tridentify.fleet.job import Item
 from tridentify.fleet.places import Unusable
 from tridentify.fleet.rows import Fit, fit_row, packed
 from tridentify.fleet.store import Store, write_part
@@ -19,6 +19,7 @@ from tridentify.plots import plot_fleet
 from tridentify.record.formats.assemble import Wanted
 from tridentify.report import write_fleet_report
 from tridentify.structure import Structure
+from tridentify.workers.job import Limits, Outcome
 
 
 def run_of(folder: Path, rows: list[dict[str, object]]) -> fleet.Run:

@@ -54,6 +54,14 @@ def study(
             help="Processes; by default as many as processors. The result does not depend on it.",
         ),
     ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="A Dask scheduler, such as tcp://host:8786, whose workers make the draws of a "
+            "file. The result does not depend on it.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -71,15 +79,27 @@ def study(
     Example: tridentify study aircraft --draws 50 --out study
 
     Example: tridentify study efficiency.toml --workers 2 --out efficiency
+
+    Example: tridentify study efficiency.toml --scheduler tcp://127.0.0.1:8786 --out efficiency
     """
     from tridentify.studies import STUDIES
 
+    if workers is not None and scheduler is not None:
+        raise OptionError(
+            "found --workers beside --scheduler; expected one of them: the scheduler knows its "
+            "workers; leave one out"
+        )
+    if name in STUDIES and scheduler is not None:
+        raise OptionError(
+            f"found --scheduler with {shown(name)}, which is a program and no file; expected it "
+            f"with a file; take {name}{ENDING}, or --workers"
+        )
     if name in STUDIES:
         result, written = _program(
             STUDIES[name], DRAWS if draws is None else draws, seed or 0, workers, out
         )
     else:
-        result, written = _declared(_file(name), draws, seed, workers, out)
+        result, written = _declared(_file(name), draws, seed, scheduler or workers, out)
     if as_json:
         show_json(plain(result.to_dict()) | {"files": [str(path) for path in written]})
     else:
@@ -107,7 +127,7 @@ def _program(
 
 
 def _declared(
-    path: Path, draws: int | None, seed: int | None, workers: int | None, out: Path | None
+    path: Path, draws: int | None, seed: int | None, workers: int | str | None, out: Path | None
 ) -> tuple[StudyResult, Sequence[Path]]:
     """A study that a file declares: its folder grows, so that it can be gone on with."""
     from tridentify.plots.study import save_study_figures

@@ -4,13 +4,34 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from tridentify.errors import ConvergenceError, IdentifiabilityError, TridentifyError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.fleet.job import BAD_INPUT, FAULT, NO_ANSWER, OVER_MEMORY, Item, Job
 
-__all__ = ["attempted", "described"]
+__all__ = ["OnRecords", "attempted", "described"]
+
+
+@dataclass(frozen=True)
+class OnRecords:
+    """A job on records, as the process beside a worker does it.
+
+    Attributes
+    ----------
+    job : Job
+    """
+
+    job: Job
+
+    def begin(self) -> None:
+        """Load and compile what is needed."""
+        self.job.begin()
+
+    def attempt(self, item: Item, read: Callable[[str], None]) -> dict[str, Any]:
+        """Read one unit and work on it; see `attempted`."""
+        return attempted(self.job, item, read)
 
 
 def attempted(job: Job, item: Item, read: Callable[[str], None] | None = None) -> dict[str, Any]:

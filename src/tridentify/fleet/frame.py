@@ -13,16 +13,17 @@ from typing import Any
 from tridentify.checks.samples import Intersample
 from tridentify.errors import MissingDependencyError, SampleTypeError
 from tridentify.estimation.methods.base import Method
-from tridentify.fleet.attempt import attempted
-from tridentify.fleet.job import Item, Outcome
+from tridentify.fleet.attempt import OnRecords, attempted
+from tridentify.fleet.job import Item
 from tridentify.fleet.rows import COLUMNS, Fit, fit_row, to_frame
 from tridentify.fleet.sources import items_of
-from tridentify.fleet.work import WORKERS
 from tridentify.fleet.working import MEMORY, checked_limits
 from tridentify.identify import checked_structure
 from tridentify.judgement.choice import checked_method
 from tridentify.record.formats.assemble import Wanted
 from tridentify.structure import AutoStructure, Structure
+from tridentify.workers.children import WORKERS
+from tridentify.workers.job import Outcome
 from tridentify.writing.views import pandas_frame
 
 __all__ = ["arrow_schema", "ddl", "fit_frame"]
@@ -111,7 +112,7 @@ def fit_frame(
     else:
         limits = checked_limits(time_limit, memory_limit)
         with WORKERS.keeper(limits) as keeper:
-            outcomes = list(keeper.outcomes(job, items))
+            outcomes = list(keeper.outcomes(OnRecords(job), items))
     return _like(frame, [fit_row(one) for one in outcomes])
 
 

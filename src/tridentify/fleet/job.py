@@ -1,21 +1,20 @@
-"""What is done with every record, and what comes of it: the words that all rooms of a fleet share.
+"""What is done with every record, and what comes of it: the words that a fleet shares.
 
-A `Job` runs in a process of its own, beside the worker that hands it its records (`keeper`,
-`child`): whatever a record does to it is one `Outcome`, never the end of the run.
+A `Job` runs in a process of its own, beside the worker that hands it its records
+(`workers.keeper`): whatever a record does to it is one `Outcome`, never the end of the run.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from tridentify.record.formats.assemble import Wanted
 from tridentify.record.record import Record
+from tridentify.workers.job import CRASHED, OVER_TIME
 
-OVER_TIME = "over time"
 OVER_MEMORY = "over memory"
-CRASHED = "crashed"
 BAD_INPUT = "bad input"
 NO_ANSWER = "no answer"
 FAULT = "fault"
@@ -58,52 +57,9 @@ class Item:
     attempt: int = 0
     about: tuple[float, ...] = ()
 
-
-@dataclass(frozen=True)
-class Limits:
-    """What one record may take.
-
-    Attributes
-    ----------
-    seconds : float
-        From the first byte read to the answer [s].
-    memory : int
-        Of its process [bytes].
-    """
-
-    seconds: float
-    memory: int
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What came of one item.
-
-    Attributes
-    ----------
-    item : Item
-    value : dict
-        What the job gave, as JSON can hold it; empty if it failed.
-    status, message, exception : str
-        Why it failed; empty if it did not.
-    seconds : float
-        What it took, reading included [s].
-    fingerprint : str
-        Of the records, or of the file if they could not be read.
-    """
-
-    item: Item
-    value: dict[str, Any] = field(default_factory=dict)
-    status: str = ""
-    message: str = ""
-    exception: str = ""
-    seconds: float = 0.0
-    fingerprint: str = ""
-
-    @property
-    def failed(self) -> bool:
-        """Whether there is no value."""
-        return bool(self.status)
+    def trace(self) -> str:
+        """A fingerprint of what could not be read; empty where there is none."""
+        return self.place.trace()
 
 
 class Job(Protocol):

@@ -1,6 +1,6 @@
 """Passes over a fleet: the workers look at every unit near a point, and give back sums or pieces.
 
-A pass is handed out as the fits are (`fleet.dispatch`). Where the pieces of a batch are added up,
+A pass is handed out as the fits are (`workers.dispatch`). Where the pieces of a batch are added up,
 the worker does that (`add_batch`), and the parent adds up what the batches give.
 """
 
@@ -13,11 +13,14 @@ from typing import Any
 
 from tridentify.errors import IdentifiabilityError
 from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.fleet.dispatch import Batches, Lost, dispatch
-from tridentify.fleet.engines import Engine
-from tridentify.fleet.job import Item, Limits
+from tridentify.fleet.attempt import OnRecords
+from tridentify.fleet.job import Item
 from tridentify.fleet.local import Local, Piece
-from tridentify.fleet.work import WORKERS, Task
+from tridentify.fleet.work import Task
+from tridentify.workers.children import WORKERS
+from tridentify.workers.dispatch import Batches, Lost, dispatch
+from tridentify.workers.engines import Engine
+from tridentify.workers.job import Limits
 
 __all__ = ["Sums", "add_batch", "pieces_of", "summed"]
 
@@ -62,7 +65,7 @@ def add_batch(task: Task) -> tuple[Sums, float]:
     """The sums of a batch, and what one of its units took [s]."""
     total, seconds = NOTHING, []
     with WORKERS.keeper(task.limits) as keeper:
-        for one in keeper.outcomes(task.job, task.items):
+        for one in keeper.outcomes(OnRecords(task.job), task.items):
             seconds.append(one.seconds)
             if one.failed:
                 total += Sums((), {}, {}, {one.item.key: f"{one.status}: {one.message}"})
@@ -77,7 +80,7 @@ def piece_batch(task: Task) -> tuple[list[tuple[str, Any]], float]:
     """Key and pieces of each unit of a batch, None of one that failed; and what one took [s]."""
     found, seconds = [], []
     with WORKERS.keeper(task.limits) as keeper:
-        for one in keeper.outcomes(task.job, task.items):
+        for one in keeper.outcomes(OnRecords(task.job), task.items):
             seconds.append(one.seconds)
             found.append((one.item.key, None if one.failed else _pieces(one.value)))
     return found, median(seconds)

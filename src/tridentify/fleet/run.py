@@ -17,7 +17,6 @@ import numpy as np
 from tridentify.errors import DataError, IdentifiabilityError, OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.nuisance import Nuisances
-from tridentify.fleet.engines import Engine, engine
 from tridentify.fleet.job import FAILURES, NO_ANSWER, Item
 from tridentify.fleet.local import Local, Piece, summable
 from tridentify.fleet.passes import Sums, pieces_of, summed
@@ -30,6 +29,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import Wanted
 from tridentify.record.record import Record
 from tridentify.structure import Structure
+from tridentify.workers.engines import Engine, engine
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_table, format_value
 from tridentify.writing.views import FleetViews, pandas_frame

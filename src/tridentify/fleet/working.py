@@ -11,12 +11,13 @@ from itertools import chain
 from typing import Any
 
 from tridentify.errors import OptionError, shown
-from tridentify.fleet.dispatch import Batches, Lost, dispatch
-from tridentify.fleet.engines import engine
-from tridentify.fleet.job import CRASHED, Item, Limits, Outcome
+from tridentify.fleet.job import Item
 from tridentify.fleet.rows import Fit, fit_row
 from tridentify.fleet.store import Store, write_part
 from tridentify.fleet.work import Counts, Task, fit_batch
+from tridentify.workers.dispatch import Batches, Lost, dispatch
+from tridentify.workers.engines import engine
+from tridentify.workers.job import CRASHED, Limits, Outcome
 
 __all__ = ["LOG", "MEMORY", "Progress", "Question", "checked_limits", "telling", "work_off"]
 

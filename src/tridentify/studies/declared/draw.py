@@ -145,6 +145,27 @@ def draw_row(cell: StudyCell, method: DeclaredMethod, seed: int, draw: int) -> R
     }
 
 
+def no_answer(cell: StudyCell, method: DeclaredMethod, draw: int, why: str, seconds: float) -> Row:
+    """The row of a draw that went down with its process.
+
+    Parameters
+    ----------
+    cell : StudyCell
+    method : DeclaredMethod
+    draw : int
+    why : str
+    seconds : float
+        What it took until then [s].
+    """
+    return {
+        "cell": cell.name,
+        "method": method.name,
+        "draw": draw,
+        **_nothing(why),
+        "seconds": seconds,
+    }
+
+
 def generator(cell: StudyCell, seed: int, draw: int) -> np.random.Generator:
     """Random numbers of a draw: they depend on nothing but the seed, the cell and the number.
 

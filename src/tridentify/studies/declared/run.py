@@ -1,41 +1,34 @@
-"""All draws of a declared study, on one process or several, from wherever it was ended."""
+"""All draws of a declared study, on any workers, from wherever it was ended."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, wait
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
-from itertools import islice
 from pathlib import Path
+from typing import Any
 
 from tridentify.errors import OptionError
-from tridentify.numerics.threads import one_blas_thread
 from tridentify.studies.base import Count
-from tridentify.studies.declared.cells import Meeting, draws_of, meetings
-from tridentify.studies.declared.draw import Row, draw_row
+from tridentify.studies.declared.cells import draws_of, meetings
+from tridentify.studies.declared.draw import Row
 from tridentify.studies.declared.nouns import DeclaredStudy
 from tridentify.studies.declared.reading import read_study
 from tridentify.studies.declared.result import DeclaredResult
-from tridentify.studies.declared.results import DrawStore, key_of
-from tridentify.studies.processes import process_pool
+from tridentify.studies.declared.results import DrawStore, Key, key_of
+from tridentify.studies.declared.working import Draw, rows_of
 
-BATCH = 5
-"""Draws that a process takes at a time: a tenth of a second to a second, so that handing out costs
-little, and a kill loses little."""
-WAITING = 3
-"""Batches a process that are handed out at a time: enough that none waits for its next."""
-
-Batch = tuple[Meeting, int, tuple[int, ...]]
-"""Who meets whom, the seed, and the numbers of the draws."""
+TURN = 5
+"""Draws of a cell by one method before the others have their turn: what all draws of a cell share
+is worked out once for these, and what is there early is of all cells."""
 
 
 def run_study(
     study: DeclaredStudy | str | os.PathLike[str],
     *,
     out: str | os.PathLike[str] | None = None,
-    workers: int | None = None,
+    workers: Any = None,
     draws: int | None = None,
     seed: int | None = None,
     progress: Count | None = None,
@@ -49,8 +42,9 @@ def run_study(
     out : path-like, optional
         Folder to which draws are appended as they are done. A run that was ended, however it was,
         goes on from what is there. Without it nothing is written.
-    workers : int, optional
-        Processes; by default as many as there are processors. Only the times depend on it.
+    workers : int, str or distributed.Client, optional
+        Processes of this machine, by default as many as there are processors; or the address of a
+        Dask scheduler, ``"tcp://host:8786"``. Only the times depend on it.
     draws, seed : int, optional
         In place of those of the study. With more draws a folder is gone on with; with fewer, its
         first ones count.
@@ -71,12 +65,16 @@ def run_study(
         The file declares no study, or the folder holds draws of another one.
     OutputPathError
         The folder cannot be written, or another run is at work in it.
+    MissingDependencyError
+        ``workers`` is an address and Dask is not installed.
     TridentifyError
-        A process died.
+        No scheduler answers, or its workers are lost again and again. What was done stays; the
+        next call goes on there.
 
     Notes
     -----
-    Several processes are spawned: a script calls this below ``if __name__ == "__main__":``.
+    A draw runs in a process beside its worker. One whose process ends is tried again; one that
+    takes an hour, or ends its process every time, counts as a draw without an answer.
 
     Examples
     --------
@@ -96,7 +94,10 @@ def run_study(
     """
     chosen = study if isinstance(study, DeclaredStudy) else read_study(study)
     chosen = _with(chosen, draws, seed)
-    processes = (os.cpu_count() or 1) if workers is None else _at_least("workers", workers, 1)
+    if workers is None:
+        workers = os.cpu_count() or 1
+    elif isinstance(workers, int):
+        workers = _at_least("workers", workers, 1)
     with ExitStack() as stack:
         rows: list[Row] = []
         keep: Callable[[Sequence[Row]], None] = rows.extend
@@ -109,7 +110,7 @@ def run_study(
                 store.append(new)
                 rows.extend(new)
 
-        _fill(chosen, rows, keep, processes, progress)
+        _fill(chosen, rows, keep, workers, progress)
     return DeclaredResult.of(chosen, rows)
 
 
@@ -117,64 +118,37 @@ def _fill(
     study: DeclaredStudy,
     rows: Sequence[Row],
     keep: Callable[[Sequence[Row]], None],
-    processes: int,
+    workers: Any,
     progress: Count | None,
 ) -> None:
     """Do what is not done yet, and hand it on as it comes."""
     done = {key_of(row) for row in rows}
-    batches = _batches(study, done)
+    left = _left(study, done)
     total = sum(draws_of(study, cell) for cell, _ in meetings(study))
-    finished = total - sum(len(numbers) for _, _, numbers in batches)
+    finished = total - len(left)
     if progress is not None:
         progress(finished, total)
-    for new in _answers(batches, processes):
+    if not left:
+        return
+    for new in rows_of(iter(left), study.seed, workers):
         keep(new)
         finished += len(new)
         if progress is not None:
             progress(finished, total)
 
 
-def _batches(study: DeclaredStudy, done: set[tuple[str, str, int]]) -> list[Batch]:
+def _left(study: DeclaredStudy, done: set[Key]) -> list[Draw]:
     """What is left, the first draws of all cells before the next: cells cost unequal times.
 
     So the remaining time can be told early, and what is there early is of all cells.
     """
-    found = []
-    for first in range(0, study.draws, BATCH):
-        for cell, method in meetings(study):
-            numbers = range(first, min(first + BATCH, draws_of(study, cell)))
-            left = tuple(k for k in numbers if (cell.name, method.name, k) not in done)
-            if left:
-                found.append(((cell, method), study.seed, left))
-    return found
-
-
-def _answers(batches: Sequence[Batch], processes: int) -> Iterator[list[Row]]:
-    """Rows of every batch, in whatever order they come."""
-    if not batches:
-        return
-    if processes == 1:
-        for batch in batches:
-            yield _worked(batch)
-        return
-    left = iter(batches)
-    with process_pool(min(processes, len(batches))) as pool:
-        waiting: set[Future[list[Row]]] = set()
-        while True:
-            room = WAITING * processes - len(waiting)
-            waiting |= {pool.submit(_worked, batch) for batch in islice(left, room)}
-            if not waiting:
-                return
-            ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-            for future in ready:
-                yield future.result()
-
-
-def _worked(batch: Batch) -> list[Row]:
-    """All draws of a batch; on one thread, as sums over several round differently."""
-    (cell, method), seed, numbers = batch
-    with one_blas_thread():
-        return [draw_row(cell, method, seed, k) for k in numbers]
+    return [
+        Draw(cell, method, k)
+        for first in range(0, study.draws, TURN)
+        for cell, method in meetings(study)
+        for k in range(first, min(first + TURN, draws_of(study, cell)))
+        if (cell.name, method.name, k) not in done
+    ]
 
 
 def _with(study: DeclaredStudy, draws: int | None, seed: int | None) -> DeclaredStudy:

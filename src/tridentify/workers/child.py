@@ -1,4 +1,4 @@
-"""The child side of `fleet.keeper`: do a job on one record after the other until the pipe ends.
+"""The child side of `workers.keeper`: do a job on one record after the other until the pipe ends.
 
 Requests are pickles, since they come from the program itself. Answers are lines of JSON: this
 process decodes files that somebody may have forged, so that nothing it says is executed.
@@ -21,10 +21,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from tridentify.fleet.attempt import attempted
-from tridentify.fleet.job import Item, Job, Limits
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.formats.isolated import limit_memory, silenced
+from tridentify.workers.job import Item, Job, Limits
 
 __all__ = ["serve"]
 
@@ -43,7 +42,9 @@ def serve() -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keeper decides
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
     warnings.simplefilter("ignore")
-    limit_memory(pickle.load(requests))
+    memory = pickle.load(requests)
+    if memory:
+        limit_memory(memory)
     begun: bytes = b""
     job: Job | None = None
     with contextlib.suppress(EOFError, BrokenPipeError):
@@ -64,7 +65,7 @@ def _work(answers: BinaryIO, job: Job, items: Sequence[Item], limits: Limits) ->
 
     for item in items:
         _limit_processor(4.0 * limits.seconds + SPARE_SECONDS)
-        done = attempted(job, item, read)
+        done = job.attempt(item, read)
         _sweep()
         _say(answers, {"done": done})
 

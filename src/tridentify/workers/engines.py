@@ -7,6 +7,7 @@ process beside it, which does what takes time; one worker is the serial engine.
 from __future__ import annotations
 
 import contextlib
+import logging
 import re
 from collections.abc import Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
@@ -14,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from tridentify.errors import MissingDependencyError, OptionError, TridentifyError, shown
-from tridentify.fleet.work import WORKERS
+from tridentify.workers.children import WORKERS
 
 __all__ = ["Engine", "engine"]
 
@@ -73,7 +74,7 @@ def engine(workers: Any = None) -> Iterator[Engine]:
 def _of_this_machine(count: int) -> Iterator[Engine]:
     if count < 1:
         raise OptionError(f"found workers={count}; expected at least 1; correct it")
-    pool = ThreadPoolExecutor(count, thread_name_prefix="tridentify-fleet")
+    pool = ThreadPoolExecutor(count, thread_name_prefix="tridentify-worker")
     try:
         yield Engine(pool, count)
     except BaseException:
@@ -99,6 +100,18 @@ def _check_address(address: str) -> None:
 
 
 @contextlib.contextmanager
+def _hushed(name: str) -> Iterator[None]:
+    """Nothing from a logger that tells in fifty lines what is told here in one."""
+    logger = logging.getLogger(name)
+    level = logger.level
+    logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
+
+
+@contextlib.contextmanager
 def _of_dask(workers: Any) -> Iterator[Engine]:
     try:
         from distributed import Client
@@ -111,6 +124,7 @@ def _of_dask(workers: Any) -> Iterator[Engine]:
         client = workers
         if isinstance(workers, str):
             _check_address(workers)
+            stack.enter_context(_hushed("distributed.client"))
             try:
                 client = Client(workers, timeout=CONNECT, set_as_default=False)  # type: ignore[no-untyped-call]
                 stack.enter_context(client)

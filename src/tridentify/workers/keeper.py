@@ -22,9 +22,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 from tridentify.errors import TridentifyError, shown
-from tridentify.fleet.job import CRASHED, OVER_TIME, Item, Job, Limits, Outcome
 from tridentify.numerics.threads import THREADS
 from tridentify.record.formats.isolation import ENVIRONMENT
+from tridentify.workers.job import CRASHED, OVER_TIME, Item, Job, Limits, Outcome
 
 __all__ = ["ONE_THREAD", "Keeper"]
 
@@ -34,7 +34,7 @@ sums over several threads round differently."""
 
 BOOT = (
     "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); "
-    "from tridentify.fleet.child import serve; serve()"
+    "from tridentify.workers.child import serve; serve()"
 )
 
 STARTING = 300.0
@@ -189,7 +189,7 @@ class Keeper:
 
     def _blamed(self, item: Item, late: bool, seconds: float, mark: str) -> Outcome:
         """The outcome of a record whose child ended."""
-        mark = mark or item.place.trace()
+        mark = mark or item.trace()
         if late:
             text = (
                 f"found no answer within {self.limits.seconds:g} s; expected one; raise the time "

@@ -1,6 +1,6 @@
 """Items to workers in batches of about a second, a few in flight, and each of them accounted for.
 
-How many records are a second is measured as the batches come back. What a worker gives back is a
+How many items are a second is measured as the batches come back. What a worker gives back is a
 few numbers; the parent holds the items of the batches in flight and nothing else. A batch that was
 lost with its worker is handed out again, in the end item by item: what is lost with every worker
 that takes it gets a row that says so.
@@ -11,16 +11,17 @@ from __future__ import annotations
 import itertools
 import secrets
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from tridentify.errors import TridentifyError
-from tridentify.fleet.engines import Engine
-from tridentify.fleet.job import Item
+from tridentify.workers.engines import Engine
 
 __all__ = ["Batches", "Lost", "dispatch"]
+
+Item = TypeVar("Item")
 
 LEAST_SECONDS = 1.0
 """What a batch takes, about: a thousand times what it costs to hand it out, and no more is lost
@@ -34,10 +35,10 @@ SHARE = 0.01
 """A batch takes this share of the time that the run has taken so far, within the limits above."""
 
 FIRST = 8
-"""Records of the first batches, while nothing is measured: half a second for short records."""
+"""Items of the first batches, while nothing is measured: half a second for short records."""
 
 MOST = 5000
-"""Records of a batch, however quick they are."""
+"""Items of a batch, however quick they are."""
 
 IN_FLIGHT = 4
 """Batches for each worker: one at work, and enough waiting to bridge the way to the parent."""
@@ -45,47 +46,88 @@ IN_FLIGHT = 4
 HANDED_OUT = 3
 """How often the same batch is given to workers that are lost with it, before it is taken apart."""
 
+GONE = (
+    "found the scheduler gone, or the way to it; expected it to stay until the end; start one and "
+    "run it again: what is done is kept"
+)
+
+
+def _alike(item: Any) -> Hashable:
+    return None
+
 
 @dataclass
 class Batches:
-    """How many records the next batch has.
+    """Which items make up the next batch.
 
     Attributes
     ----------
-    rate : float
-        Seconds a record, measured; 0 as long as nothing is.
+    kind : callable
+        Item -> what its time depends on; by default all take about the same.
+    rates : dict
+        Kind -> seconds an item, measured.
     """
 
-    rate: float = 0.0
+    kind: Callable[[Any], Hashable] = _alike
+    rates: dict[Hashable, float] = field(default_factory=dict)
     _began: float = field(default_factory=time.monotonic)
 
-    def size(self) -> int:
-        """Records of the next batch."""
-        if not self.rate:
-            return FIRST
-        spent = time.monotonic() - self._began
-        seconds = min(max(SHARE * spent, LEAST_SECONDS), MOST_SECONDS)
-        return int(min(max(round(seconds / self.rate), 1), MOST))
+    def take(self, items: Iterator[Item]) -> tuple[Item, ...]:
+        """The next batch, empty at the end.
 
-    def measured(self, records: int, seconds: float) -> None:
-        """Take in what a batch took; the last few batches count."""
-        if records:
-            own = max(seconds / records, 1e-6)
-            self.rate = own if not self.rate else 0.7 * self.rate + 0.3 * own
+        Parameters
+        ----------
+        items : iterator
+
+        Examples
+        --------
+        >>> items, batches = iter(range(100)), Batches()
+        >>> batches.take(items)
+        (0, 1, 2, 3, 4, 5, 6, 7)
+        >>> batches.measured(8, 4.0)
+        >>> batches.take(items)
+        (8, 9)
+        """
+        spent = time.monotonic() - self._began
+        wanted = min(max(SHARE * spent, LEAST_SECONDS), MOST_SECONDS)
+        taken: list[Item] = []
+        expected = 0.0
+        for item in items:
+            taken.append(item)
+            rate = self.rates.get(self.kind(item), wanted / FIRST)
+            expected += rate
+            # one more like this would be further from what is wanted
+            if expected + 0.5 * rate > wanted or len(taken) == MOST:
+                break
+        return tuple(taken)
+
+    def measured(self, count: int, seconds: float, kind: Hashable = None) -> None:
+        """Take in what items of a kind took; the last few batches count.
+
+        Parameters
+        ----------
+        count : int
+        seconds : float
+            Of all of them [s].
+        kind : hashable, optional
+        """
+        if count:
+            own, before = max(seconds / count, 1e-6), self.rates.get(kind)
+            self.rates[kind] = own if before is None else 0.7 * before + 0.3 * own
 
 
 @dataclass(frozen=True)
 class Lost:
     """An item whose workers were lost with it, again and again."""
 
-    item: Item
+    item: Any
     reason: str
 
 
 @dataclass(frozen=True)
 class _Flying:
     name: str
-    items: tuple[Item, ...]
+    items: tuple[Any, ...]
     handed_out: int = 1
 
 
@@ -100,7 +142,7 @@ def dispatch(
 
     Parameters
     ----------
-    items : iterator of Item
+    items : iterator
     engine : Engine
     function : callable
         What workers do, importable by its name.
@@ -111,7 +153,7 @@ def dispatch(
 
     Yields
     ------
-    items : tuple of Item
+    items : tuple
         Of one batch.
     result : object
         Of ``function``; `Lost` for an item that no worker survives.
@@ -119,27 +161,36 @@ def dispatch(
     Raises
     ------
     TridentifyError
-        What ``function`` raises: the disk is full, no process can be started.
+        What ``function`` raises: the disk is full, no process can be started. The scheduler is
+        gone.
     """
     run = secrets.token_hex(4)
     numbers = itertools.count()
     flying: dict[Future[Any], _Flying] = {}
 
     def launch(batch: _Flying) -> None:
-        future = engine.executor.submit(function, task(batch.name, batch.items))
+        try:
+            future = engine.executor.submit(function, task(batch.name, batch.items))
+        except Exception as error:
+            if type(error).__name__ != "ClosedClientError":
+                raise
+            raise TridentifyError(GONE) from error
         flying[future] = batch
 
     try:
         more = True
         while more or flying:
             while more and len(flying) < IN_FLIGHT * engine.width:
-                taken = tuple(itertools.islice(items, batches.size()))
+                taken = batches.take(items)
                 more = bool(taken)
                 if taken:
                     launch(_Flying(f"{run}-{next(numbers):07d}", taken))
             if not flying:
                 return
-            for future in wait(flying, return_when=FIRST_COMPLETED).done:
+            done = wait(flying, return_when=FIRST_COMPLETED).done
+            for future in sorted(done, key=lambda one: one.cancelled()):
+                if future.cancelled():  # not by us: Dask does so when it has no scheduler any more
+                    raise TridentifyError(GONE)
                 batch = flying.pop(future)
                 error = future.exception()
                 if error is None:
