@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tridentify.judgement.selection.criteria import Criteria
+from tridentify.judgement.selection.paired import Unseen
 from tridentify.judgement.selection.rule import (
     Contender,
+    Trial,
     adequate,
     choose,
     levels_off,
     needed,
+    recommend,
     refuted,
 )
 
@@ -100,3 +105,21 @@ def test_the_likelihood_levels_off_where_larger_candidates_are_there():
     assert not levels_off(rows, 2)
     # one that could not be used says nothing
     assert not levels_off([*rows[:2], contender(7, 5.0, 3, usable=False)], 1)
+
+
+def test_the_largest_of_all_is_not_believed_for_its_noise_model_alone():
+    """Whitened it predicts better, as it is worse: there are no larger ones that would end it."""
+    rng = np.random.default_rng(0)
+    wander = lfilter([1.0], [1.0, -0.95], rng.standard_normal((600, 1)), axis=0)
+    fast = rng.standard_normal((600, 1))
+    errors = (0.1 * wander + 0.1 * fast, 0.108 * wander + 0.05 * fast)
+    bare = ((np.zeros((600, 0)),),)
+    plain = [Unseen((one,), bare) for one in errors]
+    whitened = [replace(one, noise=(np.array([-0.95]),)) for one in plain]
+    trials = [
+        Trial(size, one, other, True, True)
+        for size, one, other in zip((4, 8), plain, whitened, strict=True)
+    ]
+    assert plain[0].loss < plain[1].loss
+    assert recommend(trials, 1, explains=True, sharp=True).place == 1
+    assert recommend(trials, 1, explains=True, sharp=True, ends=False).place == 0

@@ -86,7 +86,7 @@ def order_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
     order = given.poles
     open_ = not given.constrained and given.delay != "free" and estimate.loss == "squared"
     if not (isinstance(order, int) and open_ and estimate.status.ok):
-        return []
+        return [NO_RESPONSE] if _gains_nothing(estimate, records) else []
     vague = bool(unsure(estimate))
     if not (vague or order >= MANY):
         return []
@@ -107,6 +107,38 @@ NO_RESPONSE = Finding(
     "Cut out a stretch in which the input moves the system, check the channels, or excite the "
     "system more.",
 )
+
+
+def foretold(records: Sequence[Record], n_poles: int) -> bool | None:
+    """Whether the inputs foretell what the past of the outputs does not; None where time is uneven.
+
+    Parameters
+    ----------
+    records : sequence of Record
+    n_poles : int
+        Of the model; so many lags of the input, and `MORE_LAGS`, are looked at.
+    """
+    if any(record.dt is None for record in records):
+        return None
+    short = [beginning(record, LONGEST) for record in records]
+    inputs = [record.u for record in short]
+    levelled = [record.y - np.nanmean(record.y, axis=0) for record in short]
+    lags = n_poles + MORE_LAGS
+    return any(
+        _moved([one[:, i] for one in levelled], inputs, _noise_of(levelled, i).size, lags)
+        for i in range(short[0].n_outputs)
+    )
+
+
+def _gains_nothing(estimate: Estimate, records: Sequence[Record]) -> bool:
+    """Whether no gain is known and the inputs foretell nothing: of structures with constraints.
+
+    A pole at zero follows whatever an output does by itself, so the fit tells nothing there.
+    """
+    rows = [p for p in estimate.parameters.values() if p.name.startswith("b") and p.std]
+    vague = bool(rows) and not any(p.relative_std < VAGUE for p in rows)
+    order = estimate.structure.poles
+    return vague and isinstance(order, int) and foretold(records, order) is False
 
 
 def _is_noise(fitted: _Fitted) -> bool:

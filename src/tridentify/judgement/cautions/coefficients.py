@@ -9,7 +9,7 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import FEWER, Finding
 from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
-from tridentify.judgement.causes.fewer import unsure
+from tridentify.judgement.causes.fewer import foretold, unsure
 from tridentify.numerics.quantiles import median
 from tridentify.record.record import Record
 
@@ -181,6 +181,9 @@ def _no_response(estimate: Estimate, records: Sequence[Record]) -> list[Finding]
     # each pair of poles is the best of as many frequencies as there are samples
     price = 2.0 * len(estimate.names) + 2.0 * np.log(float(samples.sum())) * ((poles + 1) // 2)
     if not gained < price:
+        return []
+    # slow waves of the output that noise explains leave a poor fit beside a response that is seen
+    if any(a.size for a in estimate.noise_model) and foretold(records, poles):
         return []
     return [
         Finding(

@@ -107,6 +107,7 @@ def decide(known: OrderEvidence) -> Decision:
         likeliest,
         explains=explains,
         sharp=likeliest is not None and (found or _is_sharp(rows[likeliest])),
+        ends=found,
     )
     place = verdict.place
     if place is not None and verdict.by == "likelihood":

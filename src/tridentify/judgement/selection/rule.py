@@ -229,7 +229,12 @@ class Verdict:
 
 
 def recommend(
-    trials: Sequence[Trial], likeliest: int | None, *, explains: bool, sharp: bool
+    trials: Sequence[Trial],
+    likeliest: int | None,
+    *,
+    explains: bool,
+    sharp: bool,
+    ends: bool = True,
 ) -> Verdict:
     """Combine likelihood and held-out prediction.
 
@@ -242,6 +247,10 @@ def recommend(
         Whether it is sound and its residual does not follow the input.
     sharp : bool
         Whether its coefficients are known to where the likelihood is as good as Gaussian.
+    ends : bool
+        Whether there are larger ones that explain no more (`levels_off`). Where there are none, it
+        may be the largest alone that made it the likeliest: it is then believed only if it predicts
+        no worse without its noise model as well.
 
     Examples
     --------
@@ -261,9 +270,11 @@ def recommend(
         return Verdict(likeliest, None, by, likeliest is not None and trials[likeliest].sound)
     best = min(eligible, key=lambda k: trials[k].unseen.loss)
     place, by = _of_held_out(trials, judged, eligible, best)
-    speaks = likeliest is not None and explains and likeliest in judged
-    if likeliest is not None and speaks and _is_believed(trials[likeliest], trials[place]):
-        place, by = likeliest, "likelihood"
+    if likeliest is not None and explains and likeliest in judged:
+        one, other = trials[likeliest], trials[place]
+        larger = one.size > other.size
+        if _is_believed(one, other) and (ends or not larger or _no_worse(one.unseen, other.unseen)):
+            place, by = likeliest, "likelihood"
     if not (explains and sharp):
         near = [k for k in eligible if _points(trials[k], trials[best]) <= POINT]
         small = _smallest(trials, near)
@@ -303,10 +314,15 @@ def _as_good(one: Trial, best: Trial) -> bool:
 def _is_believed(likeliest: Trial, place: Trial) -> bool:
     """Whether what the likelihood says stands before what held-out samples say."""
     if likeliest.size > place.size:
-        return all(own.own <= own.other for own in contrasts(likeliest.whitened, place.whitened))
+        return _no_worse(likeliest.whitened, place.whitened)
     return _as_good(
         replace(likeliest, unseen=likeliest.whitened), replace(place, unseen=place.whitened)
     )
+
+
+def _no_worse(one: Unseen, other: Unseen) -> bool:
+    """Whether the losses of one are no larger, as they are and on fair terms."""
+    return all(contrast.own <= contrast.other for contrast in contrasts(one, other))
 
 
 def _points(trial: Trial, best: Trial) -> float:

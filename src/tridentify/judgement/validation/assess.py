@@ -23,7 +23,7 @@ from tridentify.errors import (
 )
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.answer.finding import Finding, joined
 from tridentify.estimation.methods.explained import explained_records
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.validation.correlation import correlate
@@ -44,7 +44,13 @@ from tridentify.judgement.validation.result import (
 )
 from tridentify.judgement.validation.transfer import carried_over
 from tridentify.judgement.validation.tried import may_react, starts_wild, torn_at, try_causes
-from tridentify.judgement.validation.verdict import KnownCauses, family, findings, in_words
+from tridentify.judgement.validation.verdict import (
+    KnownCauses,
+    decapitalised,
+    family,
+    findings,
+    in_words,
+)
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import holm
 from tridentify.numerics.threads import one_blas_thread
@@ -76,7 +82,9 @@ def validate(
     estimate : Estimate
     record : Record or sequence of Record
         The identified ones, or others with the same channels. Offset and initial state of others
-        are fitted, those of lowest AICc, with the coefficients held.
+        are fitted, those of lowest AICc, with the coefficients held. What the estimate found in its
+        own record and no residual shows (no response, a sensor that hung, needless poles) stands
+        among the findings of that record.
     experiment : int, optional
         The record is this experiment of the estimate; its offset and initial state are used.
     level : float
@@ -137,10 +145,40 @@ def validate(
         usual = experiment is None and n_lags is None and level == LEVEL
         known = remembered(estimate, records) if usual else None
         if known is not None:
-            return known
+            return _with_what_was_said(known, estimate)
         own = fingerprint(records) == estimate.record_fingerprint
         view = look(estimate, _explained(estimate, records), experiment, own=own)
-        return _judge(estimate, view, level, n_lags or _lags(estimate, view))
+        found = _judge(estimate, view, level, n_lags or _lags(estimate, view))
+        return _with_what_was_said(found, estimate) if own else found
+
+
+SEEN_BY_THE_ESTIMATE = ("stuck-sensor", "order-high")
+"""Warnings of the estimate that stand against it: a residual does not show them."""
+
+TO_BE_KNOWN = ("not-determined", "outside-the-record", "at-bound")
+"""Warnings of the estimate about numbers that explain their record all the same."""
+
+
+def _with_what_was_said(found: Validation, estimate: Estimate) -> Validation:
+    """With what the estimate knows of the same record and no residual shows.
+
+    What has no response, or follows from a sensor that hung, may leave a residual like noise.
+    """
+    said = [
+        replace(one, severity="note") if one.code in TO_BE_KNOWN else one
+        for one in estimate.findings
+        if one.severity == "error"
+        or (one.matters and one.code in (*SEEN_BY_THE_ESTIMATE, *TO_BE_KNOWN))
+    ]
+    both = joined(found.findings, said)
+    if both == found.findings:
+        return found
+    verdict = found.verdict
+    if any(one.matters for one in both):
+        verdict = in_words(both, found.output_names, found.transfer, found.fit.tolist())
+    elif not found.findings:
+        verdict = f"{verdict} To be known: {decapitalised(both[0].message)}"
+    return replace(found, findings=both, verdict=verdict)
 
 
 def looked_at(
@@ -167,7 +205,7 @@ def looked_at(
     cut = any(beginning(one, LONGEST_LOOK) is not one for one in records)
     try:
         outputs = range(len(view.outputs))
-        called = any(suspicious(view, i, estimate) for i in outputs)
+        called = _noise_may_hide(view) or any(suspicious(view, i, estimate) for i in outputs)
         if not (called or starts_wild(view) or torn_at(view) or may_react(view)):
             return ()
         found = _judge(estimate, view, LEVEL, _lags(estimate, view))
@@ -178,6 +216,15 @@ def looked_at(
     if fingerprint(records) == estimate.record_fingerprint:
         remember(estimate, records, found)
     return found.findings
+
+
+def _noise_may_hide(view: View) -> bool:
+    """Whether the noise has a model, which may have taken a drift or a change for noise.
+
+    The quick look tests under the model of the estimate: one of many coefficients, found beside a
+    drift, leaves nothing of it. The tests fit the noise again beside what they look for.
+    """
+    return any(output.noise.size for output in view.outputs)
 
 
 def own_look(
@@ -279,7 +326,11 @@ def _judge(estimate: Estimate, view: View, level: float, n_lags: int) -> Validat
         pictures,
         transfer,
         tuple(tests),
-        (found, in_words(found, view, transfer, fit.tolist()), _notes(view, evidence)),
+        (
+            found,
+            in_words(found, estimate.output_names, transfer, fit.tolist()),
+            _notes(view, evidence),
+        ),
     )
 
 

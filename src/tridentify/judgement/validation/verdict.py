@@ -536,11 +536,20 @@ def _reach(view: View, one: Evidence) -> str:
 
 
 def in_words(
-    found: Sequence[Finding], view: View, transfer: Transfer | None, fit: Sequence[float]
+    found: Sequence[Finding], names: Sequence[str], transfer: Transfer | None, fit: Sequence[float]
 ) -> str:
-    """The verdict: one or two sentences."""
+    """The verdict: one or two sentences.
+
+    Parameters
+    ----------
+    found : sequence of Finding
+    names : sequence of str
+        Of the outputs.
+    transfer : Transfer or None
+    fit : sequence of float
+        Of every output [percent].
+    """
     serious = [f for f in found if f.matters]
-    names = [output.name for output in view.outputs]
     fits = ", ".join(f"{n} {f:.1f} %" for n, f in zip(names, fit, strict=True))
     where = f"fit {fits}"
     if transfer is not None:
@@ -555,14 +564,15 @@ def in_words(
     if any(f.code == "order-low" for f in found):
         text = f"Nothing speaks against the response of the model ({where})."
     if found:
-        text += f" To be known: {_decapitalised(found[0].message)}"
+        text += f" To be known: {decapitalised(found[0].message)}"
     return text
 
 
 def _brief(message: str) -> str:
     """What was found, without what it means."""
-    return _decapitalised(message.split(":")[0].split(" (")[0].rstrip("."))
+    return decapitalised(message.split(":")[0].split(" (")[0].rstrip("."))
 
 
-def _decapitalised(message: str) -> str:
+def decapitalised(message: str) -> str:
+    """A sentence as the second half of another."""
     return message[0].lower() + message[1:]
