@@ -355,6 +355,7 @@ def draw(
     n: int | None = None,
     snr: float | None = None,
     excitation: str | None = None,
+    moving: bool = False,
     keep: Callable[[Drawn], bool] = lambda _: True,
 ) -> Drawn:
     """A random loop.
@@ -368,18 +369,25 @@ def draw(
         [dB]; by default 5 to 30.
     excitation : str, optional
         One of `EXCITATIONS`; by default one that moves the loop.
+    moving : bool
+        Whether the noise of a continuous loop moves between the samples, as that of a plant does;
+        by default it is held, as by a converter.
     keep : callable, optional
         Which loops to take; others are drawn again.
     """
     rng = np.random.default_rng([seed, 18])
     while True:
-        found = _drawn(rng, n, snr, excitation)
+        found = _drawn(rng, n, snr, excitation, moving)
         if found is not None and keep(found):
             return found
 
 
 def _drawn(
-    rng: np.random.Generator, n: int | None, snr: float | None, excitation: str | None
+    rng: np.random.Generator,
+    n: int | None,
+    snr: float | None,
+    excitation: str | None,
+    moving: bool,
 ) -> Drawn | None:
     count = int(10.0 ** rng.uniform(np.log10(200), np.log10(2000)))
     level, moved = float(rng.uniform(5.0, 30.0)), str(rng.choice(EXCITATIONS[:3]))
@@ -399,7 +407,7 @@ def _drawn(
     w = w * 10.0 ** rng.uniform(-0.5, 0.5)
     return _recorded(
         rng, (num, den), law, (r, w), dt, level,
-        (kind, moved, coloured),
+        (kind, moved, coloured), moving,
     )  # fmt: skip
 
 
@@ -411,12 +419,14 @@ def _recorded(
     dt: float,
     snr: float,
     words: tuple[str, str, bool],
+    moving: bool,
 ) -> Drawn | None:
     (num, den), (r, w), (kind, excitation, coloured) = system, moved, words
     plant, n = System.of(num, den), r.size
     v = noise_of(rng, n, coloured)
     if not law.sampled:
-        v = np.repeat(v, FINE)  # the sensor holds what it measured
+        # the sensor holds what it measured, or the noise is that of a process
+        v = _moving_noise(rng, n, coloured) if moving else np.repeat(v, FINE)
     silent = run(plant, law, r[:, None], np.zeros((v.size, 1)), w[:, None], dt)[1]
     size = float(np.std(silent))
     v = v * (size * 10.0 ** (-snr / 20.0) if size > 0 else 0.1)
@@ -431,6 +441,14 @@ def _recorded(
         record, r, w, structure, theta, np.roots(den), kind, excitation, law.sampled, law.delay,
         snr if size > 0 else np.nan, coloured,
     )  # fmt: skip
+
+
+def _moving_noise(rng: np.random.Generator, n: int, coloured: bool) -> Array:
+    """(n * FINE,) of variance one; time constant a third of a sample, or 0.5 to 10 of them."""
+    samples = 10.0 ** rng.uniform(-0.3, 1.0) if coloured else 0.3
+    pole = np.exp(-1.0 / (FINE * samples))
+    driving, settled = rng.standard_normal(n * FINE + 2000), 2000
+    return np.asarray(lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], driving)[settled:])
 
 
 def opened(drawn: Drawn, seed: int) -> Drawn:
