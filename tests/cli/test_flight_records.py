@@ -98,4 +98,4 @@ def test_attas_report_of_both_outputs(run, shared_data, tmp_path):
     assert (tmp_path / "out" / "report.html").stat().st_size > 50_000
     assert [item["fit"] > 93 for item in document["fit"]] == [True, True]
     # the residual shows what a second-order model leaves out, and the user is told
-    assert any("not white" in text for text in document["warnings"])
+    assert any("The residual of" in text for text in document["warnings"])
