@@ -36,6 +36,7 @@ PATIENCE = 30.0
 SETTLING = 250
 """Milliseconds between two looks at a page that is to have come to rest."""
 LOOPBACK = re.compile(r"^(http://127\.0\.0\.1:\d+/|data:|blob:)")
+OF_A_MODEL = re.compile(r"/api/(jobs|models)/\w+(\?.*)?$")
 SMALLEST = 11
 """Pixels of a letter that is still read without effort."""
 PLANT = TransferFunction([[[-12.0, -12.0]], [[-12.0]]], [1.0, 2.0, 12.0])
@@ -231,6 +232,22 @@ class Tab:
 
     def told(self, text: str | re.Pattern[str]) -> None:
         expect(self.page.locator("#messages")).to_contain_text(text)
+
+    @contextlib.contextmanager
+    def answered(self, **parts: Any) -> Iterator[None]:
+        """What the server says of a model has these parts instead of its own."""
+
+        def other(route: Any) -> None:
+            answer = route.fetch()
+            body = answer.json()
+            detail = body.get("detail", body)
+            if "sentence" in detail:
+                detail.update(parts)
+            route.fulfill(response=answer, json=body)
+
+        self.page.route(OF_A_MODEL, other)
+        yield
+        self.page.unroute_all(behavior="wait")  # an answer under way is not answered twice
 
     def close(self, refused: bool = False) -> None:
         """Ends the tab; nothing may have been complained of but answers that were refusals."""
@@ -432,15 +449,9 @@ def test_a_refusal_goes_when_another_record_is_looked_at_or_something_succeeds(b
 def test_advice_becomes_an_option_and_a_new_model(seen):
     doubt = {"code": "delay", "severity": "warning", "message": "It answers late",
              "remedy": "Have it estimated (delay='free')."}  # fmt: skip
-
-    def late(route):
-        answer = route.fetch()
-        route.fulfill(response=answer, json={**answer.json(), "findings": [doubt]})
-
     seen.open("first.csv")
-    seen.page.route("**/api/models/*", late)
-    before = seen.estimated(lambda: seen.drag(0.18, 0.68))
-    seen.page.unroute_all(behavior="wait")
+    with seen.answered(findings=[doubt]):
+        before = seen.estimated(lambda: seen.drag(0.18, 0.68))
     advised = seen.page.get_by_role("button", name="Estimate with Delay [s] = free")
     assert seen.estimated(advised.click) != before
     expect(seen.page.locator("#option-delay")).to_have_value("free")
@@ -472,20 +483,50 @@ def test_samples_that_a_doubt_names_are_left_out_by_a_button(seen):
     doubt = {"code": "bad-samples", "severity": "warning", "message": "They lie far off.",
              "remedy": "Use a robust loss (loss='huber'), or mark them as missing.",
              "times": [9.0, 9.02, 12.0]}  # fmt: skip
-
-    def spoilt(route):
-        answer = route.fetch()
-        route.fulfill(response=answer, json={**answer.json(), "findings": [doubt]})
-
     seen.open("second.csv")
-    seen.page.route("**/api/models/*", spoilt)
-    seen.estimated(lambda: seen.drag(0.1, 0.8))
-    seen.page.unroute_all(behavior="wait")  # an answer under way is not answered twice
+    with seen.answered(findings=[doubt]):
+        seen.estimated(lambda: seen.drag(0.1, 0.8))
     seen.estimated(seen.page.get_by_role("button", name="Leave them out and estimate").click)
     bad = seen.page.evaluate(BAD)
     assert [[round(end, 3) for end in one] for one in bad] == [
         [8.995, 9.005], [9.015, 9.025], [11.995, 12.005]]  # fmt: skip
     expect(seen.page.locator("#result .findings")).to_contain_text("samples are missing")
+
+
+def test_what_a_sensor_clipped_is_left_out_by_a_button(seen):
+    doubt = {"code": "saturation", "severity": "error", "message": "It stays there.",
+             "outputs": ["q"], "remedy": "Mark as missing (nan, record.mask) where it is "
+             ">= 0.02, or record again with a wider range."}  # fmt: skip
+    seen.open("second.csv")
+    with seen.answered(findings=[doubt]):
+        seen.estimated(lambda: seen.drag(0.1, 0.7))
+    before = len(seen.page.evaluate(BAD))
+    button = seen.page.get_by_role("button", name="Leave out where q \u2265 0.02 and estimate")
+    seen.estimated(button.click)
+    assert len(seen.page.evaluate(BAD)) > before
+    seen.page.locator("#undo").click()  # the model
+    seen.page.locator("#undo").click()  # what is left out
+    expect(seen.page.locator(".row.range .swatch.bad")).to_have_count(before)
+
+
+def test_ranges_that_overlap_are_told(seen):
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.drag(0.1, 0.6))
+    seen.key("mode validate").click()
+    told = seen.page.locator("#record .ranges p.bad")
+    found = seen.page.locator("#result p.bad")
+    expect(found).to_have_count(0)
+    seen.drag(0.5, 0.9)
+    expect(told).to_contain_text("What is identified and what validates share")
+    expect(found).to_contain_text("The ranges to identify and for validation share")
+    seen.drag(0.7, 0.9)
+    expect(told).to_have_count(0)
+    expect(found).to_have_count(0)
+    seen.key("remove 0").click()  # what is identified
+    expect(told).to_contain_text("The whole record is identified")
+    seen.page.locator("#undo").click()
+    seen.page.locator('.row.range:has(.swatch.validate) [data-key^="remove"]').click()
+    expect(told).to_have_count(0)
 
 
 BAD = """async () => {
@@ -656,21 +697,12 @@ def test_a_comparison_of_many_outputs_is_not_cut(seen):
 def test_small_coefficients_are_not_cut(seen):
     row = {"value": -2.2412e-5, "std": 1.2e-6, "low": -2.476e-5, "high": -2.006e-5,
            "unit": "1/s^2", "status": "free"}  # fmt: skip
-
-    def small(route):
-        answer = route.fetch()
-        body = answer.json()
-        if "parameters" in body:
-            body["parameters"] = [{**row, "name": "b0[y_T2,u_heater1]"}]
-        route.fulfill(response=answer, json=body)
-
     seen.open("first.csv")
-    seen.page.route("**/api/models/*", small)
-    seen.estimated(lambda: seen.drag(0.16, 0.66))
+    with seen.answered(parameters=[{**row, "name": "b0[y_T2,u_heater1]"}]):
+        seen.estimated(lambda: seen.drag(0.16, 0.66))
     scroll = seen.page.locator("#result .scroll").first
     expect(scroll).to_contain_text("e\u22125")
     assert scroll.evaluate("(node) => node.scrollWidth - node.clientWidth") <= 0
-    seen.page.unroute_all(behavior="wait")
 
 
 def test_two_tabs_show_the_same(browser, server, seen):

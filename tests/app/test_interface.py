@@ -17,7 +17,7 @@ pytest.importorskip("httpx2", reason="httpx2, which asks the server in tests, is
 
 from fastapi.testclient import TestClient
 
-from tridentify.app.answers import _few
+from tridentify.app.answers import _few, shared_time
 from tridentify.app.bench import Bench
 from tridentify.app.server import Settings, create
 from tridentify.app.session import Session
@@ -277,6 +277,45 @@ def test_advice_and_manoeuvres(ask, made):
 
 
 # ------------------------------------------------------------------------------------------ models
+def test_a_range_comes_with_the_estimate_and_the_answer_with_its_end(ask):
+    card = opened(ask, "second.csv")
+    ranges = [{"start": 2.0, "end": 12.0, "use": "identify"}]
+    sent = {"record": card["id"], "changes": {"ranges": ranges}, "alone": True}
+    answer = ask.post("/api/models", json=sent).json()
+    assert answer["record"]["ranges"] == ranges
+    end = time.monotonic() + PATIENCE
+    while (job := ask.get(f"/api/jobs/{answer['job']}?wait=2").json())["state"] != "done":
+        assert time.monotonic() < end
+    models = job["session"]["models"]
+    assert [one["id"] for one in models if one["shown"]] == [answer["model"]]
+    assert job["detail"] == ask.get(f"/api/models/{answer['model']}").json()
+    wrong = {**sent, "changes": {"ranges": [{"start": 3.0, "end": 1.0}]}}
+    assert "expected its end after" in told(ask.post("/api/models", json=wrong), 400)
+
+
+def test_stretches_beyond_a_limit(ask, made):
+    path = f"/api/records/{made[0]}/stretches"
+    found = ask.get(f"{path}?channel=elevator&high=1").json()
+    rest = ask.get(f"{path}?channel=elevator&low=-1").json()
+    assert sum(one["end"] - one["start"] for one in (*found, *rest)) == pytest.approx(
+        0.05 * 399 - 0.025 * (len(found) + len(rest) - 1), abs=0.03
+    )
+    assert ask.get(f"{path}?channel=q&high=1e9").json() == []
+    assert "no channel" in told(ask.get(f"{path}?channel=zz&high=1"), 400)
+
+
+def test_ranges_that_overlap_are_noted():
+    def card(*ranges):
+        return {"ranges": [dict(zip(("start", "end", "use"), one, strict=True)) for one in ranges]}
+
+    made, tested = (0.0, 6.0, "identify"), (6.0, 9.0, "validate")
+    assert shared_time(card(made, tested)) == shared_time(card(made)) == shared_time(card()) == ""
+    assert "share 5 to 6 s and 8 to 9 s" in shared_time(
+        card(made, (8.0, 9.5, "identify"), (5.0, 9.0, "validate"))
+    )
+    assert "whole record" in shared_time(card(tested))
+
+
 def test_a_model_is_the_one_identify_gives(ask, made, bench):
     detail = ask.get(f"/api/models/{made[1]}").json()
     assert detail["structure"] == "2 poles, 1 zero"

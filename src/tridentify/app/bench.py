@@ -23,7 +23,6 @@ READABLE = (
     ".csv", ".txt", ".tsv", ".dat", ".asc", ".xlsx", ".parquet", ".feather", ".arrow", ".mat",
     ".ulg", ".mf4", ".mdf", ".npz", ".npy",
 )  # fmt: skip
-CHANGEABLE = ("inputs", "outputs", "references", "intersample", "ranges", "bad", "name")
 COLOURS = 28
 """Looks of a line, seven colours in four kinds of dashes: as many before one comes again."""
 OWN = ("source", "file")
@@ -72,10 +71,15 @@ class Bench:
         self._described: dict[str, dict[str, Any]] = {}
 
     def start(self) -> None:
-        """Start the processes, without waiting for them."""
-        for worker in (self.reader, self.describer):
-            threading.Thread(target=worker.start, daemon=True).start()
-        self.jobs.start()
+        """Start the processes, without waiting for them: what is needed first comes first."""
+        first, *spare = self.jobs.workers
+
+        def one_by_one() -> None:
+            for worker in (first, self.describer, *spare):
+                worker.start()
+
+        for begin in (self.reader.start, one_by_one):
+            threading.Thread(target=begin, daemon=True).start()
 
     def stop(self) -> None:
         """End the processes and close the file."""
@@ -93,7 +97,7 @@ class Bench:
             "revision": self.session.revision,
             "folder": None if self.folder is None else str(self.folder),
             "records": [self.card(one) for one in state["records"]],
-            "models": [_shown_model(one) for one in state["models"]],
+            "models": [dict(one) for one in state["models"]],
             "can_undo": self.session.can_undo,
             "can_redo": self.session.can_redo,
         }
@@ -105,7 +109,7 @@ class Bench:
         return {
             **{name: value for name, value in record.items() if name not in OWN},
             "missing_file": gone,
-            "python": lines.record_in_python(record) if record["inputs"] else "",
+            "python": lines.look_in_python(record) if record["inputs"] else "",
             "command_line": lines.record_in_shell(record) if record["inputs"] else "",
             "revision": self.session.revision,
         }
@@ -226,8 +230,10 @@ class Bench:
         return self.reader.call(task, source=record["source"], **arguments)
 
     # --------------------------------------------------------------------------------- the models
-    def add_model(self, name: str, options: Mapping[str, Any], called: str | None) -> Job:
-        """Begin an estimate.
+    def add_model(
+        self, name: str, options: Mapping[str, Any], called: str | None, alone: bool = False
+    ) -> Job:
+        """Begin an estimate, which is shown beside the others or alone.
 
         Raises
         ------
@@ -265,15 +271,35 @@ class Bench:
             )
             done = {**card, "structure": found["structure"], "fit": found["fit"]}
 
+            def add(state: State) -> None:
+                for other in state["models"] if alone else ():
+                    other["shown"] = False
+                state["models"].append(done)
+
             def keep() -> None:
                 kept = {"estimate": found["document"], "record": record, "card": done}
                 self.session.keep_estimate(model, kept)
                 self._described[_key(model, self._own(done, kept))] = found["described"]
-                self._changed(lambda state: state["models"].append(done))
+                self._changed(add)
 
             return keep
 
         return self.jobs.add(model, work)
+
+    def job(self, name: str, wait: float = 0.0) -> dict[str, Any]:
+        """How far an estimate is; of one that is done also the session and what was found.
+
+        Raises
+        ------
+        MissingError
+        """
+        job = self.jobs.get(name, wait)
+        if job is None:
+            raise MissingError("found no estimate of that name under way; expected one; start one")
+        found = job.document()
+        if job.state != "done":
+            return found
+        return {**found, "session": self.document(), "detail": self.describe(job.model)}
 
     def model(self, name: str) -> Card:
         """A model of the session.
@@ -315,7 +341,11 @@ class Bench:
                 "model", source=record["source"], card=_plain(record),
                 options=checked(card["options"]), document=kept["estimate"],
             )  # fmt: skip
-        return {**_shown_model(card), **self._described[key]}
+        exported = {
+            "python": lines.export_in_python(card["name"], record, record["dt"]),
+            "command_line": lines.export_in_shell(card["name"], record["dt"]),
+        }
+        return {**card, **self._described[key], "export": exported}
 
     def panel(self, name: str, kind: str, record: str | None, pixels: int) -> dict[str, Any]:
         """One picture of a model, on its own record or on another."""
@@ -354,7 +384,7 @@ class Bench:
             state["models"] = [card if one["id"] == name else one for one in state["models"]]
 
         self._changed(put, quietly="name" not in changes)
-        return _shown_model(card)
+        return card
 
     def drop_model(self, name: str) -> None:
         """Take a model out of the session."""
@@ -382,10 +412,6 @@ def _key(model: str, record: Card) -> str:
     return repr((model, record["ranges"], record["name"]))
 
 
-def _shown_model(card: Card) -> Card:
-    return dict(card)
-
-
 def _plain(record: Card) -> Card:
     """What tasks need of a card."""
     names = (
@@ -405,14 +431,25 @@ def _found(cards: Sequence[Card], name: str, kind: str) -> Card:
     )
 
 
-def _check(record: Card) -> None:
-    known = [one["name"] for one in record["channels"]]
-    roles = [*record["inputs"], *record["outputs"], *record["references"]]
-    for name in roles:
-        if name not in known:
+def known(record: Card, names: Sequence[str]) -> None:
+    """Refuse a channel that a record does not have.
+
+    Raises
+    ------
+    OptionError
+    """
+    there = [one["name"] for one in record["channels"]]
+    for name in names:
+        if name not in there:
             raise OptionError(
-                f"found no channel {shown(name)}; expected one of {', '.join(known)}; choose one"
+                f"found no channel {shown(name)}; expected one of {', '.join(there)}; choose one"
             )
+
+
+def _check(record: Card) -> None:
+    roles = [*record["inputs"], *record["outputs"], *record["references"]]
+    known(record, roles)
+    for name in roles:
         if roles.count(name) > 1:
             raise OptionError(
                 f"found {shown(name)} in two roles; expected each channel in one; free the other"

@@ -16,7 +16,7 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, Response, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
 
-from tridentify.app.bench import Bench, MissingError, refusal
+from tridentify.app.bench import Bench, MissingError, known, refusal
 from tridentify.app.panels import PANELS
 from tridentify.app.safety import Guard, problem
 from tridentify.errors import TridentifyError
@@ -31,6 +31,8 @@ KINDS = {
     ".svg": "image/svg+xml",
 }
 MOST_PIXELS = 5_000
+LONGEST_WAIT = 5.0
+"""Seconds that a question about an estimate may wait for its end."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +99,8 @@ class ModelWanted(Strict):
     record: str
     options: dict[str, str | int | float | bool | None] = Field(default_factory=dict)
     name: str | None = Field(None, min_length=1, max_length=200)
+    alone: bool = False
+    changes: RecordChanges | None = None
 
 
 class ModelChanges(Strict):
@@ -227,11 +231,8 @@ def session(bench: Bench) -> APIRouter:
         return StreamingResponse(_events(bench, request), media_type="text/event-stream")
 
     @router.get("/jobs/{name}")
-    def job(name: str) -> dict[str, Any]:
-        found = bench.jobs.get(name)
-        if found is None:
-            raise MissingError("found no estimate of that name under way; expected one; start one")
-        return found.document()
+    def job(name: str, wait: float = 0.0) -> dict[str, Any]:
+        return bench.job(name, min(wait, LONGEST_WAIT))
 
     @router.delete("/jobs/{name}")
     def cancel(name: str) -> dict[str, Any]:
@@ -307,6 +308,17 @@ def records(bench: Bench) -> APIRouter:
         found: dict[str, Any] = bench.read("series", name, **arguments)
         return found
 
+    @router.get("/records/{name}/stretches")
+    def stretches(
+        name: str, channel: str, low: float | None = None, high: float | None = None
+    ) -> list[dict[str, Any]]:
+        record = bench.record(name)
+        known(record, [channel])
+        found: list[dict[str, Any]] = bench.read(
+            "stretches", name, channel=channel, low=low, high=high, t0=record["t0"]
+        )
+        return found
+
     @router.get("/records/{name}/manoeuvres")
     def manoeuvres(name: str) -> list[dict[str, Any]]:
         found: list[dict[str, Any]] = bench.read("manoeuvres", name, card=bench.record(name))
@@ -342,8 +354,12 @@ def models(bench: Bench) -> APIRouter:
     @router.post("/models", status_code=202)
     def wanted(body: ModelWanted) -> dict[str, Any]:
         options = {key: value for key, value in body.options.items() if value is not None}
-        job = bench.add_model(body.record, options, body.name)
-        return {"job": job.id, "model": job.model}
+        changes = body.changes
+        if changes is not None:
+            bench.change_record(body.record, changes.model_dump(exclude_none=True))
+        job = bench.add_model(body.record, options, body.name, body.alone)
+        card = bench.card(bench.record(body.record))
+        return {"job": job.id, "model": job.model, "record": card}
 
     @router.get("/models/{name}")
     def detail(name: str) -> dict[str, Any]:

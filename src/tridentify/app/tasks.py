@@ -27,6 +27,9 @@ from tridentify.record.formats.read import list_channels
 from tridentify.record.formats.roles import guess_roles
 from tridentify.record.formats.series import Series
 
+BESIDE = 0.25
+"""Of a sampling interval, by which a stretch of samples is longer than they are."""
+
 Say = Callable[[float, str], None]
 Source = Mapping[str, Any]
 Card = Mapping[str, Any]
@@ -126,6 +129,20 @@ def _in_columns(one: Series, start: float, stop: float, columns: int) -> Any:
     centre = 0.5 * (edges[1:] + edges[:-1])
     values = np.interp(centre, one.t, one.values, left=np.nan, right=np.nan)
     return thin._replace(t=centre, minimum=values, maximum=values)
+
+
+def stretches(
+    say: Say, source: Source, channel: str, low: float | None, high: float | None, t0: float
+) -> list[dict[str, float]]:
+    """Where a channel is at or beyond limits, each stretch a little longer than its samples."""
+    found = sources.series(source)
+    one = dict(zip(_told_apart(found), found, strict=True))[channel]
+    limits = (-np.inf if low is None else low, np.inf if high is None else high)
+    slack = BESIDE * float(np.median(np.diff(one.t)))
+    return [
+        {"start": max(first - t0 - slack, 0.0), "end": last - t0 + slack}
+        for first, last in one.beyond(*limits)
+    ]
 
 
 def warm(say: Say, source: Source, card: Card) -> None:

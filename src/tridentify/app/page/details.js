@@ -25,6 +25,9 @@ function noted(id, found) {
   return found;
 }
 
+/** Takes over what came with the end of an estimate. */
+export const known = (detail) => models.set(detail.id, noted(detail.id, detail));
+
 export async function panelOf(id, panel, record) {
   const key = `${id} ${panel} ${record}`;
   if (!panels.has(key)) {
@@ -37,6 +40,11 @@ export async function panelOf(id, panel, record) {
 /** What was fetched before a record was changed is not shown after it. */
 export function forget() {
   models.clear();
+  forgetPictures();
+}
+
+/** The same where nothing is told anew: a model on another record is drawn on what that now is. */
+export function forgetPictures() {
   panels.clear();
   state.compared = null;
 }

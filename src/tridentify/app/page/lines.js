@@ -23,6 +23,7 @@ async function refresh() {
     fill(body,
       record?.python ? pair(`Open ${record.name}`, record) : null,
       detail?.python ? pair(`Estimate ${model.name}`, detail) : null,
+      detail?.export ? pair(`Export ${model.name}`, detail.export) : null,
       state.compared?.python ? pair("Compare", state.compared) : null);
   });
 }

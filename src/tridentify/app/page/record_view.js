@@ -87,8 +87,13 @@ function changed() {
   fillRanges();
   fillOffers();
   fill(readout, HINTS[!record ? "none" : record.missing_file && !series ? "lost" : "read"]);
-  if (record) refetch();
+  if (!record) return;
+  if (series?.of === drawnOf(record)) redraw(); // its ranges alone are others
+  else refetch();
 }
+
+/** What of a record its samples are fetched for. */
+const drawnOf = (record) => JSON.stringify([record.id, used(record), record.missing_file]);
 
 function fillTools() {
   const record = recordOf();
@@ -123,7 +128,24 @@ function fillRanges() {
   const rows = all.map((piece, number) => rangeRow(record, all, number));
   fill(rangeList, rows.length ? rows : make("p", { class: "soft" },
     "The whole record is identified. Drag over a part of it to use that part alone."),
+  overlap(record),
   button("Add range", () => addByHand(record), { class: "link", "data-key": "add range" }));
+}
+
+/** Says where what validates is identified, too. */
+function overlap({ ranges }) {
+  const [made, tested] = ["identify", "validate"].map((wanted) =>
+    ranges.filter(({ use }) => use === wanted));
+  const shared = made.flatMap((one) => tested.map((other) =>
+    [Math.max(one.start, other.start), Math.min(one.end, other.end)]))
+    .filter(([start, end]) => start < end);
+  const where = shared.map(([start, end]) => `${plain(start)} to ${seconds(end)}`).join(" and ");
+  if (!shared.length && (made.length || !tested.length)) return null;
+  return make("p", { class: "bad" }, shared.length
+    ? `What is identified and what validates share ${where}; a model is tested by what it was not `
+      + "made from: move one of the ranges."
+    : "The whole record is identified, the range for validation with it; drag over what is to be "
+      + "identified.");
 }
 
 function rangeRow(record, all, number) {
@@ -160,7 +182,7 @@ function addByHand(record) {
 }
 
 /** Keeps the pieces of a record, then estimates where the identified ones changed. */
-async function store(record, all, estimate) {
+function store(record, all, estimate) {
   const split = (wanted) => all.filter((one) => (one.use === "bad") === wanted)
     .sort((one, other) => one.start - other.start);
   const ranges = split(false).map(({ start, end, use }) => ({ start, end, use }));
@@ -168,8 +190,9 @@ async function store(record, all, estimate) {
   const changes = {};
   if (JSON.stringify(ranges) !== JSON.stringify(record.ranges)) changes.ranges = ranges;
   if (JSON.stringify(bad) !== JSON.stringify(record.bad)) changes.bad = bad;
-  const kept = !Object.keys(changes).length || await act.changeRecord(record.id, changes);
-  if (kept && estimate && atOnce) act.estimate();
+  const anything = Object.keys(changes).length > 0;
+  if (estimate && atOnce) return act.estimate(anything ? changes : null);
+  if (anything) return act.changeRecord(record.id, changes);
 }
 
 // ---------------------------------------------------------------- manoeuvres
@@ -271,11 +294,12 @@ async function refetch() {
   const [start, end] = extent();
   const pixels = Math.max(200, Math.round(plot.clientWidth - LEFT - RIGHT));
   const names = used(record);
+  const of = drawnOf(record);
   try {
     const found = await get(`/records/${record.id}/series${query({
       channels: names.join(","), start, end, pixels })}`, request.signal);
     if (record.id !== state.record) return;
-    series = { ...found, names };
+    series = { ...found, names, of };
     redraw();
   } catch (error) {
     if (error.code === "gone") act.knock();

@@ -92,6 +92,7 @@ function checked(model, detail) {
   if (!detail.validation_fit) return null;
   return [make("h3", {}, "On the range for validation"),
     make("p", {}, `fit ${[detail.validation_fit].flat().map(percent).join(", ")}`),
+    detail.validation_note ? make("p", { class: "bad" }, detail.validation_note) : null,
     findingList(detail.validation_findings, model)];
 }
 
