@@ -122,6 +122,7 @@ def test_the_page_is_entered_with_the_token_and_goes_on_with_a_cookie(ask):
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
     assert "samesite=strict" in cookie.lower()
+    assert cookie.startswith(f"tridentify-{PORT}=")  # browsers keep one for all ports of a host
     assert TOKEN not in str(ask.get("/").text)
     assert ask.get("/?token=wrong", headers=bare | {"Cookie": ""}).status_code == 403
     ask.cookies.clear()
@@ -133,7 +134,14 @@ def test_another_host_is_refused(ask, host):
 
 
 @pytest.mark.parametrize(
-    "origin", ["http://evil.example", "null", "http://127.0.0.1:9", "https://127.0.0.1.evil:8123"]
+    "origin",
+    [
+        "http://evil.example",
+        "null",
+        "http://127.0.0.1:9",
+        "https://127.0.0.1.evil:8123",
+        f"https://127.0.0.1:{PORT}",
+    ],
 )
 def test_another_origin_is_refused(ask, origin):
     assert ask.post("/api/undo", headers={"Origin": origin}).status_code == 403
@@ -152,7 +160,10 @@ def test_scripts_of_the_page_come_from_the_server_alone(ask):
     assert ask.get("/page/main.js").headers["content-type"].startswith("text/javascript")
 
 
-@pytest.mark.parametrize("name", ["../secret.csv", "link.csv", "/etc/passwd", "a/../../secret.csv"])
+@pytest.mark.parametrize(
+    "name",
+    ["../secret.csv", "link.csv", "/etc/passwd", "a/../../secret.csv", "first.csv\0.png", "."],
+)
 def test_no_path_leads_out_of_the_folder(ask, name):
     assert "leads out" in told(ask.post("/api/records", json={"path": name}), 400)
 
@@ -166,6 +177,37 @@ def test_an_upload_has_a_limit_and_other_bodies_a_smaller_one(ask):
     large = {"files": ("large.csv", b"x" * 300_000)}
     assert "at most 200,000" in told(ask.post("/api/records/upload", files=large), 413)
     assert ask.post("/api/compare", content=b"x" * 1_100_000).status_code == 413
+
+
+def test_a_body_without_its_length_is_refused(ask):
+    def parts():
+        yield b"{}"
+
+    assert "without its length" in told(ask.post("/api/compare", content=parts()), 411)
+
+
+def test_whatever_is_refused_has_one_shape(ask):
+    deep = b'{"record":' + b"[" * 50_000 + b"]" * 50_000 + b"}"
+    headers = {"Content-Type": "application/json"}
+    assert told(ask.post("/api/models", content=deep, headers=headers), 400)
+    assert told(ask.get("/api/nothing"), 404)
+    assert told(ask.put("/api/session"), 405)
+
+
+def test_the_ranges_of_a_record_have_a_limit(ask, made):
+    many = [{"start": k, "end": k + 1} for k in range(1001)]
+    for place in ("ranges", "bad"):
+        assert told(ask.patch(f"/api/records/{made[0]}", json={place: many}), 422)
+
+
+def test_channels_that_no_page_can_list_are_refused(ask):
+    rows = [
+        ",".join(["t", *(f"c{k}" for k in range(5001))]),
+        *(f"{k}" + ",1" * 5001 for k in (1, 2)),
+    ]
+    sent = {"files": ("wide.csv", "\n".join(rows).encode())}
+    (failed,) = ask.post("/api/records/upload", files=sent).json()["failed"]
+    assert "expected at most 5,000" in failed["message"]
 
 
 def test_a_body_of_another_shape_is_refused_in_one_line(ask):

@@ -15,6 +15,7 @@ from fastapi import APIRouter, FastAPI, File, Form, Request, UploadFile
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, Response, StreamingResponse
 from pydantic import BaseModel, ConfigDict, Field
+from starlette.exceptions import HTTPException
 
 from tridentify.app.bench import Bench, MissingError, known, refusal
 from tridentify.app.panels import PANELS
@@ -31,6 +32,8 @@ KINDS = {
     ".svg": "image/svg+xml",
 }
 MOST_PIXELS = 5_000
+MOST_RANGES = 1_000
+"""Of a record: every action keeps them all."""
 LONGEST_WAIT = 5.0
 """Seconds that a question about an estimate may wait for its end."""
 
@@ -89,8 +92,8 @@ class RecordChanges(Strict):
     outputs: list[str] | None = None
     references: list[str] | None = None
     intersample: Literal["auto", "zoh", "foh", "band-limited"] | None = None
-    ranges: list[Range] | None = None
-    bad: list[Stretch] | None = None
+    ranges: list[Range] | None = Field(None, max_length=MOST_RANGES)
+    bad: list[Stretch] | None = Field(None, max_length=MOST_RANGES)
 
 
 class ModelWanted(Strict):
@@ -138,6 +141,7 @@ def create(bench: Bench, settings: Settings) -> FastAPI:
     app.include_router(models(bench), prefix="/api")
     app.add_exception_handler(TridentifyError, _refused)
     app.add_exception_handler(RequestValidationError, _malformed)
+    app.add_exception_handler(HTTPException, _not_taken)
     app.add_exception_handler(Exception, _fault)
     return app
 
@@ -153,6 +157,11 @@ async def _malformed(request: Request, error: Exception) -> Response:
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
     return problem(422, "malformed", f"found {where} that is wrong: {first['msg']}")
+
+
+async def _not_taken(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    return problem(error.status_code, "request", str(error.detail))
 
 
 async def _fault(request: Request, error: Exception) -> Response:

@@ -6,6 +6,7 @@ file or an estimate costs, and a crash or an endless loop ends a worker and not 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -30,6 +31,9 @@ from tridentify.record.formats.series import Series
 BESIDE = 0.25
 """Of a sampling interval, by which a stretch of samples is longer than they are."""
 
+MOST_CHANNELS = 5_000
+"""Of a record: a flight log has some thousand."""
+
 Say = Callable[[float, str], None]
 Source = Mapping[str, Any]
 Card = Mapping[str, Any]
@@ -49,6 +53,11 @@ def opened(say: Say, source: Source) -> dict[str, Any]:
         list_channels(sources.content(source))
         raise UnreadableFileError(
             "found no channel of numbers; expected at least two; choose another file"
+        )
+    if len(found) > MOST_CHANNELS:
+        raise UnreadableFileError(
+            f"found {len(found):,} channels; expected at most {MOST_CHANNELS:,}, which a page can "
+            "list; write those that are needed into a file of their own"
         )
     longest = max(found, key=lambda one: one.t.size)
     roles = guess_roles([one.channel.name for one in found], [one.values for one in found])
@@ -71,10 +80,9 @@ def opened(say: Say, source: Source) -> dict[str, Any]:
 
 def _told_apart(found: Sequence[Series]) -> list[str]:
     """Names, or full headers where two channels share a name."""
-    names = [one.channel.name for one in found]
+    times = Counter(one.channel.name for one in found)
     return [
-        one.channel.header if names.count(one.channel.name) > 1 else one.channel.name
-        for one in found
+        one.channel.header if times[one.channel.name] > 1 else one.channel.name for one in found
     ]
 
 
