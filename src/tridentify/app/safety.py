@@ -13,7 +13,7 @@ from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 from fastapi import Request
-from fastapi.responses import JSONResponse, RedirectResponse, Response
+from fastapi.responses import HTMLResponse, JSONResponse, Response
 
 from tridentify.errors import OptionError, UnreadableFileError, shown
 
@@ -32,6 +32,14 @@ HEADERS = {
 }
 """Of every answer. plotly.js writes styles into the page, so inline styles are allowed; scripts
 are not."""
+ENTRANCE = """<!doctype html>
+<meta http-equiv="refresh" content="0; url=/">
+<title>tridentify workbench</title>
+<p><a href="/">Open the workbench</a></p>
+"""
+"""Leads from the address with the token to the page. It is a page of this server that does so and no
+redirection: on the way from a link of another page, such as a notebook, browsers send no cookie that
+is for this site alone."""
 SMALL = 1_000_000
 """Bytes of a request that uploads nothing."""
 
@@ -96,7 +104,7 @@ class Guard:
         """The page with the token in its address gets a cookie; others need it, or the header."""
         asked = request.query_params.get("token")
         if request.url.path == "/" and asked is not None and self._fits(asked):
-            answer = RedirectResponse("/", 303)
+            answer = HTMLResponse(ENTRANCE)
             answer.set_cookie(self.cookie, self.token, httponly=True, samesite="strict", path="/")
             return answer
         given = request.cookies.get(self.cookie, "")
