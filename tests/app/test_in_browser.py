@@ -316,6 +316,7 @@ def test_models_are_compared_on_another_record(seen):
     expect(shown.filter(has_text=first)).to_have_count(1)
     expect(shown.filter(has_text=second)).to_have_count(1)
     expect(seen.page.locator('[data-panel="bode"] .main-svg').first).to_be_visible()
+    seen.at_rest()
     seen.key("target").select_option(label="second")
     seen.key("compare").click()
     fits = seen.page.get_by_role("table", name="Fits on the other record")
@@ -608,6 +609,7 @@ def test_a_comparison_on_a_record_of_other_channels_names_them(seen):
     seen.open("odd & <i>new.csv")
     seen.open("first.csv")
     seen.estimated(lambda: seen.drag(0.13, 0.63))
+    seen.at_rest()
     for key, act in (("target", seen.key("compare").click), ("on record", lambda: None)):
         seen.key(key).select_option(label="odd & <i>new")
         act()
@@ -687,6 +689,7 @@ def test_a_comparison_of_many_outputs_is_not_cut(seen):
     answer = {"outputs": ["roll rate", "pitch rate", "yaw rate"], "fits": [[91.0, 82.0, 73.0]],
               "summary": ""}  # fmt: skip
     seen.page.route("**/api/compare", lambda route: route.fulfill(json=answer))
+    seen.at_rest()
     seen.key("compare").click()
     rows = seen.page.get_by_role("table", name="Fits on the other record").locator("tbody tr")
     expect(rows).to_have_count(3)
@@ -750,6 +753,62 @@ def test_every_control_is_reached_by_the_tab_key(seen):
             unseen.append(found["key"])
     assert wanted - reached == set()
     assert unseen == []
+
+
+def test_every_control_has_a_name(seen):
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.key("run").click())
+    seen.at_rest()
+    assert seen.page.evaluate(NAMELESS) == []
+
+
+NAMELESS = """() => [...document.querySelectorAll("button, select, input, summary, [tabindex='0']")]
+  .filter((node) => node.checkVisibility() && node.tabIndex >= 0)
+  .filter((node) => !(node.ariaLabel || node.textContent.trim()
+    || [...(node.labels ?? [])].some((label) => label.textContent.trim())))
+  .map((node) => node.outerHTML.slice(0, 80))"""
+
+
+def test_an_estimate_is_made_by_the_keyboard_alone(browser, flights, tmp_path):
+    """From an empty session to a model, a range for validation and other orders."""
+    with serving(tmp_path, flights, ["first.csv"]) as server, tab(browser, server) as seen:
+        keys = seen.page.keyboard
+
+        def reach(query: str) -> None:
+            for _ in range(200):
+                keys.press("Tab")
+                if seen.page.evaluate("(query) => document.activeElement.matches(query)", query):
+                    return
+            raise AssertionError(f"{query} is not reached by the tab key")
+
+        reach('[data-key="file first.csv"]')
+        keys.press("Enter")
+        expect(seen.page.locator(".card.record")).to_have_count(1)
+        seen.at_rest()
+        reach(".overlay")
+        keys.press("+")
+        keys.press("ArrowLeft")
+        seen.estimated(lambda: keys.press("Enter"))
+        first = seen.key("start 0").input_value(), seen.key("end 0").input_value()
+        assert float(first[1]) - float(first[0]) == pytest.approx(15.0, abs=0.1)
+        reach('[data-key="end 0"]')
+        keys.press("Control+a")
+        keys.type("20")
+        seen.estimated(lambda: keys.press("Enter"))
+        seen.at_rest()
+        reach('[data-key="add range"]')
+        keys.press("Enter")
+        expect(seen.page.locator(".row.range")).to_have_count(2)
+        seen.at_rest()
+        reach("#option-poles")
+        keys.type("1")
+        expect(seen.page.locator("#option-poles")).to_have_value("1")
+        seen.page.evaluate("document.querySelector('#options h2').scrollIntoView()")
+        keys.press("Shift+Tab")
+        while not seen.page.evaluate("document.activeElement.matches('[data-key=\"run\"]')"):
+            keys.press("Shift+Tab")
+        seen.estimated(lambda: keys.press("Enter"))
+        expect(seen.page.locator(".card.model.current")).to_contain_text("1 pole")
 
 
 FOCUSED = """() => {

@@ -37,9 +37,9 @@ ENTRANCE = """<!doctype html>
 <title>tridentify workbench</title>
 <p><a href="/">Open the workbench</a></p>
 """
-"""Leads from the address with the token to the page. It is a page of this server that does so and no
-redirection: on the way from a link of another page, such as a notebook, browsers send no cookie that
-is for this site alone."""
+"""Leads from the address with the token to the page. It is a page of this server that does so and
+no redirection: on the way from a link of another page, such as a notebook, browsers send no cookie
+that is for this site alone."""
 SMALL = 1_000_000
 """Bytes of a request that uploads nothing."""
 

@@ -8,17 +8,18 @@ from collections.abc import AsyncIterator
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import plotly
 from fastapi import APIRouter, FastAPI, File, Form, Request, UploadFile
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, Response, StreamingResponse
-from pydantic import BaseModel, ConfigDict, Field
 from starlette.exceptions import HTTPException
 
-from tridentify.app.bench import Bench, MissingError, known, refusal
+from tridentify.app.bench import Bench
+from tridentify.app.bodies import Comparing, ModelChanges, ModelWanted, Opening, RecordChanges
 from tridentify.app.panels import PANELS
+from tridentify.app.refusals import MissingError, known, refusal
 from tridentify.app.safety import Guard, problem
 from tridentify.errors import TridentifyError
 from tridentify.options import OPTIONS
@@ -32,8 +33,6 @@ KINDS = {
     ".svg": "image/svg+xml",
 }
 MOST_PIXELS = 5_000
-MOST_RANGES = 1_000
-"""Of a record: every action keeps them all."""
 LONGEST_WAIT = 5.0
 """Seconds that a question about an estimate may wait for its end."""
 
@@ -53,71 +52,6 @@ class Settings:
     token: str
     port: int
     most_uploaded: int = 512_000_000
-
-
-class Strict(BaseModel):
-    """A body that holds what it names, and nothing else."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-class Opening(Strict):
-    """Which file of the folder is opened."""
-
-    path: str = Field(min_length=1, max_length=1000)
-    dt: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
-
-
-class Range(Strict):
-    """A stretch of a record [s from its start]."""
-
-    start: float = Field(allow_inf_nan=False)
-    end: float = Field(allow_inf_nan=False)
-    use: Literal["identify", "validate"] = "identify"
-
-
-class Stretch(Strict):
-    """Samples that are left out [s from the record's start]."""
-
-    start: float = Field(allow_inf_nan=False)
-    end: float = Field(allow_inf_nan=False)
-    use: str | None = None
-
-
-class RecordChanges(Strict):
-    """What is to be different of a record."""
-
-    name: str | None = Field(None, min_length=1, max_length=200)
-    inputs: list[str] | None = None
-    outputs: list[str] | None = None
-    references: list[str] | None = None
-    intersample: Literal["auto", "zoh", "foh", "band-limited"] | None = None
-    ranges: list[Range] | None = Field(None, max_length=MOST_RANGES)
-    bad: list[Stretch] | None = Field(None, max_length=MOST_RANGES)
-
-
-class ModelWanted(Strict):
-    """What is to be estimated from a record."""
-
-    record: str
-    options: dict[str, str | int | float | bool | None] = Field(default_factory=dict)
-    name: str | None = Field(None, min_length=1, max_length=200)
-    alone: bool = False
-    changes: RecordChanges | None = None
-
-
-class ModelChanges(Strict):
-    """What is to be different of a model."""
-
-    name: str | None = Field(None, min_length=1, max_length=200)
-    shown: bool | None = None
-
-
-class Comparing(Strict):
-    """Models on one record."""
-
-    models: list[str] = Field(min_length=1, max_length=50)
-    record: str
 
 
 def create(bench: Bench, settings: Settings) -> FastAPI:
