@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -14,7 +14,6 @@ import plotly
 from fastapi import APIRouter, FastAPI, File, Form, Request, UploadFile
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, Response, StreamingResponse
-from starlette.exceptions import HTTPException
 
 from tridentify.app.bench import Bench
 from tridentify.app.bodies import Comparing, ModelChanges, ModelWanted, Opening, RecordChanges
@@ -33,6 +32,8 @@ KINDS = {
     ".svg": "image/svg+xml",
 }
 MOST_PIXELS = 5_000
+NOT_TAKEN = (400, 404, 405)
+"""Statuses of requests that reach no route, or whose body is not read."""
 LONGEST_WAIT = 5.0
 """Seconds that a question about an estimate may wait for its end."""
 
@@ -75,7 +76,8 @@ def create(bench: Bench, settings: Settings) -> FastAPI:
     app.include_router(models(bench), prefix="/api")
     app.add_exception_handler(TridentifyError, _refused)
     app.add_exception_handler(RequestValidationError, _malformed)
-    app.add_exception_handler(HTTPException, _not_taken)
+    for status in NOT_TAKEN:
+        app.add_exception_handler(status, _not_taken(status))
     app.add_exception_handler(Exception, _fault)
     return app
 
@@ -93,9 +95,11 @@ async def _malformed(request: Request, error: Exception) -> Response:
     return problem(422, "malformed", f"found {where} that is wrong: {first['msg']}")
 
 
-async def _not_taken(request: Request, error: Exception) -> Response:
-    assert isinstance(error, HTTPException)
-    return problem(error.status_code, "request", str(error.detail))
+def _not_taken(status: int) -> Callable[[Request, Exception], Awaitable[Response]]:
+    async def told(request: Request, error: Exception) -> Response:
+        return problem(status, "request", str(getattr(error, "detail", error)))
+
+    return told
 
 
 async def _fault(request: Request, error: Exception) -> Response:
