@@ -830,8 +830,12 @@ CONTROLS = """() => {
 
 def test_everything_is_readable(seen):
     seen.open("first.csv")
+    seen.key("mode validate").click()
+    seen.drag(0.05, 0.95)  # it overlaps what is identified, which is said
+    seen.key("mode identify").click()
     seen.estimated(lambda: seen.key("run").click())
     expect(seen.page.locator('[data-panel="poles"] .main-svg').first).to_be_visible()
+    expect(seen.page.locator("#record .ranges p.bad")).to_be_visible()
     for width, scheme in ((800, "dark"), (800, "light"), (1280, "dark"), (1280, "light")):
         seen.page.emulate_media(color_scheme=scheme)
         seen.page.set_viewport_size({"width": width, "height": 900})
@@ -862,7 +866,7 @@ READABLE = """({ width, smallest }) => {
   };
   const shown = (query) => [...document.querySelectorAll(query)]
     .filter((node) => node.checkVisibility() && !node.closest(".offscreen, .skip"));
-  const texts = shown("p, td, th, li, dt, dd, label, button, summary, h1, h2, h3, svg text")
+  const texts = shown("p, td, th, li, dt, dd, label, button, summary, h1, h2, h3, strong, svg text")
     .filter((node) => node.textContent.trim());
   const contrast = (node) => {
     const style = getComputedStyle(node);

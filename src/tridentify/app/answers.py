@@ -60,7 +60,7 @@ def described(
         "physical_notes": notes,
         "python": model_in_python(card, chosen),
         "command_line": model_in_shell(card, chosen),
-        "judging": False,
+        "outputs": list(estimate.output_names),
         "validation_fit": fits,
         "validation_findings": doubts,
         "validation_note": told_shared,

@@ -12,7 +12,7 @@ export function startLines() {
   body = make("div", {});
   byId("lines").append(make("details", {},
     make("summary", {}, "The same in Python and on the command line"), body));
-  listen(["records", "record", "models", "result", "compared", "judged"], refresh);
+  listen(["records", "record", "models", "result", "compared"], refresh);
 }
 
 async function refresh() {

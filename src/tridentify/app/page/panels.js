@@ -29,7 +29,7 @@ export function startPanels() {
   for (const [name, title] of PANELS) grid.append(card(name, title));
   grid.append(startBeside());
   byId("panels").append(make("h2", {}, "Panels"), head, empty, grid);
-  listen(["models", "judged", "theme", "result"], soon);
+  listen(["models", "theme", "result"], soon);
   listen("pair", refresh);
 }
 
