@@ -26,13 +26,14 @@ from tridentify import Record, TransferFunction, simulate
 pytest.importorskip("fastapi", reason="the extra app is not installed")
 sync_api = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 expect = sync_api.expect
-expect.set_options(timeout=30_000)
 
 NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 COMMAND = [sys.executable, "-m", "tridentify", "app"]
 TOKEN = "token-of-the-tests-of-the-page-0123456789"
-PATIENCE = 30.0
-"""Seconds a server may take to start, and a page to show what it is asked for."""
+PATIENCE = 120.0
+"""Seconds a server may take to start, and a page to show what it is asked for: on a machine that
+has ten times its work to do, no less."""
+expect.set_options(timeout=1000 * PATIENCE)
 SETTLING = 250
 """Milliseconds between two looks at a page that is to have come to rest."""
 LOOPBACK = re.compile(r"^(http://127\.0\.0\.1:\d+/|data:|blob:)")

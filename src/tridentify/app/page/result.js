@@ -37,13 +37,20 @@ async function refresh() {
     const detail = await detailOf(model.id);
     if (turn !== drawn) return;
     show(model, detail);
-    if (pictured !== model.id) picture.setAttribute("aria-busy", "true");
+    if (pictured !== model.id) awaitPicture();
     const found = await fit;
     if (turn !== drawn) return;
     await drawFit(model, found);
     pictured = model.id;
     picture.removeAttribute("aria-busy");
   });
+}
+
+/** The place of the picture is there from the first: what follows it does not move. */
+function awaitPicture() {
+  picture.setAttribute("aria-busy", "true");
+  picture.hidden = false;
+  picture.style.height ||= `${HEIGHT + 40}px`;
 }
 
 function empty(model) {
