@@ -489,6 +489,19 @@ def test_an_input_that_does_not_move_is_told(ask):
     assert "elevator does not move" in job["error"]["message"]
 
 
+def test_a_range_of_bad_samples_alone_is_told(ask):
+    card = opened(ask)
+    for bad in ((0.0, 20.0), (2.0, 12.0)):
+        changes = {
+            "ranges": [{"start": 3.0, "end": 10.0}],
+            "bad": [dict(zip(("start", "end"), bad, strict=True))],
+        }
+        sent = {"record": card["id"], "changes": changes}
+        job = ended(ask, ask.post("/api/models", json=sent).json()["job"])
+        assert "no sample that counts" in job["error"]["message"]
+        assert "Remove such a range" in job["error"]["remedy"]
+
+
 def test_without_an_input_nothing_is_estimated(ask):
     record = opened(ask)
     ask.patch(f"/api/records/{record['id']}", json={"inputs": []})
