@@ -710,14 +710,14 @@ def test_small_coefficients_are_not_cut(seen):
 
 
 def test_a_link_of_another_page_opens_the_workbench(browser, server):
-    with tab(browser, server) as seen:
-        notebook = seen.context.new_page()
-        notebook.set_content(f'<a href="{server.address}/?token={TOKEN}" target="_blank">open</a>')
-        seen.context.clear_cookies()
-        with seen.context.expect_page() as opened:
-            notebook.locator("a").click()
-        expect(opened.value.locator("#options .field").first).to_be_visible()
-        assert "token" not in opened.value.url
+    context = browser.new_context()
+    notebook = context.new_page()
+    notebook.set_content(f'<a href="{server.address}/?token={TOKEN}" target="_blank">open</a>')
+    with context.expect_page() as opened:
+        notebook.locator("a").click()
+    expect(opened.value.locator("#options .field").first).to_be_visible()
+    assert "token" not in opened.value.url
+    context.close()
 
 
 def test_two_tabs_show_the_same(browser, server, seen):
