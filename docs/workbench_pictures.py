@@ -26,10 +26,10 @@ NAMES = ("chromium", "chromium-browser", "google-chrome", "chrome")
 SIZE = {"width": 1280, "height": 820}
 COLOURS = 160
 """Of a picture: enough for thin lines on plain ground, and a quarter of the size."""
-PATIENCE = 60.0
-"""Seconds that the server may take to start."""
-SETTLED = 1500
-"""Milliseconds after which every panel is drawn."""
+PATIENCE = 120.0
+"""Seconds that the server may take to start, and the page to show what it is asked for."""
+SETTLED = 500
+"""Milliseconds in which nothing is drawn any more once the page has come to rest."""
 
 
 @contextmanager
@@ -83,12 +83,21 @@ def estimated(page: Page, number: int) -> None:
     """Wait for the model of that number."""
     page.locator(".card.model").nth(number - 1).wait_for()
     page.locator("#result .sentence").wait_for()
-    page.wait_for_timeout(SETTLED)
+    at_rest(page)
+
+
+def at_rest(page: Page) -> None:
+    """Wait until nothing is computed, read, said or drawn any more."""
+    for under_way in ('[aria-busy="true"]', "#told:not(:empty)"):
+        page.locator(under_way).first.wait_for(state="detached")
+    before = -1
+    while before != (before := page.evaluate("document.querySelectorAll('*').length")):
+        page.wait_for_timeout(SETTLED)
 
 
 def keep(page: Page, path: Path, query: str | None = None) -> None:
     """Take a picture of the window, or of a part of the page, in few colours."""
-    page.wait_for_timeout(SETTLED)
+    at_rest(page)
     if query is None:
         page.screenshot(path=path)
     else:
@@ -108,7 +117,6 @@ def take(page: Page, folder: Path) -> None:
     drag(page, 0.05, 0.78)
     estimated(page, 1)
     page.mouse.move(5, 5)
-    page.wait_for_timeout(3 * SETTLED)
     keep(page, folder / "workbench.png")
     page.emulate_media(color_scheme="dark")
     keep(page, folder / "workbench-dark.png")
@@ -118,6 +126,7 @@ def take(page: Page, folder: Path) -> None:
     page.locator('[data-key="run"]').click()
     estimated(page, 2)
     page.locator('[data-key="compare"]').click()
+    page.get_by_role("table", name="Fits on the other record").wait_for()
     keep(page, folder / "workbench-panels.png", "#panels")
 
 
@@ -138,6 +147,7 @@ def main() -> None:
         browser = play.chromium.launch(executable_path=program, args=["--no-sandbox"])
         with workbench(flights) as address:
             page = browser.new_page(viewport=SIZE)
+            page.set_default_timeout(1000 * PATIENCE)
             page.goto(address)
             take(page, out)
         browser.close()

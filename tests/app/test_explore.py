@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import html
 import json
+import shlex
 import socket
 import subprocess
 import sys
+import time
+import urllib.error
 import urllib.request
+from importlib.resources import files
 
 import pytest
 
-from tridentify import Record
+from tridentify import Record, identify
+from tridentify.app.notebook import PATIENCE, _asked, _free_port
 from tridentify.data import short_period
 
 pytest.importorskip("fastapi", reason="the extra app is not installed")
@@ -66,3 +72,34 @@ def test_a_port_in_use_is_told(tmp_path):
         )  # fmt: skip
     assert done.returncode == 2
     assert f"found the port {port} in use" in done.stderr
+
+
+def test_a_report_says_how_to_open_its_record_here(tmp_path):
+    record = short_period().select(outputs=["q"])
+    (tmp_path / "short_period.csv").write_bytes(
+        files("tridentify.data").joinpath("short_period.csv").read_bytes()
+    )
+    page = identify(record, (2, 1)).report(tmp_path / "report.html", record).read_text()
+    section = page.split("Open in the workbench</h2>")[1]
+    command = html.unescape(section.split("<pre>")[1].split("</pre>")[0]).splitlines()[0]
+    words = shlex.split(command)
+    assert words == ["tridentify", "app", "short_period.csv"]
+    port, token = _free_port(), "token-of-the-report-0123456789"
+    process = subprocess.Popen(
+        [sys.executable, "-m", *words, "--no-open", "--port", str(port), "--token", token],
+        cwd=tmp_path, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+    )  # fmt: skip
+    try:
+        end = time.monotonic() + PATIENCE
+        while True:
+            try:
+                session = _asked(f"http://127.0.0.1:{port}", token, "/session")
+                break
+            except (urllib.error.URLError, ConnectionError):
+                assert process.poll() is None
+                assert time.monotonic() < end
+                time.sleep(0.05)
+    finally:
+        process.terminate()
+        process.wait()
+    assert [one["name"] for one in session["records"]] == ["short_period"]

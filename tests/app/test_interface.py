@@ -17,7 +17,7 @@ pytest.importorskip("httpx2", reason="httpx2, which asks the server in tests, is
 
 from fastapi.testclient import TestClient
 
-from tridentify.app.answers import _few
+from tridentify.app.answers import _few, shared_time
 from tridentify.app.bench import Bench
 from tridentify.app.server import Settings, create
 from tridentify.app.session import Session
@@ -117,11 +117,14 @@ def test_only_who_has_the_token_may_ask(ask):
 
 def test_the_page_is_entered_with_the_token_and_goes_on_with_a_cookie(ask):
     bare = {"Authorization": ""}
-    answer = ask.get(f"/?token={TOKEN}", headers=bare, follow_redirects=False)
-    assert (answer.status_code, answer.headers["location"]) == (303, "/")
+    answer = ask.get(f"/?token={TOKEN}", headers=bare)
+    assert answer.status_code == 200
+    assert 'http-equiv="refresh" content="0; url=/"' in answer.text
+    assert TOKEN not in answer.text
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
     assert "samesite=strict" in cookie.lower()
+    assert cookie.startswith(f"tridentify-{PORT}=")  # browsers keep one for all ports of a host
     assert TOKEN not in str(ask.get("/").text)
     assert ask.get("/?token=wrong", headers=bare | {"Cookie": ""}).status_code == 403
     ask.cookies.clear()
@@ -133,7 +136,14 @@ def test_another_host_is_refused(ask, host):
 
 
 @pytest.mark.parametrize(
-    "origin", ["http://evil.example", "null", "http://127.0.0.1:9", "https://127.0.0.1.evil:8123"]
+    "origin",
+    [
+        "http://evil.example",
+        "null",
+        "http://127.0.0.1:9",
+        "https://127.0.0.1.evil:8123",
+        f"https://127.0.0.1:{PORT}",
+    ],
 )
 def test_another_origin_is_refused(ask, origin):
     assert ask.post("/api/undo", headers={"Origin": origin}).status_code == 403
@@ -152,7 +162,10 @@ def test_scripts_of_the_page_come_from_the_server_alone(ask):
     assert ask.get("/page/main.js").headers["content-type"].startswith("text/javascript")
 
 
-@pytest.mark.parametrize("name", ["../secret.csv", "link.csv", "/etc/passwd", "a/../../secret.csv"])
+@pytest.mark.parametrize(
+    "name",
+    ["../secret.csv", "link.csv", "/etc/passwd", "a/../../secret.csv", "first.csv\0.png", "."],
+)
 def test_no_path_leads_out_of_the_folder(ask, name):
     assert "leads out" in told(ask.post("/api/records", json={"path": name}), 400)
 
@@ -166,6 +179,37 @@ def test_an_upload_has_a_limit_and_other_bodies_a_smaller_one(ask):
     large = {"files": ("large.csv", b"x" * 300_000)}
     assert "at most 200,000" in told(ask.post("/api/records/upload", files=large), 413)
     assert ask.post("/api/compare", content=b"x" * 1_100_000).status_code == 413
+
+
+def test_a_body_without_its_length_is_refused(ask):
+    def parts():
+        yield b"{}"
+
+    assert "without its length" in told(ask.post("/api/compare", content=parts()), 411)
+
+
+def test_whatever_is_refused_has_one_shape(ask):
+    deep = b'{"record":' + b"[" * 50_000 + b"]" * 50_000 + b"}"
+    headers = {"Content-Type": "application/json"}
+    assert told(ask.post("/api/models", content=deep, headers=headers), 400)
+    assert told(ask.get("/api/nothing"), 404)
+    assert told(ask.put("/api/session"), 405)
+
+
+def test_the_ranges_of_a_record_have_a_limit(ask, made):
+    many = [{"start": k, "end": k + 1} for k in range(1001)]
+    for place in ("ranges", "bad"):
+        assert told(ask.patch(f"/api/records/{made[0]}", json={place: many}), 422)
+
+
+def test_channels_that_no_page_can_list_are_refused(ask):
+    rows = [
+        ",".join(["t", *(f"c{k}" for k in range(5001))]),
+        *(f"{k}" + ",1" * 5001 for k in (1, 2)),
+    ]
+    sent = {"files": ("wide.csv", "\n".join(rows).encode())}
+    (failed,) = ask.post("/api/records/upload", files=sent).json()["failed"]
+    assert "expected at most 5,000" in failed["message"]
 
 
 def test_a_body_of_another_shape_is_refused_in_one_line(ask):
@@ -277,6 +321,45 @@ def test_advice_and_manoeuvres(ask, made):
 
 
 # ------------------------------------------------------------------------------------------ models
+def test_a_range_comes_with_the_estimate_and_the_answer_with_its_end(ask):
+    card = opened(ask, "second.csv")
+    ranges = [{"start": 2.0, "end": 12.0, "use": "identify"}]
+    sent = {"record": card["id"], "changes": {"ranges": ranges}, "alone": True}
+    answer = ask.post("/api/models", json=sent).json()
+    assert answer["record"]["ranges"] == ranges
+    end = time.monotonic() + PATIENCE
+    while (job := ask.get(f"/api/jobs/{answer['job']}?wait=2").json())["state"] != "done":
+        assert time.monotonic() < end
+    models = job["session"]["models"]
+    assert [one["id"] for one in models if one["shown"]] == [answer["model"]]
+    assert job["detail"] == ask.get(f"/api/models/{answer['model']}").json()
+    wrong = {**sent, "changes": {"ranges": [{"start": 3.0, "end": 1.0}]}}
+    assert "expected its end after" in told(ask.post("/api/models", json=wrong), 400)
+
+
+def test_stretches_beyond_a_limit(ask, made):
+    path = f"/api/records/{made[0]}/stretches"
+    found = ask.get(f"{path}?channel=elevator&high=1").json()
+    rest = ask.get(f"{path}?channel=elevator&low=-1").json()
+    assert sum(one["end"] - one["start"] for one in (*found, *rest)) == pytest.approx(
+        0.05 * 399 - 0.025 * (len(found) + len(rest) - 1), abs=0.03
+    )
+    assert ask.get(f"{path}?channel=q&high=1e9").json() == []
+    assert "no channel" in told(ask.get(f"{path}?channel=zz&high=1"), 400)
+
+
+def test_ranges_that_overlap_are_noted():
+    def card(*ranges):
+        return {"ranges": [dict(zip(("start", "end", "use"), one, strict=True)) for one in ranges]}
+
+    made, tested = (0.0, 6.0, "identify"), (6.0, 9.0, "validate")
+    assert shared_time(card(made, tested)) == shared_time(card(made)) == shared_time(card()) == ""
+    assert "share 5 to 6 s and 8 to 9 s" in shared_time(
+        card(made, (8.0, 9.5, "identify"), (5.0, 9.0, "validate"))
+    )
+    assert "whole record" in shared_time(card(tested))
+
+
 def test_a_model_is_the_one_identify_gives(ask, made, bench):
     detail = ask.get(f"/api/models/{made[1]}").json()
     assert detail["structure"] == "2 poles, 1 zero"
@@ -404,6 +487,19 @@ def test_an_input_that_does_not_move_is_told(ask):
     job = ended(ask, ask.post("/api/models", json=body).json()["job"])
     assert job["state"] == "failed"
     assert "elevator does not move" in job["error"]["message"]
+
+
+def test_a_range_of_bad_samples_alone_is_told(ask):
+    card = opened(ask)
+    for bad in ((0.0, 20.0), (2.0, 12.0)):
+        changes = {
+            "ranges": [{"start": 3.0, "end": 10.0}],
+            "bad": [dict(zip(("start", "end"), bad, strict=True))],
+        }
+        sent = {"record": card["id"], "changes": changes}
+        job = ended(ask, ask.post("/api/models", json=sent).json()["job"])
+        assert "no sample that counts" in job["error"]["message"]
+        assert "Remove such a range" in job["error"]["remedy"]
 
 
 def test_without_an_input_nothing_is_estimated(ask):

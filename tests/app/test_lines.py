@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -120,6 +121,44 @@ def test_a_record_has_a_line_that_runs(card, capsys):
     words = shlex.split(lines.record_in_shell({**card, "ranges": [RANGE]}))
     assert main([*words[1:], "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["findings"] is not None
+
+
+def test_a_record_is_checked_and_searched_by_lines_that_run(card, capsys):
+    exec(lines.look_in_python({**card, "ranges": [RANGE]}), {})
+    assert "position" in capsys.readouterr().out
+
+
+def test_what_validates_is_tested_by_lines_that_run(card, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    ranges = [RANGE, {"start": 15.0, "end": 19.0, "use": "validate"}]
+    ranged, options = {**card, "ranges": ranges}, {"zeros": "0", "noise": "white"}
+    exec(lines.model_in_python(ranged, options), {})
+    assert "residual" in capsys.readouterr().out
+    first, second = lines.model_in_shell(ranged, options).splitlines()
+    assert main(shlex.split(first)[1:]) == 0
+    capsys.readouterr()
+    assert main([*shlex.split(second)[1:], "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["fit"]
+
+
+def test_a_model_is_exported_by_lines_that_run(card, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    record = read_record(card["path"], inputs=["force"], outputs=["position"])
+    estimate = identify(record, *from_options({"zeros": "0", "noise": "white"}))
+    kinds = ("json", "matlab", "c", "control", "table")
+    files = {file: content for file, _, content in
+             (exported(estimate, [record], kind, "Model 1") for kind in kinds)}  # fmt: skip
+    Path("Model_1.json").write_bytes(files["Model_1.json"])
+    exec(lines.export_in_python("Model 1", card, record.dt), {})
+    assert {path.suffix for path in tmp_path.iterdir()} >= {".html", ".svg"}
+    for name, content in files.items():
+        assert Path(name).read_bytes() == content, name
+        if name != "Model_1.json":
+            Path(name).unlink()
+    for line in lines.export_in_shell("Model 1", record.dt).splitlines():
+        assert main(shlex.split(line)[1:]) == 0
+    for name in files:
+        assert Path(name).stat().st_size > 100
 
 
 def test_models_are_compared_by_lines_that_run(card, tmp_path, capsys, monkeypatch):

@@ -46,6 +46,8 @@ def described(
     """
     physical, told, notes = _physical(record, card, chosen)
     fits, doubts = _validated(estimate, record, card)
+    shared = shared_time(card)
+    told_shared = f"{shared}: there the model is tested by what it was made from." if shared else ""
     found = [*estimate.findings]
     sentence = " ".join([headline_of(estimate, found), trust_of(estimate, found)]).strip()
     return {
@@ -58,10 +60,33 @@ def described(
         "physical_notes": notes,
         "python": model_in_python(card, chosen),
         "command_line": model_in_shell(card, chosen),
-        "judging": False,
+        "outputs": list(estimate.output_names),
         "validation_fit": fits,
         "validation_findings": doubts,
+        "validation_note": told_shared,
     }
+
+
+def shared_time(card: Mapping[str, Any]) -> str:
+    """Where ranges for validation are identified, too; nothing where none is.
+
+    Examples
+    --------
+    >>> ranges = [(0.0, 6.0, "identify"), (5.0, 9.0, "validate")]
+    >>> shared_time({"ranges": [dict(zip(("start", "end", "use"), one)) for one in ranges]})
+    'The ranges to identify and for validation share 5 to 6 s'
+    """
+    made, tested = (
+        [(one["start"], one["end"]) for one in card["ranges"] if one["use"] == use]
+        for use in ("identify", "validate")
+    )
+    if tested and not made:
+        return "The whole record is identified, the range for validation with it"
+    both = sorted((max(a, c), min(b, d)) for a, b in made for c, d in tested)
+    told = [f"{start:.5g} to {end:.5g} s" for start, end in both if start < end]
+    if not told:
+        return ""
+    return f"The ranges to identify and for validation share {' and '.join(told)}"
 
 
 def _row(one: Any) -> dict[str, Any]:

@@ -37,6 +37,7 @@ class Job:
     message: str = ""
     error: dict[str, str] | None = None
     worker: Worker | None = field(default=None, repr=False)
+    ended: threading.Event = field(default_factory=threading.Event, repr=False)
 
     def document(self) -> dict[str, Any]:
         """As the page takes it."""
@@ -69,14 +70,10 @@ class Jobs:
         self._threads = ThreadPoolExecutor(1)
         self._workers = [Worker(warm=True), Worker(warm=True)]
 
-    def start(self) -> None:
-        """Start both workers, one after the other, without waiting for them."""
-
-        def both() -> None:
-            for worker in self._workers:
-                worker.start()
-
-        threading.Thread(target=both, daemon=True).start()
+    @property
+    def workers(self) -> tuple[Worker, ...]:
+        """All of them, the one that makes the next estimate first."""
+        return tuple(self._workers)
 
     @property
     def worker(self) -> Worker:
@@ -93,9 +90,12 @@ class Jobs:
         self._threads.submit(self._run, job, work)
         return job
 
-    def get(self, name: str) -> Job | None:
-        """An estimate by its id."""
-        return self._jobs.get(name)
+    def get(self, name: str, wait: float = 0.0) -> Job | None:
+        """An estimate by its id, as soon as it has ended and after ``wait`` [s] at the latest."""
+        job = self._jobs.get(name)
+        if job is not None and wait > 0.0:
+            job.ended.wait(wait)
+        return job
 
     def cancel(self, job: Job) -> None:
         """End an estimate, wherever it is."""
@@ -103,6 +103,7 @@ class Jobs:
             running = job.state == "running"
             if job.state in ("queued", "running"):
                 job.state = "cancelled"
+                job.ended.set()
             if not running or job.worker is None:
                 return
             worker = job.worker
@@ -128,6 +129,12 @@ class Jobs:
         def say(fraction: float, words: str) -> None:
             job.fraction, job.message = fraction, words
 
+        try:
+            self._do(job, work, worker, say)
+        finally:
+            job.ended.set()
+
+    def _do(self, job: Job, work: Work, worker: Worker, say: Callable[[float, str], None]) -> None:
         try:
             keep = work(worker, say)
             with self._change:

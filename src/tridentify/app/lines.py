@@ -25,6 +25,8 @@ SWITCHES = {one.name: one.switch for one in list_options()}
 PLAIN_TERMS = ("delay", "offset", "drift", "initial_state")
 KNOWLEDGE = ("fixed", "bounds", "priors")
 IN_STRUCTURE = (*PLAIN_TERMS, *KNOWLEDGE)
+RESULT = "result"
+"""The folder that `tridentify identify` writes where something is to be done with the model."""
 
 
 def _arguments(values: Mapping[str, Any]) -> str:
@@ -60,6 +62,22 @@ def record_in_python(card: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
+def look_in_python(card: Mapping[str, Any]) -> str:
+    """Lines that read the record, check it, and look for its manoeuvres."""
+    of = "pieces" if _identified(card) else "record"
+    return "\n".join(
+        [
+            record_in_python(card),
+            "",
+            "from tridentify import advise, find_manoeuvres",
+            "",
+            f"print(advise({of}).summary())",
+            "for one in find_manoeuvres(record):",
+            "    print(one.start, one.stop, one.why)",
+        ]
+    )
+
+
 def record_in_shell(card: Mapping[str, Any]) -> str:
     """A command line that looks at the record."""
     return shlex.join(["tridentify", "advise", *_source(card)])
@@ -91,8 +109,12 @@ def _sampling(card: Mapping[str, Any]) -> list[str]:
     return words
 
 
+def _of_use(card: Mapping[str, Any], use: str) -> list[Any]:
+    return [one for one in card["ranges"] if one["use"] == use]
+
+
 def _identified(card: Mapping[str, Any]) -> list[Any]:
-    return [one for one in card["ranges"] if one["use"] == "identify"]
+    return _of_use(card, "identify")
 
 
 def between(card: Mapping[str, Any], chosen: Mapping[str, str]) -> Mapping[str, Any]:
@@ -122,6 +144,9 @@ def model_in_python(card: Mapping[str, Any], options: Mapping[str, Any]) -> str:
         f"estimate = identify({of}, {asked}, {name}({_arguments(given)}))",
         "print(estimate.summary())",
     ]
+    if _of_use(card, "validate"):
+        lines += ["", "from tridentify import validate", ""]
+        lines += ["print(validate(estimate, other).summary())"]
     if chosen["physical"] != "none":
         lines += [
             "",
@@ -157,10 +182,20 @@ def model_in_shell(card: Mapping[str, Any], options: Mapping[str, Any]) -> str:
             words += [SWITCHES[name], chosen[name]]
     for name in KNOWLEDGE:
         words += _each(name, chosen)
-    lines = [shlex.join(words)]
+    tested = _validated_in_shell(own)
+    if tested:
+        words += ["--out", RESULT]
+    lines = [shlex.join(words), *tested]
     if chosen["physical"] != "none":
         lines.append(_physical_in_shell(own, chosen))
     return "\n".join([*_left_out(card), *lines])
+
+
+def _validated_in_shell(card: Mapping[str, Any]) -> list[str]:
+    """A command for each range that validates."""
+    words = ["tridentify", "validate", f"{RESULT}/model.json"]
+    alone = ({**card, "ranges": [{**one, "use": "identify"}]} for one in _of_use(card, "validate"))
+    return [shlex.join([*words, *_source(one)]) for one in alone]
 
 
 def _each(name: str, chosen: Mapping[str, str]) -> list[str]:
@@ -203,6 +238,40 @@ def columns_of(
         own
         | match_channels(model.input_names, inputs)
         | match_channels(model.output_names, outputs)
+    )
+
+
+def export_in_python(name: str, card: Mapping[str, Any], dt: float) -> str:
+    """Lines that write the files of a saved model; ``dt`` [s] of the filter in C."""
+    stem = saved_as(name, "")
+    of = "pieces" if _identified(card) else "record"
+    return "\n".join(
+        [
+            "from pathlib import Path",
+            "",
+            "from tridentify import Estimate",
+            "from tridentify.export import to_bytes",
+            record_in_python(card),
+            "# the model as Export wrote it: Model (JSON)",
+            f"estimate = Estimate.load({stem + '.json'!r})",
+            "for ending in ('.m', '.h', '.py', '.csv'):",
+            f"    content = to_bytes(estimate, ending, dt={dt!r}, name={stem!r})",
+            f"    Path({stem!r} + ending).write_bytes(content)",
+            f"estimate.report({stem + '.html'!r}, {of})",
+            f"estimate.plot({'pieces[0]' if of == 'pieces' else of}).savefig({stem + '.svg'!r})",
+        ]
+    )
+
+
+def export_in_shell(name: str, dt: float) -> str:
+    """Command lines that write the files of a saved model."""
+    stem = saved_as(name, "")
+    filters = {".h": ["--dt", repr(dt), "--name", stem]}
+    return "\n".join(
+        shlex.join(
+            ["tridentify", "export", f"{stem}.json", f"{stem}{ending}", *filters.get(ending, [])]
+        )
+        for ending in (".m", ".h", ".py", ".csv")
     )
 
 

@@ -25,7 +25,7 @@ from tridentify.errors import OutputPathError
 from tridentify.record.formats.frames import frame_from_record
 from tridentify.record.record import Record
 
-PATIENCE = 60.0
+PATIENCE = 120.0
 """Seconds that the server may take to start."""
 
 

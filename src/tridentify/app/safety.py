@@ -11,14 +11,14 @@ from __future__ import annotations
 import secrets
 from collections.abc import Awaitable, Callable
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from fastapi import Request
-from fastapi.responses import JSONResponse, RedirectResponse, Response
+from fastapi.responses import HTMLResponse, JSONResponse, Response
 
 from tridentify.errors import OptionError, UnreadableFileError, shown
 
-COOKIE = "tridentify"
+COOKIE = "tridentify-{port}"
+"""Cookies are told apart by their names and not by the port: two workbenches have one each."""
 NAMES = ("127.0.0.1", "localhost", "[::1]")
 HEADERS = {
     "Content-Security-Policy": (
@@ -32,6 +32,14 @@ HEADERS = {
 }
 """Of every answer. plotly.js writes styles into the page, so inline styles are allowed; scripts
 are not."""
+ENTRANCE = """<!doctype html>
+<meta http-equiv="refresh" content="0; url=/">
+<title>tridentify workbench</title>
+<p><a href="/">Open the workbench</a></p>
+"""
+"""Leads from the address with the token to the page. It is a page of this server that does so and
+no redirection: on the way from a link of another page, such as a notebook, browsers send no cookie
+that is for this site alone."""
 SMALL = 1_000_000
 """Bytes of a request that uploads nothing."""
 
@@ -58,6 +66,8 @@ class Guard:
     def __init__(self, token: str, port: int, most_uploaded: int) -> None:
         self.token = token
         self.hosts = {f"{name}:{port}" for name in NAMES}
+        self.origins = {f"http://{host}" for host in self.hosts}
+        self.cookie = COOKIE.format(port=port)
         self.most_uploaded = most_uploaded
 
     async def __call__(self, request: Request, follow: Next) -> Response:
@@ -75,8 +85,10 @@ class Guard:
         origin = request.headers.get("origin")
         if host not in self.hosts:
             return problem(403, "host", "this server answers to its own address only")
-        if origin is not None and urlsplit(origin).netloc not in self.hosts:
+        if origin is not None and origin not in self.origins:
             return problem(403, "origin", "another page asks; only the workbench's own may")
+        if "transfer-encoding" in request.headers:  # its end is not known before it is there
+            return problem(411, "length", "found a request without its length; expected one")
         length = request.headers.get("content-length", "0")
         most = self.most_uploaded if request.url.path.endswith("/upload") else SMALL
         if not length.isdigit() or int(length) > most:
@@ -92,10 +104,10 @@ class Guard:
         """The page with the token in its address gets a cookie; others need it, or the header."""
         asked = request.query_params.get("token")
         if request.url.path == "/" and asked is not None and self._fits(asked):
-            answer = RedirectResponse("/", 303)
-            answer.set_cookie(COOKIE, self.token, httponly=True, samesite="strict", path="/")
+            answer = HTMLResponse(ENTRANCE)
+            answer.set_cookie(self.cookie, self.token, httponly=True, samesite="strict", path="/")
             return answer
-        given = request.cookies.get(COOKIE, "")
+        given = request.cookies.get(self.cookie, "")
         header = request.headers.get("authorization", "").removeprefix("Bearer ")
         if self._fits(given) or self._fits(header):
             return None
@@ -129,8 +141,8 @@ def inside(folder: Path | None, name: str) -> Path:
             f"found no folder to look for {shown(name)} in; expected a workbench that was started "
             "on one; upload the file"
         )
-    path = (folder / name).resolve()
-    if "\0" in name or not path.is_relative_to(folder):
+    path = folder if "\0" in name else (folder / name).resolve()
+    if path == folder or not path.is_relative_to(folder):
         raise OptionError(
             f"found {shown(name)}, which leads out of the opened folder; expected a file in it; "
             "start the workbench on the other folder, or upload the file"

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from importlib.resources import as_file, files
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import plotly
 from fastapi import APIRouter, FastAPI, File, Form, Request, UploadFile
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import FileResponse, Response, StreamingResponse
-from pydantic import BaseModel, ConfigDict, Field
 
-from tridentify.app.bench import Bench, MissingError, refusal
+from tridentify.app.bench import Bench
+from tridentify.app.bodies import Comparing, ModelChanges, ModelWanted, Opening, RecordChanges
 from tridentify.app.panels import PANELS
+from tridentify.app.refusals import MissingError, known, refusal
 from tridentify.app.safety import Guard, problem
 from tridentify.errors import TridentifyError
 from tridentify.options import OPTIONS
@@ -31,6 +32,10 @@ KINDS = {
     ".svg": "image/svg+xml",
 }
 MOST_PIXELS = 5_000
+NOT_TAKEN = (400, 404, 405)
+"""Statuses of requests that reach no route, or whose body is not read."""
+LONGEST_WAIT = 5.0
+"""Seconds that a question about an estimate may wait for its end."""
 
 
 @dataclass(frozen=True)
@@ -48,69 +53,6 @@ class Settings:
     token: str
     port: int
     most_uploaded: int = 512_000_000
-
-
-class Strict(BaseModel):
-    """A body that holds what it names, and nothing else."""
-
-    model_config = ConfigDict(extra="forbid")
-
-
-class Opening(Strict):
-    """Which file of the folder is opened."""
-
-    path: str = Field(min_length=1, max_length=1000)
-    dt: float | None = Field(default=None, gt=0.0, allow_inf_nan=False)
-
-
-class Range(Strict):
-    """A stretch of a record [s from its start]."""
-
-    start: float = Field(allow_inf_nan=False)
-    end: float = Field(allow_inf_nan=False)
-    use: Literal["identify", "validate"] = "identify"
-
-
-class Stretch(Strict):
-    """Samples that are left out [s from the record's start]."""
-
-    start: float = Field(allow_inf_nan=False)
-    end: float = Field(allow_inf_nan=False)
-    use: str | None = None
-
-
-class RecordChanges(Strict):
-    """What is to be different of a record."""
-
-    name: str | None = Field(None, min_length=1, max_length=200)
-    inputs: list[str] | None = None
-    outputs: list[str] | None = None
-    references: list[str] | None = None
-    intersample: Literal["auto", "zoh", "foh", "band-limited"] | None = None
-    ranges: list[Range] | None = None
-    bad: list[Stretch] | None = None
-
-
-class ModelWanted(Strict):
-    """What is to be estimated from a record."""
-
-    record: str
-    options: dict[str, str | int | float | bool | None] = Field(default_factory=dict)
-    name: str | None = Field(None, min_length=1, max_length=200)
-
-
-class ModelChanges(Strict):
-    """What is to be different of a model."""
-
-    name: str | None = Field(None, min_length=1, max_length=200)
-    shown: bool | None = None
-
-
-class Comparing(Strict):
-    """Models on one record."""
-
-    models: list[str] = Field(min_length=1, max_length=50)
-    record: str
 
 
 def create(bench: Bench, settings: Settings) -> FastAPI:
@@ -134,6 +76,8 @@ def create(bench: Bench, settings: Settings) -> FastAPI:
     app.include_router(models(bench), prefix="/api")
     app.add_exception_handler(TridentifyError, _refused)
     app.add_exception_handler(RequestValidationError, _malformed)
+    for status in NOT_TAKEN:
+        app.add_exception_handler(status, _not_taken(status))
     app.add_exception_handler(Exception, _fault)
     return app
 
@@ -149,6 +93,13 @@ async def _malformed(request: Request, error: Exception) -> Response:
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
     return problem(422, "malformed", f"found {where} that is wrong: {first['msg']}")
+
+
+def _not_taken(status: int) -> Callable[[Request, Exception], Awaitable[Response]]:
+    async def told(request: Request, error: Exception) -> Response:
+        return problem(status, "request", str(getattr(error, "detail", error)))
+
+    return told
 
 
 async def _fault(request: Request, error: Exception) -> Response:
@@ -227,11 +178,8 @@ def session(bench: Bench) -> APIRouter:
         return StreamingResponse(_events(bench, request), media_type="text/event-stream")
 
     @router.get("/jobs/{name}")
-    def job(name: str) -> dict[str, Any]:
-        found = bench.jobs.get(name)
-        if found is None:
-            raise MissingError("found no estimate of that name under way; expected one; start one")
-        return found.document()
+    def job(name: str, wait: float = 0.0) -> dict[str, Any]:
+        return bench.job(name, min(wait, LONGEST_WAIT))
 
     @router.delete("/jobs/{name}")
     def cancel(name: str) -> dict[str, Any]:
@@ -307,6 +255,17 @@ def records(bench: Bench) -> APIRouter:
         found: dict[str, Any] = bench.read("series", name, **arguments)
         return found
 
+    @router.get("/records/{name}/stretches")
+    def stretches(
+        name: str, channel: str, low: float | None = None, high: float | None = None
+    ) -> list[dict[str, Any]]:
+        record = bench.record(name)
+        known(record, [channel])
+        found: list[dict[str, Any]] = bench.read(
+            "stretches", name, channel=channel, low=low, high=high, t0=record["t0"]
+        )
+        return found
+
     @router.get("/records/{name}/manoeuvres")
     def manoeuvres(name: str) -> list[dict[str, Any]]:
         found: list[dict[str, Any]] = bench.read("manoeuvres", name, card=bench.record(name))
@@ -342,8 +301,12 @@ def models(bench: Bench) -> APIRouter:
     @router.post("/models", status_code=202)
     def wanted(body: ModelWanted) -> dict[str, Any]:
         options = {key: value for key, value in body.options.items() if value is not None}
-        job = bench.add_model(body.record, options, body.name)
-        return {"job": job.id, "model": job.model}
+        changes = body.changes
+        if changes is not None:
+            bench.change_record(body.record, changes.model_dump(exclude_none=True))
+        job = bench.add_model(body.record, options, body.name, body.alone)
+        card = bench.card(bench.record(body.record))
+        return {"job": job.id, "model": job.model, "record": card}
 
     @router.get("/models/{name}")
     def detail(name: str) -> dict[str, Any]:

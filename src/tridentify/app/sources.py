@@ -5,12 +5,13 @@ from __future__ import annotations
 import io
 import sqlite3
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
-from tridentify.errors import UnreadableFileError, shown
+from tridentify.errors import EmptyChannelError, EmptyRangeError, UnreadableFileError, shown
 from tridentify.record.formats.read import read_record
 from tridentify.record.formats.series import Series, read_series
 from tridentify.record.record import Record
@@ -108,7 +109,18 @@ def _read(
     left_out = np.zeros(record.n_samples, dtype=bool)
     for start, end in bad:
         left_out |= (since >= start) & (since <= end)
-    return record.mask(left_out) if left_out.any() else record
+    return _counted(lambda: record.mask(left_out)) if left_out.any() else record
+
+
+def _counted(make: Callable[[], Record]) -> Record:
+    """A record in which samples count; where all were marked, that is what is said."""
+    try:
+        return make()
+    except EmptyChannelError:
+        raise EmptyRangeError(
+            "found no sample that counts in this range; expected some that are not marked as bad "
+            "samples; remove such a range, or take another stretch"
+        ) from None
 
 
 def pieces(record: Record, card: Mapping[str, Any], use: str) -> list[Record]:
@@ -117,4 +129,4 @@ def pieces(record: Record, card: Mapping[str, Any], use: str) -> list[Record]:
     if not chosen:
         return [record] if use == "identify" else []
     t0 = card["t0"]
-    return [record.slice(t0 + one["start"], t0 + one["end"]) for one in chosen]
+    return [_counted(partial(record.slice, t0 + one["start"], t0 + one["end"])) for one in chosen]

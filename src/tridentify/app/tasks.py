@@ -6,6 +6,7 @@ file or an estimate costs, and a crash or an endless loop ends a worker and not 
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -27,6 +28,12 @@ from tridentify.record.formats.read import list_channels
 from tridentify.record.formats.roles import guess_roles
 from tridentify.record.formats.series import Series
 
+BESIDE = 0.25
+"""Of a sampling interval, by which a stretch of samples is longer than they are."""
+
+MOST_CHANNELS = 5_000
+"""Of a record: a flight log has some thousand."""
+
 Say = Callable[[float, str], None]
 Source = Mapping[str, Any]
 Card = Mapping[str, Any]
@@ -46,6 +53,11 @@ def opened(say: Say, source: Source) -> dict[str, Any]:
         list_channels(sources.content(source))
         raise UnreadableFileError(
             "found no channel of numbers; expected at least two; choose another file"
+        )
+    if len(found) > MOST_CHANNELS:
+        raise UnreadableFileError(
+            f"found {len(found):,} channels; expected at most {MOST_CHANNELS:,}, which a page can "
+            "list; write those that are needed into a file of their own"
         )
     longest = max(found, key=lambda one: one.t.size)
     roles = guess_roles([one.channel.name for one in found], [one.values for one in found])
@@ -68,10 +80,9 @@ def opened(say: Say, source: Source) -> dict[str, Any]:
 
 def _told_apart(found: Sequence[Series]) -> list[str]:
     """Names, or full headers where two channels share a name."""
-    names = [one.channel.name for one in found]
+    times = Counter(one.channel.name for one in found)
     return [
-        one.channel.header if names.count(one.channel.name) > 1 else one.channel.name
-        for one in found
+        one.channel.header if times[one.channel.name] > 1 else one.channel.name for one in found
     ]
 
 
@@ -126,6 +137,20 @@ def _in_columns(one: Series, start: float, stop: float, columns: int) -> Any:
     centre = 0.5 * (edges[1:] + edges[:-1])
     values = np.interp(centre, one.t, one.values, left=np.nan, right=np.nan)
     return thin._replace(t=centre, minimum=values, maximum=values)
+
+
+def stretches(
+    say: Say, source: Source, channel: str, low: float | None, high: float | None, t0: float
+) -> list[dict[str, float]]:
+    """Where a channel is at or beyond limits, each stretch a little longer than its samples."""
+    found = sources.series(source)
+    one = dict(zip(_told_apart(found), found, strict=True))[channel]
+    limits = (-np.inf if low is None else low, np.inf if high is None else high)
+    slack = BESIDE * float(np.median(np.diff(one.t)))
+    return [
+        {"start": max(first - t0 - slack, 0.0), "end": last - t0 + slack}
+        for first, last in one.beyond(*limits)
+    ]
 
 
 def warm(say: Say, source: Source, card: Card) -> None:

@@ -23,7 +23,7 @@ from tridentify.report.first_screen import (
 )
 from tridentify.report.page import Page, Section, beside, prepare
 from tridentify.report.pictures import Picture, save_picture
-from tridentify.report.settings import code_again, settings_table
+from tridentify.report.settings import code_again, settings_table, workbench_again
 from tridentify.report.tables import course_tables, result_tables, validation_tables
 
 Progress = Callable[[str], None]
@@ -211,8 +211,13 @@ def _course_section(estimate: Estimate, pictures: Sequence[Picture]) -> Section:
     )
 
 
-def ends(estimate: Estimate, records: Sequence[Record]) -> tuple[Section, Section]:
-    """Settings and data, and the lines that lead to the estimate again."""
+def ends(estimate: Estimate, records: Sequence[Record]) -> tuple[Section, ...]:
+    """Settings and data, the lines that lead to the estimate again, and the workbench."""
+    closer = (
+        "To drag over other stretches, change what is asked and compare models: this opens the "
+        "record in the browser, on a server of this machine alone (where the file has another "
+        "ending than .csv, write that)."
+    )
     again = (
         "The same samples (their fingerprint stands above) and these lines give the same estimate; "
         'Estimate.load("model.json") reads the one of this page.'
@@ -225,6 +230,12 @@ def ends(estimate: Estimate, records: Sequence[Record]) -> tuple[Section, Sectio
             paragraphs=[again],
             code=code_again(estimate, records),
             keep=True,
+        ),
+        Section(
+            "workbench",
+            "Open in the workbench",
+            paragraphs=[closer],
+            code=workbench_again(records),
         ),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
@@ -156,7 +157,7 @@ def code_again(estimate: Estimate, records: Sequence[Record]) -> str:
     channels = f"inputs={list(estimate.input_names)}, outputs={list(estimate.output_names)}"
     lines += ["", "records = ["]
     for number, record in enumerate(records, 1):
-        file = f"{record.name or f'experiment-{number}'}.csv"
+        file = file_of(record, number)
         beyond = record.t[-1] + (record.t[-1] - record.t[-2]) / 2
         cut = f".slice({record.t[0]:.9g}, {beyond:.9g})"
         driven = ""
@@ -171,5 +172,25 @@ def code_again(estimate: Estimate, records: Sequence[Record]) -> str:
     ]
     if estimate.record_fingerprint:
         lines.append(f"assert estimate.record_fingerprint == {estimate.record_fingerprint!r}")
-    lines += ["", "# in the browser, to look closer: records[0].explore()"]
     return "\n".join(lines)
+
+
+def workbench_again(records: Sequence[Record]) -> str:
+    """What opens the records in the workbench: a command line, and a line of Python.
+
+    Parameters
+    ----------
+    records : sequence of Record
+
+    Returns
+    -------
+    str
+    """
+    files = [file_of(record, number) for number, record in enumerate(records, 1)]
+    command = shlex.join(["tridentify", "app", *dict.fromkeys(files)])
+    return f"{command}\n\n# from Python, after the lines above:\n#   records[0].explore()"
+
+
+def file_of(record: Record, number: int) -> str:
+    """The file that a record was read from, as far as its name tells."""
+    return f"{record.name or f'experiment-{number}'}.csv"

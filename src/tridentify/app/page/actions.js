@@ -1,12 +1,11 @@
 // Everything a person can do: asks the server, keeps the session, tells the page.
 
-import { get, patch, post, remove, sentence, upload } from "./api.js";
+import { get, patch, post, query, remove, sentence, upload } from "./api.js";
 import { clear, explain, note, passing, settled, warn } from "./messages.js";
-import { detailOf, forget } from "./details.js";
+import { forget, forgetPictures, known } from "./details.js";
 import { modelOf, recordOf, remember, state, tell } from "./state.js";
 
-const FIRST_WAIT = 25; // milliseconds between two questions about a job
-const LONGEST_WAIT = 250;
+const LOOK = 0.2; // seconds after which the server tells how far an estimate is, or at its end
 const KNOCK = 1000; // milliseconds between two knocks at a server that is gone
 
 /** Runs `work`; what goes wrong is said in a sentence. */
@@ -119,28 +118,42 @@ async function opened(ask, what) {
 
 /** Changes a record; the page shows what the server then holds. */
 export async function changeRecord(id, changes) {
-  // a second change may follow before the first is answered: it starts from this one
-  const own = recordOf(id);
-  const before = own && tested(own);
-  if (own) Object.assign(own, changes);
+  const before = begun(id, changes);
   const done = passing(); // an estimate that is refused meanwhile has its own word
   return attempt(async () => {
-    const card = await patch(`/records/${id}`, changes).catch(async (error) => {
-      if (error.code !== "gone") await loadSession();
-      throw error;
-    });
-    state.session.records = state.session.records.map((old) => (old.id === id ? card : old));
+    const card = await patch(`/records/${id}`, changes).catch(refused);
     done();
-    forget();
-    const judged = tested(card) === before ? [] : ["result"];
-    tell("records", "record", ...judged);
-    attempt(refreshQuietly);
+    changed(card, before);
     return card;
   });
 }
 
-/** The ranges on which the models of a record are tested. */
-const tested = ({ ranges }) => JSON.stringify(ranges.filter(({ use }) => use === "validate"));
+/** What was told of a record before; a second change before the first is answered starts from it. */
+function begun(id, changes) {
+  const own = recordOf(id);
+  const before = own && told(own);
+  if (own) Object.assign(own, changes);
+  return before;
+}
+
+/** After a refusal the page shows what the server holds. */
+async function refused(error) {
+  if (error.code !== "gone") await loadSession();
+  throw error;
+}
+
+function changed(card, before) {
+  state.session.records = state.session.records.map((old) => (old.id === card.id ? card : old));
+  const judged = told(card) !== before;
+  if (judged) forget();
+  else forgetPictures();
+  Object.assign(state.session, { revision: card.revision, can_undo: true, can_redo: false });
+  tell("session", "records", "record", ...(judged ? ["result"] : []));
+}
+
+/** What of a record is told of its models: its name, and the ranges on which they are tested. */
+const told = ({ name, ranges }) =>
+  JSON.stringify([name, ranges.filter(({ use }) => use === "validate")]);
 
 export async function dropRecord(id) {
   const done = passing();
@@ -149,12 +162,6 @@ export async function dropRecord(id) {
     done();
     await loadSession();
   });
-}
-
-async function refreshQuietly() {
-  const { revision, can_undo, can_redo } = await get("/session");
-  Object.assign(state.session, { revision, can_undo, can_redo });
-  tell("session");
 }
 
 // ---------------------------------------------------------------- models
@@ -182,18 +189,24 @@ function unmoved(record) {
     + "answers; mark the channel that was moved as input on the left, or open another record.";
 }
 
-/** Starts an estimate of the record looked at and follows it to its end. */
-export async function estimate() {
+/** Starts an estimate of the record looked at, changed first, and follows it to its end. */
+export async function estimate(changes = null) {
   if (recordOf()?.missing_file) await attempt(loadSession); // it may be back
   const record = recordOf();
   const problem = obstacle(record);
-  if (problem) return warn(problem, record?.missing_file ? "missing" : "estimate");
+  if (problem) {
+    if (record && changes) await changeRecord(record.id, changes);
+    return warn(problem, record?.missing_file ? "missing" : "estimate");
+  }
   settled();
   if (state.job) await cancel();
   return attempt(async () => {
-    const asked = { record: record.id, options: state.chosen };
-    const { job, model } = await post("/models", asked);
-    await follow(job, model);
+    const before = begun(record.id, changes);
+    const asked = { record: record.id, options: state.chosen, alone: !state.keep, changes };
+    const { job, model, record: card } = await post("/models", asked).catch(refused);
+    const following = follow(job, model);
+    if (changes) changed(card, before);
+    await following;
   });
 }
 
@@ -212,10 +225,9 @@ export function estimateWith(changes, model = null) {
 async function follow(id, model) {
   state.job = { id, model, fraction: 0, message: "starting" };
   tell("job");
-  let wait = FIRST_WAIT;
   try {
     while (state.job?.id === id) {
-      const job = await get(`/jobs/${id}`);
+      const job = await get(`/jobs/${id}${query({ wait: LOOK })}`);
       if (state.job?.id !== id) return;
       if (ENDS[job.state]) {
         state.job = null;
@@ -224,8 +236,6 @@ async function follow(id, model) {
       }
       Object.assign(state.job, { fraction: job.fraction, message: job.message });
       tell("job");
-      await new Promise((done) => setTimeout(done, wait));
-      wait = Math.min(LONGEST_WAIT, wait * 1.3);
     }
   } finally {
     if (state.job?.id === id) state.job = null;
@@ -234,15 +244,12 @@ async function follow(id, model) {
 }
 
 const ENDS = {
-  async done(job, model) {
-    const before = state.session.models.map((one) => one.id);
+  async done({ session, detail }, model) {
     settled();
-    state.model = job.model ?? model;
-    detailOf(state.model).catch(() => null); // under way while the session is asked for
-    const found = await get("/session");
-    if (!state.keep) showOnly(found, state.model, before);
-    remember({ model: state.model });
-    take(found, "result");
+    known(detail);
+    state.model = model;
+    remember({ model });
+    take(session, "result");
   },
   async failed(job) {
     await loadSession();
@@ -253,16 +260,6 @@ const ENDS = {
     note("Cancelled");
   },
 };
-
-/** A new model is alone in the panels unless others are kept beside it. */
-function showOnly(session, id, before) {
-  for (const model of session.models) {
-    if (model.id !== id && before.includes(model.id) && model.shown !== false) {
-      model.shown = false;
-      patch(`/models/${model.id}`, { shown: false }).catch(explain);
-    }
-  }
-}
 
 export async function cancel() {
   const job = state.job;

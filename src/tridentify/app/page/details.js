@@ -1,29 +1,21 @@
 // What the server knows of a model, fetched once.
 
 import { get, query } from "./api.js";
-import { state, tell } from "./state.js";
+import { state } from "./state.js";
 
-const JUDGED_AFTER = 300; // milliseconds between two looks at tests under way
 const PIXELS = 1000;
 
 const models = new Map();
 const panels = new Map();
 
-/** All of a model; where tests are still under way they are told as `judged` later. */
+/** All of a model. */
 export async function detailOf(id) {
-  if (!models.has(id)) keep(models, id, get(`/models/${id}`).then((found) => noted(id, found)));
+  if (!models.has(id)) keep(models, id, get(`/models/${id}`));
   return models.get(id);
 }
 
-function noted(id, found) {
-  if (found.judging) {
-    setTimeout(() => {
-      models.delete(id);
-      tell("judged");
-    }, JUDGED_AFTER);
-  }
-  return found;
-}
+/** Takes over what came with the end of an estimate. */
+export const known = (detail) => models.set(detail.id, detail);
 
 export async function panelOf(id, panel, record) {
   const key = `${id} ${panel} ${record}`;
@@ -37,6 +29,11 @@ export async function panelOf(id, panel, record) {
 /** What was fetched before a record was changed is not shown after it. */
 export function forget() {
   models.clear();
+  forgetPictures();
+}
+
+/** The same where nothing is told anew: a model on another record is drawn on what that now is. */
+export function forgetPictures() {
   panels.clear();
   state.compared = null;
 }

@@ -12,7 +12,7 @@ export function startLines() {
   body = make("div", {});
   byId("lines").append(make("details", {},
     make("summary", {}, "The same in Python and on the command line"), body));
-  listen(["records", "record", "models", "result", "compared", "judged"], refresh);
+  listen(["records", "record", "models", "result", "compared"], refresh);
 }
 
 async function refresh() {
@@ -23,6 +23,7 @@ async function refresh() {
     fill(body,
       record?.python ? pair(`Open ${record.name}`, record) : null,
       detail?.python ? pair(`Estimate ${model.name}`, detail) : null,
+      detail?.export ? pair(`Export ${model.name}`, detail.export) : null,
       state.compared?.python ? pair("Compare", state.compared) : null);
   });
 }

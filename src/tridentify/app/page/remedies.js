@@ -1,7 +1,9 @@
 // What a finding advises, as options of this page: only where the advice is exactly that.
 
 import * as act from "./actions.js";
+import { get, query } from "./api.js";
 import { button } from "./dom.js";
+import { warn } from "./messages.js";
 import { recordOf, state } from "./state.js";
 
 /** What only the three models take, and not with the other of the two. */
@@ -10,6 +12,8 @@ const ROBUST = { loss: "huber", noise: "auto", method: "three-model" };
 
 const MARKED = /\bmark them as missing/i;
 const MOST_MARKED = 100; // samples: more of them are not single ones
+const CLIPPED = /^Mark as missing .* where it is (>=|<=) (\S+), /;
+const MOST_STRETCHES = 200; // more of them make no list that is read
 
 /** Code of a finding, what its remedy says, and the options that this comes to: a row each. */
 const REMEDIES = [
@@ -41,7 +45,8 @@ export const optionsOf = (finding) => choicesOf(finding)[0] ?? null;
 /** Buttons that do what a finding advises and estimate again. */
 export const remedyButtons = (finding, model) => [
   ...choicesOf(finding).map((changes) => remedyButton(finding, changes, model)),
-  markButton(finding, model)];
+  markButton(finding, model),
+  clippedButton(finding, model)];
 
 /** Marks the samples that a finding names; null where it does not name each of them. */
 function markButton({ code, remedy, times = [] }, model) {
@@ -54,6 +59,28 @@ function markButton({ code, remedy, times = [] }, model) {
     if (await act.changeRecord(record.id, { bad })) await act.estimateWith({}, model);
   };
   return button("Leave them out and estimate", mark, { "data-key": `mark ${times[0]}` });
+}
+
+/** Leaves out what a sensor at its limit has clipped; null where no limit is named. */
+function clippedButton({ code, remedy, outputs = [] }, model) {
+  const record = model && recordOf(model.record);
+  const [, side, limit] = (code === "saturation" && CLIPPED.exec(remedy ?? "")) || [];
+  if (!record || !side || outputs.length !== 1) return null;
+  const [channel] = outputs;
+  const place = `/records/${record.id}/stretches${query({ channel,
+    [side === ">=" ? "high" : "low"]: limit })}`;
+  const leave = () => act.attempt(async () => {
+    const found = await get(place);
+    if (found.length > MOST_STRETCHES) {
+      return warn(`${channel} is at its limit in ${found.length} stretches, too many to list; `
+        + "record again with a wider range.");
+    }
+    const bad = [...record.bad, ...found].sort((one, other) => one.start - other.start);
+    if (await act.changeRecord(record.id, { bad })) await act.estimateWith({}, model);
+  });
+  const sign = side === ">=" ? "\u2265" : "\u2264";
+  return button(`Leave out where ${channel} ${sign} ${limit} and estimate`, leave,
+    { "data-key": `clipped ${channel} ${side}` });
 }
 
 const around = (time, dt) => ({ start: Math.max(0, time - dt / 4), end: time + dt / 4 });

@@ -24,7 +24,7 @@ export function startResult() {
   tail = make("div", { class: "tail" });
   body = make("div", { class: "found" }, head, make("div", { class: "measured" }, picture, legend), tail);
   byId("result").append(make("h2", {}, "Result"), body);
-  listen(["result", "judged", "models", "theme"], refresh);
+  listen(["result", "models", "theme"], refresh);
 }
 
 async function refresh() {
@@ -37,13 +37,20 @@ async function refresh() {
     const detail = await detailOf(model.id);
     if (turn !== drawn) return;
     show(model, detail);
-    if (pictured !== model.id) picture.setAttribute("aria-busy", "true");
+    if (pictured !== model.id) awaitPicture();
     const found = await fit;
     if (turn !== drawn) return;
     await drawFit(model, found);
     pictured = model.id;
     picture.removeAttribute("aria-busy");
   });
+}
+
+/** The place of the picture is there from the first: what follows it does not move. */
+function awaitPicture() {
+  picture.setAttribute("aria-busy", "true");
+  picture.hidden = false;
+  picture.style.height ||= `${HEIGHT + 40}px`;
 }
 
 function empty(model) {
@@ -88,10 +95,10 @@ function doubts(model, findings) {
 }
 
 function checked(model, detail) {
-  if (detail.judging) return make("p", { class: "soft" }, "The tests are still running ...");
   if (!detail.validation_fit) return null;
   return [make("h3", {}, "On the range for validation"),
-    make("p", {}, `fit ${[detail.validation_fit].flat().map(percent).join(", ")}`),
+    make("p", {}, fitsOf(detail.outputs, detail.validation_fit)),
+    detail.validation_note ? make("p", { class: "bad" }, detail.validation_note) : null,
     findingList(detail.validation_findings, model)];
 }
 

@@ -24,7 +24,8 @@ export function startTray() {
     make("h2", {}, "Models"), models);
   listen(["session", "records"], () => fillList(records, recordCards(), state.record));
   listen(["session", "models", "theme"], () => fillList(models, modelCards(), state.model));
-  listen(["session"], () => refreshFiles());
+  listen(["session"], () => { if (!files.length) refreshFiles(); });
+  addEventListener("focus", refreshFiles);
   dropAnywhere();
 }
 

@@ -84,6 +84,30 @@ class Series:
         """
         return summed_up(self.channel, self.values)
 
+    def beyond(self, low: float = -np.inf, high: float = np.inf) -> list[tuple[float, float]]:
+        """First and last instants of the stretches at or beyond limits.
+
+        Parameters
+        ----------
+        low, high : float
+            Limits [channel unit].
+
+        Returns
+        -------
+        list of (float, float)
+            [s], in the order of time; the same instant twice for a single sample.
+
+        Examples
+        --------
+        >>> one = Series(Channel("q", "q"), np.arange(5.0), np.array([0.0, 2.0, 2.0, 1.0, 2.0]))
+        >>> one.beyond(high=2.0)
+        [(1.0, 2.0), (4.0, 4.0)]
+        """
+        outside = np.concatenate([[False], (self.values <= low) | (self.values >= high), [False]])
+        changes = np.flatnonzero(outside[1:] != outside[:-1])
+        first, last = self.t[changes[::2]], self.t[changes[1::2] - 1]
+        return list(zip(first.tolist(), last.tolist(), strict=True))
+
     def thinned(self, start: float, stop: float, columns: int) -> Thinned:
         """The stretch from one instant to another in so many columns, least and largest of each.
 

@@ -1,0 +1,121 @@
+"""What every action of the workbench needs: the session, the processes, and what both show."""
+
+from __future__ import annotations
+
+import copy
+import threading
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from tridentify.app import lines
+from tridentify.app.jobs import Jobs
+from tridentify.app.refusals import Card, refusal
+from tridentify.app.session import Session, State
+from tridentify.app.workers import Worker
+
+READABLE = (
+    ".csv", ".txt", ".tsv", ".dat", ".asc", ".xlsx", ".parquet", ".feather", ".arrow", ".mat",
+    ".ulg", ".mf4", ".mdf", ".npz", ".npy",
+)  # fmt: skip
+OWN = ("source", "file")
+"""Of a card, what the page does not need."""
+
+
+class Desk:
+    """The session, the processes that work for it, and the file that keeps it.
+
+    Parameters
+    ----------
+    session : Session
+    folder : Path or None
+        Whose files are offered.
+    """
+
+    def __init__(self, session: Session, folder: Path | None) -> None:
+        self.session = session
+        self.folder = None if folder is None else folder.resolve()
+        self.reader, self.describer = Worker(), Worker(warm=True)
+        self.jobs = Jobs(refusal)
+        self.client = ""
+        self._change = threading.RLock()
+        self._described: dict[str, dict[str, Any]] = {}
+
+    def start(self) -> None:
+        """Start the processes, without waiting for them: what is needed first comes first."""
+        first, *spare = self.jobs.workers
+
+        def one_by_one() -> None:
+            for worker in (first, self.describer, *spare):
+                worker.start()
+
+        for begin in (self.reader.start, one_by_one):
+            threading.Thread(target=begin, daemon=True).start()
+
+    def stop(self) -> None:
+        """End the processes and close the file."""
+        self.jobs.stop()
+        for worker in (self.reader, self.describer):
+            worker.stop()
+        self.session.close()
+
+    def document(self) -> dict[str, Any]:
+        """All that the page shows of the session."""
+        state = self.session.state
+        return {
+            "version": version("tridentify"),
+            "revision": self.session.revision,
+            "folder": None if self.folder is None else str(self.folder),
+            "records": [self.card(one) for one in state["records"]],
+            "models": [dict(one) for one in state["models"]],
+            "can_undo": self.session.can_undo,
+            "can_redo": self.session.can_redo,
+        }
+
+    def card(self, record: Card) -> Card:
+        """A record as the page takes it."""
+        source = record["source"]
+        gone = source["upload"] is None and not Path(source["path"]).is_file()
+        return {
+            **{name: value for name, value in record.items() if name not in OWN},
+            "missing_file": gone,
+            "python": lines.look_in_python(record) if record["inputs"] else "",
+            "command_line": lines.record_in_shell(record) if record["inputs"] else "",
+            "revision": self.session.revision,
+        }
+
+    def files(self) -> list[dict[str, Any]]:
+        """Files of the opened folder."""
+        if self.folder is None:
+            return []
+        return [
+            {
+                "name": path.name,
+                "bytes": path.stat().st_size,
+                "readable": path.suffix.lower() in READABLE,
+            }
+            for path in sorted(self.folder.iterdir())
+            if path.is_file() and not path.name.startswith(".")
+        ]
+
+    def move(self, by: int) -> dict[str, Any]:
+        """Undo or do again."""
+        self.session.move(by)
+        self._described.clear()
+        return self.document()
+
+    def _changed(self, change: Callable[[State], None], quietly: bool = False) -> None:
+        with self._change:
+            state = copy.deepcopy(self.session.state)
+            change(state)
+            (self.session.overwrite if quietly else self.session.write)(state)
+
+
+def plain_card(record: Card) -> Card:
+    """What tasks need of a card."""
+    names = (
+        "name", "path", "file", "t0", "inputs", "outputs", "references", "intersample", "ranges",
+        "bad",
+    )  # fmt: skip
+    return {name: record[name] for name in names} | {"given_dt": record.get("given_dt")}
