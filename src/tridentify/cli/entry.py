@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import signal
@@ -43,6 +44,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     interruptible = signal.getsignal(signal.SIGINT) is signal.default_int_handler
     if interruptible:
         signal.signal(signal.SIGINT, _end_at_once)
+        # the last thing at exit: from there on Python would leave the signal to kill the process
+        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
     _fill_closed_descriptors()
     from tridentify.cli.app import run
 
