@@ -152,8 +152,13 @@ def test_a_right_estimate_warns_of_nothing():
 
 @pytest.mark.slow
 def test_a_kind_of_controller_that_was_only_assumed_is_warned_of_where_it_matters():
-    record = record_of(3)
-    open_ = answered(3)
+    exact = record_of(3)
+    # rounded numbers hide the controller's rule, which exact ones show
+    record = tri.Record(
+        np.round(exact.u, 2), np.round(exact.y, 2), dt=DT, reference=exact.reference
+    )
+    open_ = tri.identify(record, ORDERS)
+    assert not [f for f in answered(3).findings if f.code == "intersample"]
     [found] = [f for f in open_.findings if f.code == "intersample"]
     assert found.severity == "warning"
     assert "standard errors" in found.message
