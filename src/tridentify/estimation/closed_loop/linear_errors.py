@@ -108,8 +108,10 @@ class Linear:
         where these hardly know them, that of the driven part alone.
         """
         matrix = np.hstack([self.slopes, self.rest])
-        norms = np.linalg.norm(matrix, axis=0)
-        scale = np.where(norms > 0, norms, 1.0)
+        # of a plant that runs away the squares are beyond the largest float
+        largest = np.abs(matrix).max(axis=0)
+        largest = np.where(largest > 0, largest, 1.0)
+        scale = largest * np.maximum(np.linalg.norm(matrix / largest, axis=0), 1.0)
         q, r = np.linalg.qr(matrix / scale)
         full = q.T @ (np.hstack([self.full, self.rest]) / scale)
         sizes = np.abs(np.diag(r))
