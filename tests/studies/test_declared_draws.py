@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,11 +17,13 @@ from tridentify.studies import read_study, run_study, shipped_study, study_from
 from tridentify.studies.aircraft import AircraftStudy
 from tridentify.studies.aircraft_numbers import ESTIMATORS
 from tridentify.studies.declared import draw as drawing
+from tridentify.studies.declared import run as running
 from tridentify.studies.declared.cells import cells
-from tridentify.studies.declared.draw import draw_row, generator, prepare
+from tridentify.studies.declared.draw import Row, draw_row, generator, prepare
 from tridentify.studies.declared.nouns import DeclaredNoise
 from tridentify.studies.declared.signals import autocorrelation, drawn
 from tridentify.studies.declared.statistics import statistics_of
+from tridentify.studies.declared.working import Draw
 
 BOUND_AGREES = 1e-8
 """Relative: the benchmarks' sensitivities are central differences, good to 1e-9."""
@@ -118,6 +121,13 @@ def test_a_method_that_raises_leaves_a_row(monkeypatch: pytest.MonkeyPatch) -> N
     row = draw_row(cells(study)[0], study.methods[0], 0, 0)
     assert (row["theta"], row["ok"]) == (None, False)
     assert row["failure"] == "RuntimeError: two lines"
+
+    def here(draws: Iterator[Draw], seed: int, _workers: object) -> Iterator[list[Row]]:
+        """In this process, where the method was replaced."""
+        for one in draws:
+            yield [draw_row(one.cell, one.method, seed, one.number)]
+
+    monkeypatch.setattr(running, "rows_of", here)
     result = run_study(study, workers=1)
     assert {row.failed for row in result.statistics} == {12}
     assert "RuntimeError: two lines" in result.table()
