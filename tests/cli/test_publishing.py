@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -305,3 +307,32 @@ def test_a_long_file_name_has_a_draft_too(tmp_path):
     name = "m" * 250 + ".json"
     assert write_atomically(tmp_path / name, "1").read_text() == "1"
     assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+@posix
+def test_an_interruption_while_a_draft_is_made_leaves_none(tmp_path, monkeypatch):
+    made = publishing.make_draft
+
+    def interrupted(folder: Path) -> Path:
+        draft = made(folder)
+        signal.raise_signal(signal.SIGINT)
+        return draft
+
+    monkeypatch.setattr(publishing, "make_draft", interrupted)
+    with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "out"):
+        pytest.fail("the interruption was forgotten")
+    assert list(tmp_path.iterdir()) == []
+
+
+@posix
+def test_an_interruption_while_a_draft_is_removed_waits(tmp_path, monkeypatch):
+    remove = shutil.rmtree
+
+    def interrupted(*given: object, **options: object) -> None:
+        signal.raise_signal(signal.SIGINT)
+        remove(*given, **options)
+
+    with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "out") as results:
+        (results.draft / "a.txt").write_text("half")
+        monkeypatch.setattr(shutil, "rmtree", interrupted)
+    assert list(tmp_path.iterdir()) == []

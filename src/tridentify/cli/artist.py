@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import Validation
 from tridentify.record.record import Record
+from tridentify.writing.interruption import held_back
 
 if TYPE_CHECKING:
     from tridentify.report.pictures import Picture
@@ -34,7 +35,8 @@ class Beside:
     def __init__(self, pool: ProcessPoolExecutor) -> None:
         self._pool = pool
         self._begun: Future[list[Picture]] | None = None
-        pool.submit(_made_ready)
+        with held_back():  # the process starts with its first task
+            pool.submit(_made_ready)
 
     def begin(self, estimate: Estimate, records: Sequence[Record]) -> None:
         """Have the figures of a model drawn: what is found about it later is not in them."""

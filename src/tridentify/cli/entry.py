@@ -52,13 +52,29 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         if interruptible:
             signal.signal(signal.SIGINT, signal.default_int_handler)
-        return run(sys.argv[1:])
+        code = run(sys.argv[1:])
     except KeyboardInterrupt:  # a second one, while the first was being answered
         _notify()
-        return INTERRUPTED
+        code = INTERRUPTED
     finally:
         if interruptible:
             signal.signal(signal.SIGINT, _end_at_once)
+    if code == INTERRUPTED:
+        _end_tidily()
+    return code
+
+
+def _end_tidily() -> None:
+    """End after an interruption, with its exit code.
+
+    Where the signal met code made by `exec`, as that of a dataclass, Python remembers it whoever
+    answered it, and would end by killing itself.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with contextlib.suppress(OSError, ValueError, AttributeError):
+            stream.flush()
+    atexit._run_exitfuncs()
+    os._exit(INTERRUPTED)
 
 
 def _end_at_once(_number: int, _frame: FrameType | None) -> None:

@@ -13,6 +13,7 @@ from types import TracebackType
 from tridentify.cli import publishing
 from tridentify.errors import OutputPathError
 from tridentify.writing.files import sync
+from tridentify.writing.interruption import held_back
 from tridentify.writing.lock import lock
 
 
@@ -58,6 +59,15 @@ class ResultFolder:
 
     def __enter__(self) -> ResultFolder:
         try:
+            with held_back():
+                self._begin()
+        except BaseException:
+            self._discard()
+            raise
+        return self
+
+    def _begin(self) -> None:
+        try:
             existing = self._existing_part()
             for folder in {existing, self._place.parent}:
                 publishing.clear_drafts(folder)
@@ -66,7 +76,6 @@ class ResultFolder:
             self._open.enter_context(lock(self._draft))
         except OSError as error:
             raise self._refusal(error) from error
-        return self
 
     def __exit__(
         self,
@@ -74,11 +83,18 @@ class ResultFolder:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        draft, self._draft = self.draft, None
-        shutil.rmtree(draft, ignore_errors=True)
-        self._open.close()
+        draft = self.draft
+        with held_back():
+            self._discard()
         if isinstance(error, OSError) and str(draft) in str(error):
             raise self._refusal(error) from error
+
+    def _discard(self) -> None:
+        """Leave nothing behind but what was published."""
+        draft, self._draft = self._draft, None
+        if draft is not None:
+            shutil.rmtree(draft, ignore_errors=True)
+        self._open.close()
 
     def publish(self) -> tuple[Path, ...]:
         """Put every file into the target, or none.

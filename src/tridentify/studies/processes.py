@@ -23,6 +23,7 @@ from typing import TypeVar
 
 from tridentify.errors import TridentifyError
 from tridentify.numerics.threads import THREADS
+from tridentify.writing.interruption import held_back
 
 Batch = TypeVar("Batch")
 Result = TypeVar("Result")
@@ -76,7 +77,8 @@ def run_batches(
             initializer=_obey_the_caller,
         )
         try:
-            numbers = {pool.submit(function, batch): k for k, batch in enumerate(batches)}
+            with held_back():  # processes start with the first tasks
+                numbers = {pool.submit(function, batch): k for k, batch in enumerate(batches)}
             results: dict[int, Result] = {}
             for future in as_completed(numbers):
                 results[numbers[future]] = future.result()

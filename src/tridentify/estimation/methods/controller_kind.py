@@ -148,9 +148,12 @@ def compared(mine: Rooted, other: Rooted, why: str = "") -> Compared:
     own, beside = (one.excess for one in (_followed(mine, basis), _followed(other, basis)))
     plainly = PLAINLY * sum(int(np.isfinite(one.record.y).sum()) for one in mine.loops)
     if other.still and (own - beside > plainly or not mine.still):
-        told = f"controller taken as {rival}: as {words}, "
-        why = f"{own - beside:.0f} more of the residual follows the reference than is chance"
-        return Compared(True, told + why if mine.still else f"{told}the passes do not end")
+        against = (
+            f"{own:.0f} variances of the noise, more than chance, follow the reference in the "
+            f"residual, as {rival} {beside:.0f}"
+        )
+        against = against if mine.still else "the passes do not end"
+        return Compared(True, f"controller taken as {rival}: as {words}, {against}")
     taken = f"controller taken as {words}{why}"
     if not other.still or beside - own > plainly:
         return Compared(False, f"{taken}; the record speaks against a {kind} one")

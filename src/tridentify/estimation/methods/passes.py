@@ -151,10 +151,3 @@ def residuals(loops: Sequence[Loop], estimate: Estimate) -> list[Array]:
         estimate.residual(without_rest(loop, estimate.model), experiment=e)
         for e, loop in enumerate(loops)
     ]
-
-
-def deviance(loops: Sequence[Loop], estimate: Estimate) -> float:
-    """Minus two log likelihood of the residuals, as if they were white."""
-    left = np.vstack(residuals(loops, estimate))
-    counts = np.isfinite(left).sum(axis=0)
-    return float(counts @ np.log(np.nanmean(left**2, axis=0)))

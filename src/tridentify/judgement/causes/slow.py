@@ -34,10 +34,9 @@ UNEVEN = (
 """The same where time is uneven, on which no autoregression stands."""
 
 
-def slow_waves(n: int) -> Array:
-    """(n, k) cosines of one to a few half periods in `n` even samples."""
-    phase = np.pi * np.arange(n) / max(n - 1, 1)
-    return np.asarray(np.cos(np.outer(phase, np.arange(1, HALVES + 1))))
+def slow_waves(place: Array) -> Array:
+    """(n, k) cosines of one to a few half periods at places from 0 to 1 in a record."""
+    return np.asarray(np.cos(np.pi * np.outer(place, np.arange(1, HALVES + 1))))
 
 
 def slow_rivals(present: Present) -> Iterator[Rival]:
@@ -45,10 +44,9 @@ def slow_rivals(present: Present) -> Iterator[Rival]:
     if not isinstance(present.order, int) or len(present.records) > 1:
         return
     (record,) = present.records
-    phase = np.pi * (record.t - record.t[0]) / record.duration
     other = present
-    for k in range(1, HALVES + 1):
-        other = other.with_inputs([np.cos(k * phase)], f"wave {k}", 0)
+    for k, wave in enumerate(slow_waves((record.t - record.t[0]) / record.duration).T, start=1):
+        other = other.with_inputs([wave], f"wave {k}", 0)
     freed = replace(other, nuisances=replace(present.nuisances, offset=True, drift=True))
     yield one(
         "drift",

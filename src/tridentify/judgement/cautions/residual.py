@@ -126,7 +126,7 @@ def _slow_parts(
     residual = evenly(estimate, beginning(record, LONGEST_TESTED), experiment, known)
     n, outputs = residual.shape
     slow, whole = np.zeros(outputs), np.zeros(outputs)
-    columns = slow_waves(n)
+    columns = slow_waves(np.linspace(0.0, 1.0, n))
     for i in range(outputs):
         seen = np.isfinite(residual[:, i])
         if int(seen.sum()) < PER_WAVE * (HALVES + 1):
