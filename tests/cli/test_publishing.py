@@ -332,7 +332,9 @@ def test_an_interruption_while_a_draft_is_removed_waits(tmp_path, monkeypatch):
         signal.raise_signal(signal.SIGINT)
         remove(*given, **options)
 
-    with pytest.raises(KeyboardInterrupt), ResultFolder(tmp_path / "out") as results:
-        (results.draft / "a.txt").write_text("half")
-        monkeypatch.setattr(shutil, "rmtree", interrupted)
+    results = ResultFolder(tmp_path / "out").__enter__()
+    (results.draft / "a.txt").write_text("half")
+    monkeypatch.setattr(shutil, "rmtree", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        results.__exit__(None, None, None)
     assert list(tmp_path.iterdir()) == []
