@@ -7,9 +7,17 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from tridentify import Estimate, Record, Structure, ThreeModel, identify
+from tridentify import (
+    Estimate,
+    Record,
+    Structure,
+    ThreeModel,
+    TransferFunction,
+    identify,
+    simulate,
+)
 from tridentify.estimation.methods.predictor import predictor_noise
-from tridentify.judgement.causes.revisit import problem_of, stated
+from tridentify.judgement.causes.feedback import GUARD, Inputs, by_predictor
 from tridentify.judgement.direct import widened
 
 PLANT, COLOUR, DT = loops.System.of([1.0], [1.0, 1.0]), 0.9, 0.2
@@ -86,8 +94,7 @@ def test_a_plant_in_the_right_half_plane_is_an_error_on_the_direct_route():
 @pytest.mark.unjudged
 def test_the_predictor_finds_the_noise_whatever_the_controller():
     record = in_loop(2, 6000)
-    estimate = identify(record, Structure(1, 0), ThreeModel(noise="white", route="open-loop"))
-    (a,) = predictor_noise(problem_of(estimate, [record], stated(estimate)))
+    (a,) = predictor_noise([(record.u, record.y)])
     omega = np.linspace(0.1, 3.0, 20)
     gain = np.abs(np.polyval(np.append(1.0, a)[::-1], np.exp(-1j * omega)))
     true = np.abs(1.0 - COLOUR * np.exp(-1j * omega))
@@ -98,3 +105,58 @@ def test_the_predictor_finds_the_noise_whatever_the_controller():
 @pytest.mark.slow
 def test_the_chosen_order_takes_the_direct_route_too():
     assert identify(in_loop(0, 600), Structure.auto(max_poles=1)).route == "direct"
+
+
+def position_loop(seed: int, gain: float = 3.0, n: int = 500) -> Record:
+    """A mass under a controller with rate feedback, pushed about by forces nobody records."""
+    rng = np.random.default_rng(seed)
+    push = 0.1 * lfilter([0.3], [1.0, -0.7], rng.standard_normal(n))
+    moved = simulate(MASS, Record(push, np.zeros(n), dt=0.1, intersample="zoh"))
+    noise = gain * moved + 0.002 * rng.standard_normal((n, 1))
+    law = loops.System.of(np.array([1.0 + 16.0, -16.0]) / gain, [1.0, 0.0])
+    reference = np.repeat(rng.uniform(-0.3, 0.3, n // 50), 50)[:, None]
+    plant = loops.System.of([gain], [1.0, 0.0, 0.0])
+    u, y = loops.run(plant, loops.Controller(law), reference, noise, np.zeros((n, 1)), 0.1)
+    return Record(u, y, dt=0.1, intersample="zoh")
+
+
+MASS = TransferFunction([1.0], [1.0, 0.0, 0.0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_an_integrating_plant_that_a_controller_holds_is_found(seed):
+    estimate = identify(position_loop(seed), Structure(2, 0), throw=False)
+    gain = estimate.parameters["b0"]
+    assert estimate.route == "direct"
+    assert abs(gain.value - 3.0) < 4.0 * gain.std
+    assert gain.std < 1.0
+
+
+@pytest.mark.unjudged
+def test_what_is_known_of_such_a_plant_goes_by_the_predictor_too():
+    known = Structure(2, 0, fixed={"a1": 0.0, "a0": 0.0})
+    record = position_loop(1)
+    by_direct = identify(record, known, ThreeModel(route="direct")).parameters["b0"]
+    assert abs(by_direct.value - 3.0) < 4.0 * by_direct.std
+    white = identify(record, known, ThreeModel(noise="white")).parameters["b0"]
+    assert abs(white.value - 3.0) > 10.0 * white.std
+
+
+@pytest.mark.parametrize("behaviour", ["zoh", "foh", "band-limited"])
+def test_no_reaction_shows_where_there_is_none(behaviour):
+    wrong = 0
+    for seed in range(10):
+        rng = np.random.default_rng([seed, 5])
+        u = lfilter([0.3], [1.0, -0.7], rng.standard_normal(400))
+        still = Record(u, np.zeros(400), dt=0.1, intersample=behaviour)
+        y = simulate(TransferFunction([4.0], [1.0, 1.2, 4.0]), still)
+        noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal((400, 1)), axis=0)
+        seen = Inputs.of([Record(u, y + 0.05 * noise, dt=0.1, intersample=behaviour)])
+        wrong += by_predictor(seen, 0, 0 if behaviour == "zoh" else GUARD).is_clear
+    assert wrong == 0
+
+
+def test_a_reaction_shows_in_what_the_predictor_leaves():
+    record = position_loop(3)
+    assert by_predictor(Inputs.of([record]), 0, 0).p_value < 1e-20

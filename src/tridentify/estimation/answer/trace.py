@@ -18,6 +18,7 @@ from tridentify.numerics.arrays import Array
 OTHER_DELAYS = "other delays explain the record almost as well"
 REPEATED_INPUT = "the input repeats itself"
 RESPONSE_AS_NOISE = "the noise model may take a slow response for noise"
+FAR_LIKELIER = "a model of the noise makes the record far likelier and moves coefficients"
 SLOW_AS_NOISE = "the noise model explains slow parts of the output that white weights follow"
 
 

@@ -54,7 +54,8 @@ from tridentify.estimation.likelihood.nuisance import Nuisances, build, candidat
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import TRUSTED
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.autoregression import fit_autoregression, most_coefficients
+from tridentify.numerics.autoregression import deviance, fit_autoregression, most_coefficients
+from tridentify.numerics.information import aicc_price
 from tridentify.numerics.whiteness import is_white
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -81,11 +82,14 @@ class Seeds:
         Its model of the noise; the empty tuple for white.
     trace : Trace
         Its way.
+    forecast : tuple of arrays
+        Another model of the noise to begin with, which no fit has bent; the likelier end counts.
     """
 
     coefficients: tuple[Array, ...]
     noise: tuple[Array, ...]
     trace: Trace
+    forecast: tuple[Array, ...] = ()
 
 
 def resolve(records: Sequence[Record], structure: Structure) -> Knowledge:
@@ -208,9 +212,12 @@ def constrain(
         model = best.fit.problem.noise
     if any(a.size for a in model):
         say("coloured noise, within the constraints")
-        best, nuisances, told = _coloured(
-            records, structure, choices, best, nuisances, told, patience
-        )
+        begun = best, nuisances, told
+        best, nuisances, told = _coloured(records, structure, choices, begun, patience)
+        if any(a.size for a in seeds.forecast):
+            again = _coloured(records, structure, choices, begun, patience, seeds.forecast)
+            if _with_noise(again[0]) < _with_noise(best):
+                best, nuisances, told = again
     told += _whiteness(best, noise)
     trace = _trace(seeds.trace, best, tried, told)
     return estimate_of(best, asked, nuisances, trace, doubts)
@@ -289,15 +296,18 @@ def _coloured(
     records: Sequence[Record],
     structure: Structure,
     choices: Sequence[Nuisances],
-    best: ConstrainedEnd,
-    nuisances: Nuisances,
-    told: tuple[str, ...],
+    begun: tuple[ConstrainedEnd, Nuisances, tuple[str, ...]],
     patience: Patience,
+    first: tuple[Array, ...] | None = None,
 ) -> tuple[ConstrainedEnd, Nuisances, tuple[str, ...]]:
-    """Noise model and constrained coefficients in turn, until the coefficients stand still."""
+    """Noise model and constrained coefficients in turn, until the coefficients stand still.
+
+    The first model of the noise is that of the residual, unless another is given.
+    """
+    best, nuisances, told = begun
     orders: list[int] | None = None
     for count in range(MOST_ROUNDS):
-        noise = _noise_model(best, orders)
+        noise = first if first and not count else _noise_model(best, orders)
         orders = [a.size for a in noise] if count else None
         before = best
         problem = problem_for(records, structure, choices[-1], best.known).whitened(noise)
@@ -308,6 +318,17 @@ def _coloured(
             break
     orders_found = ", ".join(str(a.size) for a in best.fit.problem.noise)
     return best, nuisances, (*told, f"noise model within the constraints: order {orders_found}")
+
+
+def _with_noise(end: ConstrainedEnd) -> float:
+    """AICc with the model of the noise, so that ends under different ones compare."""
+    residuals = end.fit.over_time()
+    found, unknowns = end.known.penalty(end.fit.theta), float(end.known.n_free)
+    for i, a in enumerate(end.fit.problem.noise):
+        found += deviance([one[:, i] for one in residuals], a)
+        unknowns += a.size + 1.0
+    unknowns += sum(one.size for one in end.fit.terms.values())
+    return found + aicc_price(unknowns, float(end.fit.counts.sum()))
 
 
 def _tinted(

@@ -18,6 +18,7 @@ from tridentify.estimation.likelihood.levenberg_marquardt import Patience, coeff
 from tridentify.estimation.likelihood.noise_model import NoiseChoice
 from tridentify.estimation.methods.base import Progress
 from tridentify.estimation.methods.maximum import Maximiser
+from tridentify.estimation.methods.predictor import predictor_noise
 
 NONE_ACTIVE = "constraints: the free estimate lies within all bounds, none active"
 
@@ -42,7 +43,9 @@ def within_constraints(
     """
     known = resolve(asked.records, asked.structure)
     looked_at = seen(asked.records, asked.structure, known)
-    seeds = Seeds((), (), Trace(()))
+    loop = asked.route == "direct"
+    forecast = predictor_noise([(r.u, r.y) for r in asked.records]) if loop else ()
+    seeds = Seeds((), (), Trace(()), forecast)
     if looked_at is not None:
         free = method.maximise(*looked_at, say)
         if known.only_bounds:
@@ -51,7 +54,8 @@ def within_constraints(
                 with suppress(UnsupportedOrderError):
                     return estimate_from(ending.told(NONE_ACTIVE), asked)
         tried = [one.theta for one in sorted(free.trace.starts, key=lambda start: start.cost)]
-        seeds = Seeds((coefficients(free.point), *tried), free.point.problem.noise, free.trace)
+        ends = (coefficients(free.point), *tried)
+        seeds = Seeds(ends, free.point.problem.noise, free.trace, forecast)
     return constrain(asked, known, seeds, say, patience, noise)
 
 

@@ -17,7 +17,9 @@ the noise is told.
 Under strong slow noise white weights may end far from the truth, and a long model of what they left
 takes the response that they missed for noise as well: later turns then stay where they are. Where
 the whitened residual still follows the input, every start of both searches is therefore given a
-model of the noise of its own, and the turns are taken once more from the likeliest.
+model of the noise of its own, and the turns are taken once more from the likeliest. And where the
+predictor, which needs no model of the plant, forecasts the output clearly better than the end does,
+the turns are taken once more from its noise.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from scipy.special import chdtri
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Pass, Start, Status
-from tridentify.estimation.answer.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
+from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE
 from tridentify.estimation.likelihood.choose_nuisance import Finished, decide
 from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.curvature import Curvature, output_rss
@@ -59,11 +61,11 @@ from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.likelihood.thresholds import CLEARLY, SAME_END
 from tridentify.estimation.likelihood.two_weights import moved_by_weights
 from tridentify.estimation.methods.maximum import Maximum
-from tridentify.estimation.methods.predictor import predictor_noise
+from tridentify.estimation.methods.predictor import Forecast, forecasts
 from tridentify.estimation.search.found import Starts
 from tridentify.estimation.search.search import search
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.autoregression import deviance
+from tridentify.numerics.autoregression import deviance, whiten
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.whiteness import input_share, is_white
@@ -87,6 +89,10 @@ MOST_LEFT = 0.5
 """Share of an output's power that such an end may leave to the noise: where an input acts late, the
 likeliest end of all may be that the output is noise, and nothing would be learnt of the
 response."""
+MADE_GOOD = 0.5
+"""Share of what one end is behind the predictor that another may be, to be worth a word."""
+ELSEWHERE = 3.0
+"""Standard errors between two ends from which they are told apart."""
 PASSED = "noise white: the residual passes the portmanteau test"
 
 
@@ -149,15 +155,17 @@ def with_noise_model(
             )
     question.say("coloured noise")
     best = _alternate(question, found, tinted, starts)
-    if in_loop:
+    known = forecasts(_pairs(first.point))
+    if in_loop or _behind(best.end.point, known) > CLEARLY:
         question.say("coloured noise, from the predictor")
-        best = _from_predictor(question, found, tinted, starts, best)
+        best = _from_predictor(question, found, tinted, starts, best, known)
     if _misses(best.end.point, tinted) or (noise == "auto" and _is_lost(best.end, first)):
         question.say("coloured noise, a model for every start")
         best = _elsewhere(question, best, tinted)
     if noise == "auto" and _is_lost(best.end, first):
         told = "noise taken as white: on whitened samples there was no usable minimum"
-        return replace(_told(found, told), tried=best.tried)
+        words = (told, *_likelier(first, best.end, tinted, known))
+        return replace(found, decisions=(*found.decisions, *words), tried=best.tried)
     words = (_in_words(best.end.point, tinted, noise), *_apart(first, best.end))
     moved = None if in_loop else _moved(first, best.end)
     return replace(best, decisions=(*best.decisions, *words), moved=moved)
@@ -170,19 +178,64 @@ def _moved(first: Finished, best: Finished) -> Array | None:
     return moved_by_weights(first.point, best.point)
 
 
+def _pairs(point: Point) -> list[tuple[Array, Array]]:
+    """Recorded inputs and outputs."""
+    return [(np.asarray(e.u), np.asarray(e.y)) for e in point.problem.experiments]
+
+
+def _behind(
+    point: Point, known: Sequence[Forecast], noise: tuple[Array, ...] | None = None
+) -> float:
+    """AICc of an end above that of the predictors, which need no model of the plant.
+
+    Where it is large, the end is no likely one: part of the response has been taken for noise.
+    """
+    problem = point.problem
+    own = (problem.n_coefficients + problem.n_nuisance) / problem.n_outputs
+    models = problem.noise if noise is None else noise
+    found = 0.0
+    for series, a, one in zip(residual_series(point), models, known, strict=True):
+        white = [whiten(left, a)[0] for left in series]
+        found = max(found, one.excess(white, own + a.size))
+    return found
+
+
+def _likelier(
+    first: Finished, best: Finished, tinted: tuple[bool, ...], known: Sequence[Forecast]
+) -> tuple[str, ...]:
+    """A word where the end that was not taken is as likely as the predictor, the other is not."""
+    behind = _behind(first.point, known, noise_models(first.point, tinted, None))
+    left = _behind(best.point, known)
+    if behind < CLEARLY or left > MADE_GOOD * behind:
+        return ()
+    errors = np.maximum(Curvature.at(first.point).std, 1e-300)
+    moved = np.max(np.abs(coefficients(best.point) - coefficients(first.point)) / errors)
+    if moved < ELSEWHERE:
+        return ()
+    fall = f"AICc lower by {behind - left:.0f}"
+    return (f"{FAR_LIKELIER} by up to {moved:.0f} standard errors ({fall})",)
+
+
 def _from_predictor(
-    question: Question, found: Maximum, tinted: tuple[bool, ...], starts: Starts, best: Maximum
+    question: Question,
+    found: Maximum,
+    tinted: tuple[bool, ...],
+    starts: Starts,
+    best: Maximum,
+    known: Sequence[Forecast],
 ) -> Maximum:
     """The likelier of an end and of that to which the noise of the predictor leads."""
-    first = predictor_noise(found.end.point.problem)
+    first = tuple(one.noise for one in known)
     try:
         other = _alternate(question, found, tinted, starts, first)
     except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
         return best
-    if other.end.status is not Status.CONVERGED:
-        return best
-    better = _criterion(other.end.point) < _criterion(best.end.point)
-    return other if better or best.end.status is not Status.CONVERGED else best
+    fall = _criterion(best.end.point) - _criterion(other.end.point)
+    whole, other_whole = (one.end.status is Status.CONVERGED for one in (best, other))
+    if whole == other_whole:
+        return other if fall > 0.0 else best
+    # an integrator ends at a limit, and so does many a search that went astray
+    return other if fall > (CLEARLY if whole else -CLEARLY) else best
 
 
 def _told(found: Maximum, decision: str) -> Maximum:

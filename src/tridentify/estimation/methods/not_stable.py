@@ -4,7 +4,9 @@ The search keeps to stable models. Of a plant with a pole to the right of zero, 
 enough for its response to stay within bounds, the best of them ends at the limit of stability, with
 a mode slower than the record, or nowhere. Then the model without that limit is tried
 (`closed_loop.unstable`), and taken where the record clearly speaks for it: by its likelihood, by a
-pole to the right of zero by several standard errors, and by a response that grew in the record.
+pole to the right of zero by several standard errors, by a response that grew in the record, and by
+a simulation that follows it no worse: what only forecasts from sample to sample was held by
+somebody.
 
 Something else may have grown there: a drift, which is as good as the free response of such a pole.
 So, where it grew no more than a drift may, a stable plant beside a disturbance that grows at the
@@ -90,7 +92,9 @@ def unless_unstable(
     if like_a_drift and _beside_a_drift(asked, again, rate) - best.deviance < CLEARLY:
         return found
     told = f"-2 log L is lower by {gain:.1f} than of the best stable model"
-    return replace(estimate_of(asked, loops, best, (told,)), route=found.route)
+    reached_end = replace(estimate_of(asked, loops, best, (told,)), route=found.route)
+    # what nobody held follows from the model alone, from the start of the record to its end
+    return reached_end if reached_end.fit.min() >= found.fit.min() else found
 
 
 def _suspicious(found: Estimate, records: Sequence[Record]) -> bool:

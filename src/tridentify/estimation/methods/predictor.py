@@ -12,10 +12,10 @@ L. Ljung, Automatica 35 (1999) 1215-1241.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.information import aicc_price
 
@@ -29,43 +29,90 @@ FARTHEST = 0.995
 """Largest root of the filter, which has to be one of stationary noise."""
 
 
-def predictor_noise(problem: Problem) -> tuple[Array, ...]:
+@dataclass(frozen=True, eq=False)
+class Forecast:
+    """The predictor of one output.
+
+    Attributes
+    ----------
+    noise : (p,) array
+        Autoregressive coefficients of the noise; empty where there are too few samples.
+    criterion : float
+        AICc of the forecasts, of the samples that all predictors tried have the past of.
+    first : int
+        Samples at the start of every experiment that these leave out.
+    """
+
+    noise: Array
+    criterion: float
+    first: int
+
+    def excess(self, innovations: Sequence[Array], unknowns: float) -> float:
+        """AICc of a model above that of the forecasts, on the same samples.
+
+        Parameters
+        ----------
+        innovations : sequence of (n_samples,) arrays
+            Of the model, per experiment; ``nan`` where a sample is missing.
+        unknowns : float
+            That were fitted for them.
+        """
+        left = np.concatenate([one[self.first :] for one in innovations])
+        left = left[np.isfinite(left)]
+        if not self.noise.size or left.size < unknowns + 2.0:
+            return 0.0
+        return _criterion(float(left @ left), unknowns, float(left.size)) - self.criterion
+
+
+def forecasts(pairs: Sequence[tuple[Array, Array]]) -> tuple[Forecast, ...]:
+    """The predictor of every output.
+
+    Parameters
+    ----------
+    pairs : sequence of ((n_samples, n_inputs) array, (n_samples, n_outputs) array)
+        Inputs and outputs of every experiment; ``nan`` marks a missing output.
+    """
+    return tuple(_predictor(pairs, i) for i in range(pairs[0][1].shape[1]))
+
+
+def predictor_noise(pairs: Sequence[tuple[Array, Array]]) -> tuple[Array, ...]:
     """Autoregressive coefficients of every output's noise.
 
     Parameters
     ----------
-    problem : Problem
-        Its recorded inputs and outputs.
+    pairs : sequence of ((n_samples, n_inputs) array, (n_samples, n_outputs) array)
+        Inputs and outputs of every experiment; ``nan`` marks a missing output.
 
     Returns
     -------
     tuple of (p,) arrays
         Empty where there are too few samples.
     """
-    pairs = [(np.asarray(e.u), np.asarray(e.y)) for e in problem.experiments]
-    return tuple(_predictor(pairs, i) for i in range(problem.n_outputs))
+    return tuple(one.noise for one in forecasts(pairs))
 
 
-def _predictor(pairs: Sequence[tuple[Array, Array]], output: int) -> Array:
+def _predictor(pairs: Sequence[tuple[Array, Array]], output: int) -> Forecast:
     best = np.inf
     found: Array = np.zeros(0)
     n_inputs = pairs[0][0].shape[1]
     # the same samples for all orders, or AICc compares nothing
     rows = sum(u.shape[0] for u, _ in pairs)
     orders = [p for p in ORDERS if PER_COLUMN * (p * (1 + n_inputs) + n_inputs + 1) < rows - 2 * p]
+    first = max(orders, default=0)
     for p in orders:
-        known, now = _regression(pairs, output, p, max(orders))
+        known, now = _regression(pairs, output, p, first)
         if known.shape[0] <= known.shape[1] + 1:
             break
         fitted = np.asarray(np.linalg.lstsq(known, now, rcond=1e-12)[0], dtype=np.float64)
-        count = float(now.size)
         left = float(np.sum((now - known @ fitted) ** 2))
-        criterion = count * float(np.log(max(left, 1e-300))) + aicc_price(
-            float(known.shape[1]), count
-        )
+        criterion = _criterion(left, float(known.shape[1]), float(now.size))
         if criterion < best:
             best, found = criterion, np.asarray(-fitted[:p], dtype=np.float64)
-    return _stationary(found)
+    return Forecast(_stationary(found), best, first)
+
+
+def _criterion(left: float, unknowns: float, count: float) -> float:
+    return count * float(np.log(max(left / count, 1e-300))) + aicc_price(unknowns, count)
 
 
 def _regression(

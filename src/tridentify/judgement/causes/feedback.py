@@ -12,6 +12,11 @@ samples is drawn with the next one. That cannot be more than the model does with
 the test is made on what is left of the present explanation, beside the past inputs, and compared
 with what other explanations gain.
 
+What is left of a fit that feedback has bent, of an integrator that a controller holds most of all,
+may be so large and slow that no surprise shows in it. So the test is made once more on what the
+predictor leaves, the best forecast of the output from its own past and that of the inputs, which no
+feedback bends (`by_predictor`).
+
 References: C. Sims, American Economic Review 62 (1972) 540-552. C. Granger, Econometrica 37 (1969)
 424-438.
 """
@@ -39,6 +44,9 @@ from tridentify.transfer_function import TransferFunction
 PAST = 12
 """Past samples of each input that the coming ones are judged beside: an input that is smooth is
 known from them."""
+
+PER_PAST = 24
+"""Samples for each past one of the output that the predictor goes by, at least."""
 
 COMING = 4
 """Samples to come that a controller may act at first."""
@@ -160,6 +168,7 @@ def reacts(
     for i in range(n_outputs):
         within = Within.of(point, inputs, i)
         seen = _left_by(point, i, inputs, within)
+        seen = seen if seen.is_clear else by_predictor(inputs, i, within.guard)
         if not seen.is_clear:
             continue
         beside = inputs.held and any(
@@ -245,6 +254,29 @@ def coming(
         if np.any(sizes > within.soon):
             return at_once
     return _from(within.guard, residual, own, noise, inputs, e)[0]
+
+
+def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
+    """Test inputs to come in what the past of an output and of the inputs leaves of it.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    output : int
+    guard : int
+        Samples ahead that may act without feedback.
+    """
+    y = [np.ascontiguousarray(record.y[:, output]) for record in inputs.records]
+    most = max(1, min(PAST, sum(one.size for one in y) // PER_PAST))
+    own = [np.column_stack([_before(one, range(1, most + 1)), np.ones(one.size)]) for one in y]
+    # a sample whose past is not known is none of the predictor's
+    seen = [
+        np.where(np.all(np.isfinite(past), axis=1), one, np.nan)
+        for one, past in zip(y, own, strict=True)
+    ]
+    for one in seen:
+        one[:most] = np.nan
+    return _from(guard, seen, own, np.zeros(0), inputs, np.nan_to_num(np.concatenate(seen)))[0]
 
 
 def _from(

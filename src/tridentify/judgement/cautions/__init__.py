@@ -19,6 +19,7 @@ from tridentify.judgement.causes.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.outliers import outlier_findings
 from tridentify.judgement.cautions.residual import (
+    far_likelier,
     residual_findings,
     response_as_noise,
     slow_findings,
@@ -75,7 +76,8 @@ def judged(
         # a cause that was fitted says what is slow there
         found += slow_findings(estimate, records, known)
     seen = _beside_causes(seen, tested)
-    return joined(_with_trial(seen, tested), tested, [*found, *seen])
+    first = [*far_likelier(estimate), *_with_trial(seen, tested)]
+    return joined(first, tested, [*found, *seen])
 
 
 BENDS = ("saturation", "nonlinear", "varying")

@@ -10,7 +10,7 @@ from scipy.special import chdtri
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.estimation.answer.trace import RESPONSE_AS_NOISE, SLOW_AS_NOISE
+from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE
 from tridentify.estimation.likelihood.raster import on_raster, places_on_raster, spread_out
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.causes.slow import HALVES, slow_waves
@@ -135,6 +135,25 @@ def _slow_parts(
         basis = np.linalg.qr(columns[seen] - columns[seen].mean(axis=0))[0]
         slow[i], whole[i] = float(np.sum((basis.T @ one) ** 2)), float(one @ one)
     return slow, whole
+
+
+def far_likelier(estimate: Estimate) -> list[Finding]:
+    """That another end is far likelier than the one that was kept, as the method saw it."""
+    return [
+        Finding(
+            "noise-model",
+            "error",
+            "White weights were kept, as with them only the model follows the output from end to "
+            f"end; but {told}. So something that was not recorded moves the output, a slow "
+            "disturbance or a controller behind the input, and the standard errors know nothing "
+            "of it.",
+            "If a controller or a person kept the output in place, use ThreeModel(route='direct') "
+            "(--route direct); if not, cut the record to where it is calm.",
+            estimate.output_names,
+        )
+        for told in estimate.trace.decisions
+        if told.startswith(FAR_LIKELIER)
+    ]
 
 
 def response_as_noise(estimate: Estimate) -> list[Finding]:

@@ -11,7 +11,7 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.attempt import Attempt
 from tridentify.judgement.causes.explain import Explanation, Explanations
-from tridentify.judgement.causes.feedback import Inputs, Within, coming
+from tridentify.judgement.causes.feedback import Inputs, Within, by_predictor, coming
 from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.lost import LEAST_PIECE, Place, jumps
 from tridentify.judgement.validation.distribution import distribution
@@ -122,6 +122,8 @@ def may_react(view: View) -> bool:
         own = [np.hstack(pair) for pair in zip(one.coefficients, one.nuisance, strict=True)]
         within = Within.of(view.point, inputs, i)
         if coming(one.residual, own, one.noise, inputs, within).is_clear:
+            return True
+        if by_predictor(inputs, i, within.guard).is_clear:
             return True
     return False
 
