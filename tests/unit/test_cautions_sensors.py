@@ -398,3 +398,15 @@ def test_a_simulation_that_rests_before_its_manoeuvre_has_no_stuck_sensor():
     record = Record(u, np.round(y, 10), dt=0.005)
     codes = [f.code for f in identify(record, Structure(2, 1)).findings]
     assert "stuck-sensor" not in codes
+
+
+@pytest.mark.judged
+@pytest.mark.parametrize("kept", [2, 5])
+def test_an_output_whose_samples_have_no_neighbours_is_judged_like_others(kept):
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.choice([-1.0, 1.0], 30), 10)
+    y = np.full(u.size, np.nan)
+    whole = simulate(TransferFunction([3.0], [1.0, 1.0, 3.0]), Record(u, u, dt=0.1))[:, 0]
+    y[::kept] = (whole + 0.05 * rng.standard_normal(u.size))[::kept]
+    estimate = identify(Record(u, y, dt=0.1), Structure(2, 0))
+    assert [one.code for one in estimate.findings] == ["missing-samples"]

@@ -190,13 +190,20 @@ class _Place(NamedTuple):
 
 def _fast(residual: Array) -> float:
     """Size of the noise from one sample to the next: what wanders spreads no converter's steps."""
-    return float(np.sqrt(np.nanmean(np.diff(residual) ** 2) / 2.0))
+    steps = _finite(np.diff(residual))
+    if not steps.size:  # no two neighbours are there: those that are there in turn
+        steps = np.diff(_finite(residual))
+    return float(np.sqrt(np.mean(steps**2) / 2.0)) if steps.size else 0.0
 
 
 def _rough(y: Array) -> float:
     """Size of what is not smooth, by third differences: a motion that is sampled well has none."""
-    third = np.abs(np.diff(y, 3))
-    return float(np.nanmedian(third) / (0.6745 * math.sqrt(20.0))) if third.size else 0.0
+    third = _finite(np.abs(np.diff(y, 3)))
+    return float(np.median(third) / (0.6745 * math.sqrt(20.0))) if third.size else 0.0
+
+
+def _finite(values: Array) -> Array:
+    return values[np.isfinite(values)]
 
 
 def _coarse(y: Array, q: float, noise: float, name: str) -> _Seen | None:
