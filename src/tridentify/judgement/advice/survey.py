@@ -287,8 +287,9 @@ def _of_input(records: Sequence[Record]) -> list[Finding]:
                 Finding(
                     "constant-input",
                     "error",
-                    f"Input {name} never changes: the record shows nothing of its response.",
-                    "Leave it out, or record a manoeuvre in which it moves.",
+                    f"Input {name} never changes: only if it was switched on at the first sample, "
+                    "with the system at rest before, does the record show its response.",
+                    "Else leave it out, or record a manoeuvre in which it moves.",
                 )
             )
         elif all(tones := [single_tone(record, j) for record in records]) and (
