@@ -206,19 +206,22 @@ def _levels(size: float) -> tuple[int, int]:
 def _digits(a: Array, b: Array, units: Array) -> Array:
     """(levels, BASE, ., .): the exponentials of 0 .. BASE - 1 units of each level.
 
-    Each is the product of two exponentials, so that no error of one is multiplied 64 times.
+    Each is the product of powers of two exponentials, those of one unit and of eight. A power is
+    made of halves, as in scaling and squaring: no error of one is multiplied 64 times.
     """
     root = math.isqrt(BASE)
-    counts = np.concatenate([np.arange(root), root * np.arange(root)]).astype(np.float64)
-    lengths = np.outer(units, counts)
-    matrices = _augmented(a, b, lengths.ravel())
+    counts = np.array([1.0, root])
+    matrices = _augmented(a, b, np.outer(units, counts).ravel())
     # the slope counts in one unit of the level, whatever the digit
     matrices[:, -2, -1] = np.tile(counts, units.size)
-    found = np.asarray(scipy.linalg.expm(matrices)).reshape(
-        units.size, 2, root, *matrices.shape[1:]
-    )
-    product = found[:, 1, :, None] @ found[:, 0, None, :]
-    return np.asarray(product.reshape(units.size, BASE, *matrices.shape[1:]))
+    shape = matrices.shape[1:]
+    powers = np.empty((units.size, 2, root, *shape))
+    powers[:, :, 0] = np.eye(shape[0])
+    powers[:, :, 1] = np.asarray(scipy.linalg.expm(matrices)).reshape(units.size, 2, *shape)
+    for k in range(2, root):
+        powers[:, :, k] = powers[:, :, k // 2] @ powers[:, :, k - k // 2]
+    product = powers[:, 1, :, None] @ powers[:, 0, None, :]
+    return np.asarray(product.reshape(units.size, BASE, *shape))
 
 
 class Crossing:
@@ -233,6 +236,8 @@ class Crossing:
         Where the first interval begins (default: zero).
     upper : int, optional
         Non-zero diagonals of ``a`` above the main one (default: all).
+    beside : Crossing, optional
+        Of the same state equation: its tables serve where the lengths are the same.
 
     Examples
     --------
@@ -251,8 +256,10 @@ class Crossing:
         b: Array,
         state: Array | None = None,
         upper: int | None = None,
+        beside: Crossing | None = None,
     ) -> None:
         self.chart = chart
+        self._beside = beside
         self._a, self._b = np.ascontiguousarray(a), np.ascontiguousarray(b)
         channels = chart.value.shape[0]
         self.state = np.zeros((channels, b.size)) if state is None else state.copy()
@@ -266,9 +273,18 @@ class Crossing:
 
         chart = self.chart
         if self._steps is None:
-            self._steps = steps(self._a, self._b, chart.lengths, chart.distinct)
+            self._steps = self._shared() or steps(self._a, self._b, chart.lengths, chart.distinct)
         tables, units, terms = self._steps
         cross(
             tables, units, terms, self._a, self._b, self._upper, chart.lengths, chart.which,
             chart.value, chart.slope, chart.reached, self._done, self.state, start, stop, out,
         )  # fmt: skip
+
+    def _shared(self) -> Steps | None:
+        """Tables of the other crossing, where they are those that would be made."""
+        if self._beside is None:
+            return None
+        other, own = self._beside.chart, self.chart
+        if other.lengths.max(initial=0.0) != own.lengths.max(initial=0.0):
+            return None
+        return self._beside._steps if np.array_equal(other.distinct, own.distinct) else None

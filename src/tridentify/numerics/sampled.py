@@ -350,7 +350,8 @@ class States:
             )  # fmt: skip
             return self._free
         chart = signal.free_plan(begin)
-        return Crossing(chart, self._a, self._b, self._b[None, :], self._upper)
+        other = next((one for _, one in self._groups if isinstance(one, Crossing)), None)
+        return Crossing(chart, self._a, self._b, self._b[None, :], self._upper, other)
 
 
 class _BandLimited:

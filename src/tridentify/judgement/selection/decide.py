@@ -185,13 +185,30 @@ def _trial(
     if row.estimate is None:
         return Trial(0, Unseen(), Unseen(), False, False)
     unseen = _unseen(held, records)
+    size, order = _sizes(row)
     return Trial(
-        row.n_coefficients,
+        size,
         unseen,
         replace(unseen, noise=tuple(noise)),
         not row.doubts and not held.reason,
         row.ok,
+        order,
+        not apart_from_vagueness(row.doubts) and not held.reason,
     )
+
+
+def _sizes(row: SelectionRow) -> tuple[int, tuple[int, int]]:
+    """Coefficients of the channel that has most; poles and zeros together, and poles."""
+    asked, estimate = row.structure, row.estimate
+    assert estimate is not None
+    shape = len(estimate.output_names), len(estimate.input_names)
+    poles = max(max(one) for one in asked.poles_matrix(*shape))
+    zeros = max(max(one) for one in asked.zeros_matrix(*shape))
+    channels = shape[0] * shape[1]
+    size = row.n_coefficients
+    if asked.shared and not asked.constrained and channels > 1:
+        size = poles + zeros + 1 + (asked.delay == "free")
+    return size, (poles + zeros, poles)
 
 
 def _unseen(held: HeldOut, records: Sequence[Record]) -> Unseen:

@@ -21,6 +21,9 @@ from tridentify.structure import Structure
 
 MOST = 2
 """Rows that are added: each costs a search of its own."""
+OF_USE = 0.05
+"""Share of the outputs' variance that a candidate may leave unexplained more than the best and
+still be worth a row, as `rule.USELESS`."""
 LENGTHS = 1.0
 """Decay over the record [nepers] of a pole that may stand for an integrator: its time constant is
 longer than the record."""
@@ -39,11 +42,12 @@ def integrating(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list
     -------
     list of Structure
         Those of the rows that have a time constant longer than the record and predict held-out
-        samples no worse than the best row that nothing speaks against; at most `MOST` of them.
+        samples no worse than the best row that nothing speaks against; where there is none, those
+        that are of use. At most `MOST` of them.
     """
     longest = max(record.duration for record in records)
     sound = [_held_out(row) for row in rows if row.estimate is not None and not row.doubts]
-    enough = max(sound, default=-math.inf)
+    enough = max(sound, default=_of_use(rows))
     found = []
     for row in rows:
         able = row.estimate is not None and row.structure.shared and not row.structure.constrained
@@ -56,12 +60,22 @@ def integrating(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list
     return sorted(kept, key=lambda one: (one.common_poles, str(one.zeros)))[:MOST]
 
 
+def _of_use(rows: Sequence[SelectionRow]) -> float:
+    """Held-out fit [percent] of a candidate that is of use beside the best one."""
+    best = max((_held_out(row) for row in rows if row.estimate is not None), default=-math.inf)
+    if not math.isfinite(best):
+        return -math.inf
+    return 100.0 - 100.0 * math.sqrt((1.0 - best / 100.0) ** 2 + OF_USE)
+
+
 def _held_out(row: SelectionRow) -> float:
     return float(row.cross_fit.min(initial=math.inf)) if row.cross_fit.size else -math.inf
 
 
 def _at_zero(structure: Structure) -> Structure | None:
+    # a constant error of the input makes a ramp behind an integrator: the default drift is asked
+    drift = structure.drift or None
     try:
-        return replace(structure, fixed=dict(INTEGRATOR))
+        return replace(structure, drift=drift, fixed=dict(INTEGRATOR))
     except TridentifyError:
         return None

@@ -31,8 +31,11 @@ the smaller sound candidates are compared with each other, as far as they are of
 *Both together.* Where the likeliest candidate explains the record and predicts held-out samples no
 worse than the one that the second question names (compared on errors whitened by its noise model),
 it is recommended; else the latter is. Where no candidate explains the record, or only one that is
-itself not sharply known, a difference of less than one percent of the output's size buys no poles
-either: the wrong structure alone leaves more than that.
+itself not sharply known, a difference of less than one percent of the output's size (and its
+standard error) buys no poles either: the wrong structure alone leaves more than that. Where the
+likeliest one is among the largest, nothing says that the order has ended with it: in a quiet
+measurement all that is small and not linear is refuted noise. Then what it predicts besides has to
+be of some size (`SLIGHT`).
 
 *Measured*: on random systems in `benchmarks/trust.py` and `tests/statistical/test_selection.py`; on
 random plants with drifts, gusts, surroundings that warm up, springs that stiffen, friction and
@@ -55,6 +58,11 @@ from tridentify.judgement.selection.paired import Unseen, contrasts
 POINT = 1.0
 """Held-out fit [percent of the output's size] that is no reason for more coefficients where no
 candidate explains the record."""
+
+SLIGHT = 0.02
+"""Size of what a larger candidate predicts besides, over the output's size, that is no reason for
+more coefficients where no candidate of still more poles says that the order has ended: bends,
+hysteresis and clocks leave as much in a good measurement."""
 
 USELESS = 0.05
 """Share of the outputs' variance that a smaller candidate may leave unexplained more than the best
@@ -184,7 +192,7 @@ class Trial:
     Attributes
     ----------
     size : int
-        Coefficients that are not held.
+        Coefficients that are not held, of the channel that has most.
     unseen : Unseen
         Its held-out errors; without any where it has none.
     whitened : Unseen
@@ -193,6 +201,11 @@ class Trial:
         Whether nothing speaks against recommending it.
     usable : bool
         Whether it could be recommended if nothing better is there.
+    order : (int, int)
+        Poles and zeros together, and poles: of as many coefficients, a delay is less than a zero,
+        and a zero less than a pole.
+    vague : bool
+        Whether all that speaks against it is that coefficients are badly known.
     """
 
     size: int
@@ -200,6 +213,8 @@ class Trial:
     whitened: Unseen
     sound: bool
     usable: bool
+    order: tuple[int, int] = (0, 0)
+    vague: bool = False
 
 
 @dataclass(frozen=True)
@@ -211,9 +226,10 @@ class Verdict:
     place : int or None
     best : int or None
         The eligible candidate that predicts held-out samples best.
-    by : {"likelihood", "held-out", "size", "useful", "none"}
-        "size": a further percent would buy the larger ones. "useful": nothing larger predicts
-        better than a smaller one that is not sound.
+    by : {"likelihood", "held-out", "size", "slight", "useful", "none"}
+        "size": a further percent would buy the larger ones. "slight": the same of `SLIGHT`, where
+        nothing larger explains no more. "useful": nothing larger predicts better than a smaller one
+        that is not sound.
     sound : bool
         Whether it is sound.
     fair : bool
@@ -275,11 +291,15 @@ def recommend(
         larger = one.size > other.size
         if _is_believed(one, other) and (ends or not larger or _no_worse(one.unseen, other.unseen)):
             place, by = likeliest, "likelihood"
+    near, why = [place], by
     if not (explains and sharp):
-        near = [k for k in eligible if _points(trials[k], trials[best]) <= POINT]
-        small = _smallest(trials, near)
-        if trials[small].size < trials[place].size:
-            place, by = small, "size"
+        near, why = [k for k in judged if _is_near(trials, k, best)], "size"
+    elif not ends:
+        near = [k for k in eligible if _apart(trials[k], trials[best]) <= SLIGHT]
+        why = "slight"
+    small = _smallest(trials, [*near, place])
+    if _price(trials[small]) < _price(trials[place]):
+        place, by = small, why
     fair = not contrasts(trials[place].unseen, trials[best].unseen)[0].as_good
     return Verdict(place, best, by, trials[place].sound, fair)
 
@@ -296,14 +316,22 @@ def _of_held_out(
         for k in eligible
         if trials[k].size <= least and trials[k].unseen.loss <= trials[best].unseen.loss + USELESS
     ]
-    if trials[place].size <= least or not lesser:
+    if trials[place].size <= least:
         return place, "held-out"
+    if not lesser:
+        # that coefficients are badly known is no reason for more of them
+        vague = [k for k in as_good if trials[k].vague and trials[k].size < trials[place].size]
+        return _smallest(trials, vague or [place]), "held-out"
     first = min(lesser, key=lambda k: trials[k].unseen.loss)
     return _smallest(trials, [k for k in lesser if _as_good(trials[k], trials[first])]), "useful"
 
 
 def _smallest(trials: Sequence[Trial], among: Sequence[int]) -> int:
-    return min(among, key=lambda k: (trials[k].size, trials[k].unseen.loss))
+    return min(among, key=lambda k: (*_price(trials[k]), trials[k].unseen.loss))
+
+
+def _price(trial: Trial) -> tuple[int, bool, tuple[int, int]]:
+    return trial.size, not trial.sound, trial.order
 
 
 def _as_good(one: Trial, best: Trial) -> bool:
@@ -325,6 +353,18 @@ def _no_worse(one: Unseen, other: Unseen) -> bool:
     return all(contrast.own <= contrast.other for contrast in contrasts(one, other))
 
 
+def _is_near(trials: Sequence[Trial], k: int, best: int) -> bool:
+    """Whether a candidate is little worse than the best; that it is vague is no reason for more."""
+    able = trials[k].sound or trials[k].vague or k == best
+    return able and _points(trials[k], trials[best]) <= POINT
+
+
 def _points(trial: Trial, best: Trial) -> float:
-    """How far the held-out fit lies below the best [percent of the outputs' size]."""
+    """How far the held-out fit lies below the best [percent], less its standard error."""
     return min(contrast.points for contrast in contrasts(trial.unseen, best.unseen))
+
+
+def _apart(trial: Trial, best: Trial) -> float:
+    """Size of what the best predicts besides, over that of the outputs."""
+    lost = min(one.own - one.other for one in contrasts(trial.unseen, best.unseen))
+    return math.sqrt(max(lost, 0.0))

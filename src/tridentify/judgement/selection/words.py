@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from tridentify.judgement.selection.numbers import percent, share
 from tridentify.judgement.selection.orders import is_integrator, order_label
 from tridentify.judgement.selection.result import SelectionRow
-from tridentify.judgement.selection.rule import POINT, Contender, Verdict, needed
+from tridentify.judgement.selection.rule import POINT, SLIGHT, Contender, Verdict, needed
 from tridentify.structure import Structure
 
 POORLY = 0.5
@@ -75,7 +75,14 @@ def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
             "candidate that has no more coefficients and is not determined"
         )
     gap = float(other.cross_fit.min() - own.cross_fit.min())
-    fair = " where offset and initial state are left aside" if gap > POINT else ""
+    aside = " where offset and initial state are left aside or the scatter is taken off"
+    fair = aside if gap > POINT else ""
+    if verdict.by == "slight":
+        return (
+            f"near the best, {best}{fair}: what that predicts besides is less than "
+            f"{100 * SLIGHT:g} % of the output's size, which is no reason for more coefficients "
+            "where no candidate of still more poles shows that the order has ended"
+        )
     return (
         f"less than {POINT:g} % of the output's size below the best, {best}{fair}, which is no "
         "reason for more coefficients where no candidate explains the record"
