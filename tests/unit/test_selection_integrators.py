@@ -72,3 +72,21 @@ def test_a_leak_that_the_record_shows_stays():
 def test_rows_with_a_pole_at_zero_may_be_refused():
     found = select_structure(level(0, 0.0), [Structure(1, 0)], integrators=False)
     assert [row.label for row in found.rows] == ["1, 0"]
+
+
+def drive(seed: int, bias: float = 0.2) -> Record:
+    """Position of a drive; the voltage that acts is not quite the one that was recorded."""
+    rng = default_rng(seed)
+    voltage = np.repeat(rng.choice([-1.0, 1.0], 20), 20)
+    position = by_exponential([0.5], [1.0, 2.0, 0.0], voltage + bias, 0.05)
+    position = position + 0.002 * rng.standard_normal(voltage.size)
+    return Record(voltage, position, dt=0.05, intersample="zoh")
+
+
+def test_a_constant_error_of_the_input_is_no_obstacle_to_a_pole_at_zero():
+    found = select_structure(drive(0), [Structure(1, 0), Structure(2, 0)], integrators=True)
+    chosen = found.recommended
+    assert chosen.label == "2, 0, integrator"
+    assert chosen.fit[0] > 97.0
+    assert chosen.estimate.structure.drift
+    assert chosen.estimate.parameters["a1"].value == pytest.approx(2.0, rel=0.05)

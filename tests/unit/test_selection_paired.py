@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -121,3 +123,59 @@ def test_what_explains_the_record_and_predicts_better_is_recommended():
     trials = [trial(2, noise(0) + 0.1 * manoeuvre()), trial(4, noise(0))]
     assert recommend(trials, 1, explains=True, sharp=True).place == 1
     assert recommend(trials[::-1], 0, explains=True, sharp=True).place == 0
+
+
+def wave(rate):
+    return np.sin(2.0 * np.pi * rate * TIME) / np.sqrt(N)
+
+
+def of_sizes(*errors, sizes=(3, 5), sound=(True, True), vague=(False, False)):
+    rows = zip(sizes, errors, sound, vague, strict=True)
+    return [
+        Trial(k, unseen(one), unseen(one), ok, True, (k - 1, k), bad) for k, one, ok, bad in rows
+    ]
+
+
+def test_what_is_slight_is_no_reason_for_poles_that_may_stand_for_a_delay():
+    # refuted by far, and yet two hundredths of what was measured
+    few, many = of_sizes(noise(0, 0.002) + 0.0195 * wave(20.0), noise(0, 0.002))
+    assert not contrasts(few.unseen, many.unseen)[0].as_good
+    late = replace(few, late=True)
+    found = recommend([late, many], 1, explains=True, sharp=True, ends=False)
+    assert (found.place, found.by) == (0, "slight")
+    # without a delay there is nothing else that the poles may be
+    assert recommend([few, many], 1, explains=True, sharp=True, ends=False).place == 1
+    # where still larger ones explain no more, the order has ended
+    assert recommend([late, many], 1, explains=True, sharp=True, ends=True).place == 1
+
+
+def test_what_is_of_some_size_is_a_reason():
+    few, many = of_sizes(noise(0, 0.002) + 0.06 * wave(20.0), noise(0, 0.002))
+    trials = [replace(few, late=True), many]
+    assert recommend(trials, 1, explains=True, sharp=True, ends=False).place == 1
+
+
+def test_badly_known_coefficients_are_no_reason_for_more_of_them():
+    errors = noise(1), noise(1, 0.0099)
+    vague = of_sizes(*errors, sound=(False, True), vague=(True, False))
+    assert recommend(vague, None, explains=False, sharp=False).place == 0
+    # whatever else speaks against it does
+    wrong = of_sizes(*errors, sound=(False, True), vague=(False, False))
+    assert recommend(wrong, None, explains=False, sharp=False).place == 1
+
+
+def test_a_difference_counts_less_its_standard_error():
+    raw, _ = contrasts(unseen(noise(0) + 0.02 * wave(20.0)), unseen(noise(1)))
+    plain = 100.0 * (np.sqrt(raw.own) - np.sqrt(raw.other))
+    assert raw.points == pytest.approx(plain * (1.0 - 1.0 / raw.t))
+    assert 0.0 < raw.points < plain
+
+
+def test_of_as_many_coefficients_a_delay_is_less_than_a_zero():
+    late, zero = (
+        Trial(4, unseen(noise(k)), unseen(noise(k)), True, True, order)
+        for k, order in ((2, (2, 2)), (3, (3, 2)))
+    )
+    for trials in ([late, zero], [zero, late]):
+        place = recommend(trials, None, explains=False, sharp=False).place
+        assert trials[place] is late

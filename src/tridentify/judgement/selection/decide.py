@@ -194,6 +194,7 @@ def _trial(
         row.ok,
         order,
         not apart_from_vagueness(row.doubts) and not held.reason,
+        row.structure.delay == "free",
     )
 
 

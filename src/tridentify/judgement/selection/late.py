@@ -34,8 +34,9 @@ MOST = 2
 
 
 class _Late(NamedTuple):
-    """A structure with a delay, AICc with it on the terms of the recommended candidate, and the
-    share of the outputs' variance that it leaves; ``size_with`` counts the delays.
+    """A structure that gets a delay, and its AICc with it on the recommended one's terms.
+
+    ``left`` is the share of the outputs' variance that it leaves; ``size_with`` counts the delays.
     """
 
     size: int

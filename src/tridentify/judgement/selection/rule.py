@@ -33,9 +33,9 @@ worse than the one that the second question names (compared on errors whitened b
 it is recommended; else the latter is. Where no candidate explains the record, or only one that is
 itself not sharply known, a difference of less than one percent of the output's size (and its
 standard error) buys no poles either: the wrong structure alone leaves more than that. Where the
-likeliest one is among the largest, nothing says that the order has ended with it: in a quiet
-measurement all that is small and not linear is refuted noise. Then what it predicts besides has to
-be of some size (`SLIGHT`).
+likeliest one is among the largest and has no delay, while one with a delay is there, poles of it may
+stand for the dead time: none of them is the true order then, and what it predicts besides has to be
+of some size (`SLIGHT`).
 
 *Measured*: on random systems in `benchmarks/trust.py` and `tests/statistical/test_selection.py`; on
 random plants with drifts, gusts, surroundings that warm up, springs that stiffen, friction and
@@ -60,9 +60,9 @@ POINT = 1.0
 candidate explains the record."""
 
 SLIGHT = 0.02
-"""Size of what a larger candidate predicts besides, over the output's size, that is no reason for
-more coefficients where no candidate of still more poles says that the order has ended: bends,
-hysteresis and clocks leave as much in a good measurement."""
+"""Size of what a larger candidate without a delay predicts besides one with a delay, over the
+output's size, that is no reason for it, where no candidate of still more poles says that the order
+has ended: poles that stand for dead time are never enough, and follow whatever is small as well."""
 
 USELESS = 0.05
 """Share of the outputs' variance that a smaller candidate may leave unexplained more than the best
@@ -206,6 +206,8 @@ class Trial:
         and a zero less than a pole.
     vague : bool
         Whether all that speaks against it is that coefficients are badly known.
+    late : bool
+        Whether it has a delay of its own.
     """
 
     size: int
@@ -215,6 +217,7 @@ class Trial:
     usable: bool
     order: tuple[int, int] = (0, 0)
     vague: bool = False
+    late: bool = False
 
 
 @dataclass(frozen=True)
@@ -227,8 +230,8 @@ class Verdict:
     best : int or None
         The eligible candidate that predicts held-out samples best.
     by : {"likelihood", "held-out", "size", "slight", "useful", "none"}
-        "size": a further percent would buy the larger ones. "slight": the same of `SLIGHT`, where
-        nothing larger explains no more. "useful": nothing larger predicts better than a smaller one
+        "size": a further percent would buy the larger ones. "slight": the same of `SLIGHT`, of one
+        with a delay. "useful": nothing larger predicts better than a smaller one
         that is not sound.
     sound : bool
         Whether it is sound.
@@ -294,8 +297,9 @@ def recommend(
     near, why = [place], by
     if not (explains and sharp):
         near, why = [k for k in judged if _is_near(trials, k, best)], "size"
-    elif not ends:
-        near = [k for k in eligible if _apart(trials[k], trials[best]) <= SLIGHT]
+    elif not ends and not trials[place].late:
+        late = [k for k in eligible if trials[k].late]
+        near = [k for k in late if _apart(trials[k], trials[best]) <= SLIGHT]
         why = "slight"
     small = _smallest(trials, [*near, place])
     if _price(trials[small]) < _price(trials[place]):

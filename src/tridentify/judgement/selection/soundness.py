@@ -36,6 +36,13 @@ by less than a fifth of the way, a straight line and a constant do as well."""
 LASTING = 3.0
 """Decay over the record [nepers] below which a swing is not over at its end: 5 percent are left."""
 
+ROUNDING = 1e-9
+"""Relative difference of two sizes from which one is the larger."""
+
+ONE_PERIOD = 2.0 * np.pi
+"""Natural frequency times the record [rad] below which a swing that lasts has not come round once:
+beside faster modes it is not told from a drift that the input has no part in."""
+
 WITHIN = 2.0
 """Standard errors of the distance between a pole and a zero within which they cancel."""
 
@@ -57,6 +64,8 @@ def doubts(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
     if slow:
         found.append(slow)
     found += undetermined(estimate, longest)
+    if not found and _swings_once(estimate, longest):
+        found.append("beside faster modes, a swing that is slower than the record")
     if not found:
         found += cancelling(estimate, longest)
     return tuple(found)
@@ -89,6 +98,20 @@ def slowest_decay(estimate: Estimate, longest: float) -> float:
     """Magnitude of the slowest pole [rad/s] times the duration ``longest`` [s] of the record."""
     rates = np.concatenate([np.abs(np.roots(den)) for row in estimate.model.den for den in row])
     return float(np.min(rates, initial=np.inf)) * longest
+
+
+def _swings_once(estimate: Estimate, longest: float) -> bool:
+    """Whether a pair of poles, not the fastest of a channel, swings for less than a period."""
+    if estimate.structure.constrained:
+        return False
+    for row in estimate.model.den:
+        for den in row:
+            poles = np.roots(den)
+            sizes = np.abs(poles) * longest
+            slow = (poles.imag > 0) & (sizes < ONE_PERIOD) & (-poles.real * longest < LASTING)
+            if np.any(slow & (sizes < (1.0 - ROUNDING) * sizes.max())):
+                return True
+    return False
 
 
 def undetermined(estimate: Estimate, longest: float) -> list[str]:

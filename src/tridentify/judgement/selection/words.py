@@ -80,8 +80,8 @@ def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
     if verdict.by == "slight":
         return (
             f"near the best, {best}{fair}: what that predicts besides is less than "
-            f"{100 * SLIGHT:g} % of the output's size, which is no reason for more coefficients "
-            "where no candidate of still more poles shows that the order has ended"
+            f"{100 * SLIGHT:g} % of the output's size, which is no reason for poles that may stand "
+            "for the delay"
         )
     return (
         f"less than {POINT:g} % of the output's size below the best, {best}{fair}, which is no "
