@@ -33,9 +33,9 @@ worse than the one that the second question names (compared on errors whitened b
 it is recommended; else the latter is. Where no candidate explains the record, or only one that is
 itself not sharply known, a difference of less than one percent of the output's size (and its
 standard error) buys no poles either: the wrong structure alone leaves more than that. Where the
-likeliest one is among the largest and has no delay, while one with a delay is there, poles of it may
-stand for the dead time: none of them is the true order then, and what it predicts besides has to be
-of some size (`SLIGHT`).
+likeliest one is among the largest and has no delay, while one with a delay is there, poles of it
+may stand for the dead time: none of them is the true order then, and what it predicts besides has
+to be of some size (`SLIGHT`).
 
 *Measured*: on random systems in `benchmarks/trust.py` and `tests/statistical/test_selection.py`; on
 random plants with drifts, gusts, surroundings that warm up, springs that stiffen, friction and
