@@ -8,7 +8,7 @@ import loops
 import numpy as np
 import pytest
 
-from tridentify import Record, identify
+from tridentify import Record, TransferFunction, identify, simulate
 from tridentify.estimation.answer.trust import unusable
 from tridentify.judgement.causes.told_apart import laws, told_apart
 from tridentify.report.first_screen import headline_of, trust_of
@@ -108,3 +108,15 @@ def test_commanded_inputs_have_no_law():
         y = np.convolve(u, np.exp(-t))[:300] * 0.1
         # an output without noise, whose past tells nothing of the input
         assert laws([Record(u, np.append(0.0, y[:-1]), dt=0.1)])[0].lags is None
+
+
+def test_a_resistance_shows_its_current_and_is_no_controller():
+    """As many zeros as poles: the output follows the input at once, and tells it nearly whole."""
+    rng = np.random.default_rng(0)
+    current = np.repeat(rng.choice([-2.0, 0.0, 2.0, 4.0], 20), 20)
+    cell = TransferFunction([0.05, 0.004], [1.0, 0.04])
+    volts = simulate(cell, Record(current, current, dt=2.0))[:, 0]
+    volts = volts + 0.0005 * rng.standard_normal(current.size)
+    record = Record(current, volts, dt=2.0, intersample="zoh")
+    assert laws([record])[0].lags is not None
+    assert "loop-not-excited" not in [one.code for one in identify(record, (1, 1)).findings]

@@ -113,7 +113,11 @@ def told_apart(law: Law, poles: int) -> bool:
 
 
 def loop_findings(
-    records: Sequence[Record], poles: int, names: Sequence[str], reacts: bool
+    records: Sequence[Record],
+    poles: int,
+    names: Sequence[str],
+    reacts: bool,
+    at_once: bool = False,
 ) -> list[Finding]:
     """A word where the controller alone moves an input.
 
@@ -126,10 +130,13 @@ def loop_findings(
     names : sequence of str
         Of the inputs.
     reacts : bool
-        Whether an input was found to react to an output; where it is not held nothing is said
-        without that, as an output may show at once what moves it.
+        Whether an input was found to react to an output; where it is not held, or the outputs
+        answer at once, nothing is said without that: an output then shows what moves it.
+    at_once : bool
+        Whether the model has as many zeros as poles: a resistance beside its cells.
     """
-    if not reacts and any(record.behaviour != "zoh" for record in records):
+    held = all(record.behaviour == "zoh" for record in records)
+    if not reacts and (at_once or not held):
         return []
     return [
         _in_words(law, poles, names[law.input]) for law in laws(records) if law.lags is not None

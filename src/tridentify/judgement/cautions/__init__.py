@@ -122,8 +122,10 @@ def _about_loop(
     if estimate.route == "reference" or any(record.dt is None for record in records):
         return []
     reacts = any(one.code == "feedback" for one in tested)
-    poles = int(np.max(np.asarray(estimate.structure.poles)))
-    return loop_findings(records, poles, estimate.input_names, reacts)
+    shape = len(estimate.output_names), len(estimate.input_names)
+    poles = np.array(estimate.structure.poles_matrix(*shape))
+    at_once = bool(np.any(poles == np.array(estimate.structure.zeros_matrix(*shape))))
+    return loop_findings(records, int(poles.max()), estimate.input_names, reacts, at_once)
 
 
 def _missing(record: Record, experiment: int | None) -> list[Finding]:
