@@ -298,7 +298,7 @@ def recommend(
     if not (explains and sharp):
         near, why = [k for k in judged if _is_near(trials, k, best)], "size"
     elif not ends and not trials[place].late:
-        late = [k for k in eligible if trials[k].late]
+        late = [k for k in eligible if trials[k].late and trials[k].size < trials[place].size]
         near = [k for k in late if _apart(trials[k], trials[best]) <= SLIGHT]
         why = "slight"
     small = _smallest(trials, [*near, place])
@@ -331,11 +331,20 @@ def _of_held_out(
 
 
 def _smallest(trials: Sequence[Trial], among: Sequence[int]) -> int:
-    return min(among, key=lambda k: (*_price(trials[k]), trials[k].unseen.loss))
+    """The one with fewest coefficients; of as many, with fewest poles of those as good as the best.
+
+    A sound one before one that is not.
+    """
+    least = min(_price(trials[k]) for k in among)
+    alike = sorted(
+        (k for k in among if _price(trials[k]) == least), key=lambda k: trials[k].unseen.loss
+    )
+    near = [k for k in alike if _as_good(trials[k], trials[alike[0]])] or alike[:1]
+    return min(near, key=lambda k: trials[k].order)
 
 
-def _price(trial: Trial) -> tuple[int, bool, tuple[int, int]]:
-    return trial.size, not trial.sound, trial.order
+def _price(trial: Trial) -> tuple[int, bool]:
+    return trial.size, not trial.sound
 
 
 def _as_good(one: Trial, best: Trial) -> bool:

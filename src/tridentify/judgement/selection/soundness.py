@@ -23,6 +23,8 @@ from tridentify.record.record import Record
 CANCELS = "a pole and a zero cancel within their errors"
 """Said by a covariance; the likelihood may refute it (`rule.refuted`)."""
 
+SWING = "beside faster modes, a swing that is slower than the record"
+
 VAGUE, KNOWN_TO = "poles not determined", " known to "
 
 HALF = 0.5
@@ -65,21 +67,21 @@ def doubts(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:
         found.append(slow)
     found += undetermined(estimate, longest)
     if not found and _swings_once(estimate, longest):
-        found.append("beside faster modes, a swing that is slower than the record")
+        found.append(SWING)
     if not found:
         found += cancelling(estimate, longest)
     return tuple(found)
 
 
 def apart_from_vagueness(found: Sequence[str]) -> tuple[str, ...]:
-    """Those of the `doubts` that do not only say how well coefficients are known.
+    """Those of the `doubts` that do not only say how well the record shows the coefficients.
 
     Examples
     --------
     >>> apart_from_vagueness(["poles not determined", "b1 known to 80 %", "at stability limit"])
     ('at stability limit',)
     """
-    return tuple(one for one in found if one != VAGUE and KNOWN_TO not in one)
+    return tuple(one for one in found if one not in (VAGUE, SWING) and KNOWN_TO not in one)
 
 
 def slowest(estimate: Estimate, longest: float) -> str:
