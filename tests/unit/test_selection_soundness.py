@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tridentify.judgement.selection.soundness import _close
+from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify.judgement.selection.soundness import SWING, _close, doubts
 
 PLANT = [1.0, 0.056, 4.7e-4]
 
@@ -40,3 +41,22 @@ def test_a_longer_record_tells_them_apart():
 
 def test_without_zeros_nothing_is_close():
     assert not _close(np.array([4.7e-4]), np.array(PLANT), 571.0).any()
+
+
+@pytest.mark.parametrize(("seconds", "told"), [(25.0, True), (150.0, False)])
+def test_a_swing_that_does_not_come_round_once_is_no_mode_beside_faster_ones(seconds, told):
+    """Pitch angle by elevator: the short period, and a phugoid of 58 s."""
+    den = np.polymul([1.0, 2.5, 6.6], [1.0, 0.06, 0.0125])
+    pitch = TransferFunction([-6.8, -6.7, -0.12], den)
+    rng = np.random.default_rng(0)
+    u = np.repeat(rng.choice([-1.0, 0.0, 1.0], int(seconds)), 10)
+    y = simulate(pitch, Record(u, u, dt=0.1)) + 1e-3 * rng.standard_normal((u.size, 1))
+    record = Record(u, y, dt=0.1, intersample="zoh")
+    estimate = identify(record, Structure(4, 2, offset=False, initial_state="rest"))
+    assert (SWING in doubts(estimate, [record])) is told
+    # what all else rests on is no such thing
+    alone = TransferFunction([1.0], [1.0, 0.06, 0.0125])
+    y = simulate(alone, Record(u, u, dt=0.1)) + 1e-3 * rng.standard_normal((u.size, 1))
+    slow = Record(u, y, dt=0.1, intersample="zoh")
+    estimate = identify(slow, Structure(2, 0, offset=False, initial_state="rest"))
+    assert SWING not in doubts(estimate, [slow])

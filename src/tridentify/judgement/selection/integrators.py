@@ -15,15 +15,13 @@ from dataclasses import replace
 from tridentify.errors import TridentifyError
 from tridentify.judgement.selection.orders import INTEGRATOR
 from tridentify.judgement.selection.result import SelectionRow
+from tridentify.judgement.selection.rule import USELESS
 from tridentify.judgement.selection.soundness import slowest_decay
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
 MOST = 2
 """Rows that are added: each costs a search of its own."""
-OF_USE = 0.05
-"""Share of the outputs' variance that a candidate may leave unexplained more than the best and
-still be worth a row, as `rule.USELESS`."""
 LENGTHS = 1.0
 """Decay over the record [nepers] of a pole that may stand for an integrator: its time constant is
 longer than the record."""
@@ -65,7 +63,7 @@ def _of_use(rows: Sequence[SelectionRow]) -> float:
     best = max((_held_out(row) for row in rows if row.estimate is not None), default=-math.inf)
     if not math.isfinite(best):
         return -math.inf
-    return 100.0 - 100.0 * math.sqrt((1.0 - best / 100.0) ** 2 + OF_USE)
+    return 100.0 - 100.0 * math.sqrt((1.0 - best / 100.0) ** 2 + USELESS)
 
 
 def _held_out(row: SelectionRow) -> float:

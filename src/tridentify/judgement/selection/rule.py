@@ -202,8 +202,8 @@ class Trial:
     usable : bool
         Whether it could be recommended if nothing better is there.
     order : (int, int)
-        Poles and zeros together, and poles: of as many coefficients, a delay is less than a zero,
-        and a zero less than a pole.
+        Poles and zeros together, and poles: what is less of two that have as many coefficients and
+        predict as well.
     vague : bool
         Whether all that speaks against it is that coefficients are badly known.
     late : bool

@@ -24,6 +24,7 @@ CANCELS = "a pole and a zero cancel within their errors"
 """Said by a covariance; the likelihood may refute it (`rule.refuted`)."""
 
 SWING = "beside faster modes, a swing that is slower than the record"
+"""Said where `ONE_PERIOD` is not reached; no objection where larger candidates explain no more."""
 
 VAGUE, KNOWN_TO = "poles not determined", " known to "
 
@@ -37,9 +38,6 @@ by less than a fifth of the way, a straight line and a constant do as well."""
 
 LASTING = 3.0
 """Decay over the record [nepers] below which a swing is not over at its end: 5 percent are left."""
-
-ROUNDING = 1e-9
-"""Relative difference of two sizes from which one is the larger."""
 
 ONE_PERIOD = 2.0 * np.pi
 """Natural frequency times the record [rad] below which a swing that lasts has not come round once:
@@ -111,7 +109,7 @@ def _swings_once(estimate: Estimate, longest: float) -> bool:
             poles = np.roots(den)
             sizes = np.abs(poles) * longest
             slow = (poles.imag > 0) & (sizes < ONE_PERIOD) & (-poles.real * longest < LASTING)
-            if np.any(slow & (sizes < (1.0 - ROUNDING) * sizes.max())):
+            if np.any(slow & (sizes < sizes.max())):
                 return True
     return False
 
