@@ -645,3 +645,102 @@ def test_roles_are_guessed_from_names_and_their_company(names, roles):
     found = read_series(text.encode())
     guessed = guess_roles([one.channel.name for one in found], [one.values for one in found])
     assert guessed == roles.split()
+
+
+# ------------------------------------------------------------------- files that change under them
+@pytest.fixture
+def own(folder, tmp_path, ask):
+    """A file of its own, which may be changed, and its record."""
+    path = folder / f"{tmp_path.name}.csv"
+    path.write_text(flight())
+    return path, opened(ask, path.name)["id"]
+
+
+def now(ask, record):
+    """A record and the marks of its models, as a page that looks again is told."""
+    session = ask.get("/api/session").json()
+    (card,) = (one for one in session["records"] if one["id"] == record)
+    marks = {one["id"]: one["older_file"] for one in session["models"] if one["record"] == record}
+    return card, marks
+
+
+def test_a_file_that_changes_is_told_and_read_anew(ask, own):
+    path, record = own
+    model = estimated(ask, record, poles="2")
+    before = ask.get(f"/api/models/{model}").json()
+    ask.patch(
+        f"/api/records/{record}",
+        json={"ranges": [{"start": 1.0, "end": 9.0}, {"start": 15.0, "end": 19.0}]},
+    )
+    path.write_text(flight(n=200, seed=7).replace("q [deg/s]", "r [deg/s]"))
+    card, marks = now(ask, record)
+    assert (card["n_samples"], card["outputs"]) == (200, [])
+    said = card["changed_file"]
+    assert "400 samples became 200, 19.95 s became 9.95 s, gone: q (in use), new: r." in said
+    assert "Beyond its end lies 15 to 19 s" in said
+    assert marks == {model: True}
+    after = ask.get(f"/api/models/{model}").json()
+    assert after["parameters"] == before["parameters"]
+    assert "changed after this model was estimated" in after["older_file"]
+    for kind in ("report", "figure"):
+        answer = ask.get(f"/api/models/{model}/export/{kind}")
+        assert "estimate again" in told(answer, 400).lower()
+    assert ask.get(f"/api/models/{model}/export/json").status_code == 200
+
+
+def test_a_new_estimate_is_of_the_new_content_and_ends_the_word(ask, own):
+    path, record = own
+    first = estimated(ask, record, poles="2")
+    path.write_text(flight(seed=7))
+    assert "other values in the same samples and columns" in now(ask, record)[0]["changed_file"]
+    second = estimated(ask, record, poles="2")
+    card, marks = now(ask, record)
+    assert card["changed_file"] == ""
+    assert marks == {first: True, second: False}
+    values = [[one["value"] for one in ask.get(f"/api/models/{model}").json()["parameters"]]
+              for model in (first, second)]  # fmt: skip
+    assert values[0] != values[1]
+    path.write_text(flight())  # as it was
+    assert now(ask, record)[1] == {first: False, second: True}
+
+
+def test_an_estimate_alone_finds_the_change(ask, own):
+    path, record = own
+    path.write_text(flight(seed=7).replace("elevator", "rudder"))
+    answer = ask.post("/api/models", json={"record": record, "options": {}})
+    assert "found no input" in told(answer, 400).lower()
+
+
+def test_a_file_that_is_touched_is_not_told(ask, own):
+    path, record = own
+    os.utime(path, (1.0, 1.0))
+    assert now(ask, record)[0]["changed_file"] == ""
+
+
+def test_a_file_that_becomes_none_is_told_and_read_when_it_is_put_right(ask, own):
+    path, record = own
+    model = estimated(ask, record, poles="2")
+    content = path.read_text()
+    path.write_text("half a li")
+    card, _ = now(ask, record)
+    assert "is no record any more" in card["changed_file"]
+    assert card["n_samples"] == 400
+    assert ask.get(f"/api/models/{model}").status_code == 200
+    path.write_text(content)
+    os.utime(path, (2.0, 2.0))
+    card, marks = now(ask, record)
+    assert (card["n_samples"], card["changed_file"], marks) == (400, "", {model: False})
+
+
+def test_what_was_told_is_put_away_and_not_told_again_after_an_undo(ask, own):
+    path, record = own
+    ask.patch(f"/api/records/{record}", json={"name": "another"})
+    path.write_text(flight(n=300))
+    assert now(ask, record)[0]["changed_file"]
+    assert ask.patch(f"/api/records/{record}", json={"changed_file": ""}).status_code == 200
+    assert now(ask, record)[0]["changed_file"] == ""
+    ask.post("/api/undo")
+    card, _ = now(ask, record)
+    assert (card["n_samples"], card["name"], card["changed_file"]) == (300, path.stem, "")
+    answer = ask.patch(f"/api/records/{record}", json={"changed_file": "hello"})
+    assert answer.status_code == 422

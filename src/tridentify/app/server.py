@@ -194,10 +194,15 @@ def session(bench: Bench) -> APIRouter:
 async def _events(bench: Bench, request: Request) -> AsyncIterator[str]:
     """What changed, for pages that did not change it; a comment while nothing does."""
     last = bench.session.revision
+    files = before = bench.stamps()
     yield ": open\n\n"
     while not await request.is_disconnected():
         await asyncio.sleep(TICK)
-        now = bench.session.revision
+        now, seen = bench.session.revision, await asyncio.to_thread(bench.stamps)
+        if files != seen == before:  # nobody writes to it any more
+            files = seen
+            yield f"data: {json.dumps({'type': 'files', 'revision': now, 'client': ''})}\n\n"
+        before = seen
         if now == last:
             yield ": still here\n\n"
             continue

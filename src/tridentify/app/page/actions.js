@@ -27,9 +27,13 @@ export async function loadSession() {
 
 /** Takes over a session of the server, and looks at what is still there. */
 export function take(session, ...topics) {
-  const missing = newlyMissing(session.records);
+  const missing = newly("missing_file", session.records);
+  const changed = newly("changed_file", session.records);
+  const others = session.records.filter((record) => isOther(record, recordOf(record.id)));
   const sameRecords = JSON.stringify(session.records) === JSON.stringify(state.session.records);
   state.session = session;
+  if (others.length) forget();
+  if (others.some(({ id }) => id === state.record)) state.view = null;
   if (!session.records.some((record) => record.missing_file)) clear("missing");
   const looked = state.record;
   if (!recordOf()) look(session.records.at(-1)?.id ?? null);
@@ -38,13 +42,19 @@ export function take(session, ...topics) {
     warn(missing.map(({ name }) => `The file of ${name} is no longer where it was opened; `
       + "its models are kept, for new ones put it back or open it again.").join("\n"), "missing");
   }
+  if (changed.length) {
+    warn(changed.map(({ name, changed_file: text }) => `${name}: ${text}`).join("\n"), "changed");
+  }
   const records = sameRecords && looked === state.record ? [] : ["records", "record"];
-  tell("session", "models", ...records, ...topics);
+  tell("session", "models", ...records, ...(others.length ? ["result"] : []), ...topics);
 }
 
-const newlyMissing = (records) =>
-  records.filter((record) => record.missing_file
-    && !state.session.records.find((old) => old.id === record.id)?.missing_file);
+/** Records of which something is said that was not said of them before. */
+const newly = (what, records) =>
+  records.filter((record) => record[what] && record[what] !== recordOf(record.id)?.[what]);
+
+/** Whether a record's file has another content than what is known of it. */
+const isOther = (record, old) => Boolean(old) && old.content !== record.content;
 
 export async function moveInTime(direction) {
   const done = passing();
@@ -154,6 +164,15 @@ function changed(card, before) {
 /** What of a record is told of its models: its name, and the ranges on which they are tested. */
 const told = ({ name, ranges }) =>
   JSON.stringify([name, ranges.filter(({ use }) => use === "validate")]);
+
+/** What was said of a changed file is known. */
+export async function fileSeen(id) {
+  await attempt(async () => {
+    await patch(`/records/${id}`, { changed_file: "" });
+    clear("changed");
+    await loadSession();
+  });
+}
 
 export async function dropRecord(id) {
   const done = passing();

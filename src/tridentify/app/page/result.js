@@ -65,6 +65,7 @@ function empty(model) {
 
 function show(model, detail) {
   fill(head, make("h3", { class: "named" }, name(model)),
+    detail.older_file ? make("p", { class: "bad" }, detail.older_file) : null,
     make("p", { class: `sentence ${worst(detail.findings)}` }, detail.sentence));
   fill(tail, numbers(detail), doubts(model, detail.findings), checked(model, detail),
     ...TABLES.flatMap(([place, title, first]) =>

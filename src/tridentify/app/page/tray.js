@@ -126,8 +126,14 @@ function recordCard(record) {
         "aria-label": `Remove ${record.name} from the session`, "data-key": `drop ${record.id}` })),
     make("p", { class: "soft" }, facts(record)),
     record.missing_file ? make("p", { class: "bad" }, "its file is gone") : null,
+    record.changed_file ? changedFile(record) : null,
     current ? channels(record) : null);
 }
+
+const changedFile = ({ id, changed_file: text }) => make("div", { class: "row changed" },
+  make("p", { class: "bad" }, text),
+  button("\u00d7", () => act.fileSeen(id), { class: "quiet",
+    "aria-label": "It is known that the file was changed", "data-key": `changed ${id}` }));
 
 const facts = (record) => [
   count(record.n_samples, "sample"), seconds(record.duration),
@@ -188,7 +194,8 @@ function modelCard(model) {
         "aria-label": `Remove ${model.name}`, "data-key": `remove ${model.id}` })),
     make("p", { class: "soft" }, [model.structure,
       isDone(model) ? `fit ${(model.fit ?? []).map(percent).join(", ")}` : model.state]
-      .filter(Boolean).join(", ")));
+      .filter(Boolean).join(", ")),
+    model.older_file ? make("p", { class: "bad" }, "of older content of its file") : null);
 }
 
 function rename(model) {
