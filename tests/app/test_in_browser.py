@@ -68,6 +68,10 @@ def flights(tmp_path_factory):
     table(flight(1200, 3), names).write_csv(folder / "second.csv")
     odd = ("elevator", "<img src=x onerror=alert(1)>", "<b>alpha</b>")
     table(flight(600, 4), odd).write_csv(folder / "odd & <i>new.csv")
+    hung = flight(1500, 6)
+    y = hung.y.copy()
+    y[600:660, 0] = y[600, 0]
+    table(hung.with_outputs(y), names).write_csv(folder / "hung.csv")
     still = flight(600, 5)
     still = Record(np.zeros(600), still.y, dt=0.02)
     table(still, names).write_csv(folder / "still.csv")
@@ -148,7 +152,8 @@ def browser():
 @pytest.fixture(scope="module")
 def server(tmp_path_factory, flights):
     """Shared by the tests that leave the session in order for the next one."""
-    names = ["first.csv", "second.csv", "odd & <i>new.csv", "still.csv", "long.parquet"]
+    names = ["first.csv", "second.csv", "odd & <i>new.csv", "still.csv", "hung.csv",
+             "long.parquet"]  # fmt: skip
     with serving(tmp_path_factory.mktemp("shared"), flights, names) as started:
         yield started
 
@@ -408,6 +413,38 @@ def test_a_killed_server_comes_back_and_a_removed_file_is_told(browser, flights,
         expect(seen.page.locator("#record .main-svg").first).to_be_visible()
 
 
+def test_a_file_that_is_changed_on_disk_is_told_as_it_happens(browser, flights, tmp_path):
+    """Without a reload: what changed, which models are older, and the way on."""
+    with (
+        serving(tmp_path, flights, ["first.csv"]) as server,
+        tab(browser, server) as seen,
+    ):
+        seen.open("first.csv")
+        seen.use("alpha", "unused")
+        first = seen.estimated(lambda: seen.drag(0.2, 0.7))
+        seen.at_rest()
+        table(flight(1000, 9), ("elevator", "q", "beta")).write_csv(tmp_path / "first.csv")
+        seen.told("first: Its file was changed on disk: 1,500 samples became 1,000")
+        card = seen.page.locator(".card.record.current")
+        expect(card).to_contain_text("1,000 samples")
+        expect(card.locator(".bad")).to_contain_text("gone: alpha, new: beta.")
+        expect(card.locator(".channels")).to_contain_text("beta")
+        models = seen.page.locator(".card.model .bad")
+        expect(models).to_have_text("of older content of its file")
+        expect(seen.page.locator("#result p.bad")).to_contain_text("numbers are those of the older")
+        second = seen.estimated(lambda: seen.drag(0.1, 0.8))
+        assert first != second
+        expect(card.locator(".bad")).to_have_count(0)
+        expect(models).to_have_count(1)
+        expect(seen.page.locator("#messages .message")).to_have_count(0)
+        expect(seen.page.locator("#result p.bad")).to_have_count(0)
+        table(flight(800, 9), ("elevator", "q", "beta")).write_csv(tmp_path / "first.csv")
+        seen.told("1,000 samples became 800")
+        seen.page.get_by_label("It is known that the file was changed").click()
+        expect(card.locator(".bad")).to_have_count(0)
+        expect(seen.page.locator("#messages .message")).to_have_count(0)
+
+
 def test_mistakes_lead_to_one_sentence_each(browser, server):
     with tab(browser, server, refused=True) as seen:
         seen.open("first.csv")
@@ -509,6 +546,35 @@ def test_what_a_sensor_clipped_is_left_out_by_a_button(seen):
     seen.page.locator("#undo").click()  # the model
     seen.page.locator("#undo").click()  # what is left out
     expect(seen.page.locator(".row.range .swatch.bad")).to_have_count(before)
+
+
+def test_where_a_sensor_hung_is_left_out_by_a_button(seen):
+    seen.open("hung.csv")
+    seen.estimated(lambda: seen.drag(0.1, 0.9))
+    findings = seen.page.locator("#result .findings")
+    expect(findings).to_contain_text("the sensor or the recording hung")
+    button = seen.page.get_by_role("button", name=re.compile("^Leave out where q hung, from 12 to"))
+    seen.estimated(button.click)
+    ((start, end),) = seen.page.evaluate(BAD)
+    assert (start, end) == (pytest.approx(11.995), pytest.approx(13.185))
+    expect(findings).not_to_contain_text("hung")
+    expect(findings).to_contain_text("missing")
+    seen.page.locator("#undo").click()  # the model
+    seen.page.locator("#undo").click()  # what is left out
+    expect(seen.page.locator(".row.range .swatch.bad")).to_have_count(0)
+
+
+def test_each_of_several_sensors_that_hung_has_a_button(seen):
+    doubts = [{"code": "stuck-sensor", "severity": "error", "message": f"{name} hung.",
+               "outputs": [name], "times": times, "remedy": "Mark the repeats as missing (nan)."}
+              for name, times in (("q", [4.0, 4.02, 6.0]), ("alpha", [5.0]))]  # fmt: skip
+    seen.open("second.csv")
+    with seen.answered(findings=doubts):
+        seen.estimated(lambda: seen.drag(0.1, 0.72))
+    found = seen.page.locator("#result .findings button").all_inner_texts()
+    assert [text.replace("\u00a0", " ") for text in found] == [
+        "Leave out the repeats of q, in 2 stretches, and estimate",
+        "Leave out the repeats of alpha, at 5 s, and estimate"]  # fmt: skip
 
 
 def test_ranges_that_overlap_are_told(seen):
