@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
+import re
+import sqlite3
 import time
+import types
+import typing
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -19,6 +25,7 @@ from fastapi.testclient import TestClient
 
 from tridentify.app.answers import _few, shared_time
 from tridentify.app.bench import Bench
+from tridentify.app.documents import ANSWERS, Refusal, Revision, Stretch
 from tridentify.app.server import Settings, create
 from tridentify.app.session import Session
 from tridentify.record.formats.roles import guess_roles
@@ -61,10 +68,56 @@ def bench(folder, tmp_path_factory):
     made.stop()
 
 
+class Typed(TestClient):
+    """Every answer that passes here has the type that the interface states."""
+
+    asked: ClassVar[set[str]] = set()
+
+    def request(self, method, url, **settings):
+        answer = super().request(method, url, **settings)
+        path = str(url).partition("?")[0]
+        kind = next((one for one in ANSWERS if re.fullmatch(
+            re.sub(r"{\w+}", "[^/]+", one), f"{method} {path}")), None)  # fmt: skip
+        if answer.status_code >= 400:
+            if path.startswith("/api"):
+                assert unlike(answer.json(), Refusal) == ""
+        elif kind is not None:
+            assert unlike(answer.json(), ANSWERS[kind]) == ""
+            self.asked.add(kind)
+        return answer
+
+
+def unlike(value, kind, where="answer"):
+    """Where a value of JSON is not of a type; empty where it is."""
+    told = f"{where} is {str(value)[:60]!r}, no {kind}"
+    if typing.is_typeddict(kind):
+        hints = typing.get_type_hints(kind)
+        if not isinstance(value, dict):
+            return told
+        if not kind.__required_keys__ <= set(value) <= set(hints):
+            return f"{where} has not the keys of {kind.__name__}: {set(value) ^ set(hints)}"
+        return next(filter(None, (unlike(one, hints[name], f"{where}.{name}")
+                                  for name, one in value.items())), "")  # fmt: skip
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        found = [unlike(value, one, where) for one in inner]
+        return "" if "" in found else max(found, key=len)
+    if origin is typing.Literal:
+        return "" if value in inner else told
+    if origin is list:
+        return next(filter(None, (unlike(one, inner[0], f"{where}[{k}]")
+                                  for k, one in enumerate(value))), "")  # fmt: skip
+    if origin is dict:
+        return next(filter(None, (unlike(one, inner[1], f"{where}[{k}]")
+                                  for k, one in value.items())), "")  # fmt: skip
+    number = kind is float and isinstance(value, int) and not isinstance(value, bool)
+    return "" if number or type(value) is kind else told
+
+
 @pytest.fixture(scope="module")
 def ask(bench):
     app = create(bench, Settings(TOKEN, PORT, most_uploaded=200_000))
-    with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
+    with Typed(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
         yield client
 
 
@@ -744,3 +797,73 @@ def test_what_was_told_is_put_away_and_not_told_again_after_an_undo(ask, own):
     assert (card["n_samples"], card["name"], card["changed_file"]) == (300, path.stem, "")
     answer = ask.patch(f"/api/records/{record}", json={"changed_file": "hello"})
     assert answer.status_code == 422
+
+
+def test_a_session_of_before_files_were_looked_at_again_goes_on(ask, own, bench):
+    path, record = own
+    model = estimated(ask, record, poles="2")
+    state = copy.deepcopy(bench.session.state)
+    for one in [*state["records"], *state["models"]]:
+        for name in ("stamp", "digest", "changed_file", "unreadable"):
+            one.pop(name, None)
+    bench.session.overwrite(state)
+    card, marks = now(ask, record)
+    assert (card["changed_file"], marks) == ("", {model: False})
+    assert ask.get(f"/api/models/{model}").json()["older_file"] == ""
+    path.write_text(flight(n=300))
+    assert "400 samples became 300" in now(ask, record)[0]["changed_file"]
+
+
+def test_a_folder_that_vanishes_is_no_fault(tmp_path):
+    folder = tmp_path / "flights"
+    folder.mkdir()
+    (folder / "one.csv").write_text(flight())
+    bench = Bench(Session(tmp_path / "s.sqlite"), folder)
+    app = create(bench, Settings(TOKEN, PORT))
+    with Typed(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
+        record = opened(client, "one.csv")["id"]
+        folder.rename(tmp_path / "elsewhere")
+        assert client.get("/api/files").json() == []
+        assert client.get("/api/session").json()["records"][0]["missing_file"]
+        assert client.patch(f"/api/records/{record}", json={"name": "kept"}).status_code == 200
+        answer = client.post("/api/records", json={"path": "one.csv"})
+        assert "found no file 'one.csv'" in told(answer, 400).lower()
+        assert "where it was opened" in told(client.get(f"/api/records/{record}/series"), 400)
+        (tmp_path / "elsewhere").rename(folder)
+        (card,) = client.get("/api/session").json()["records"]
+        assert (card["missing_file"], card["changed_file"], card["name"]) == (False, "", "kept")
+    bench.stop()
+
+
+def test_a_session_that_cannot_be_written_is_told(ask, made, bench, monkeypatch):
+    def full(state):
+        raise sqlite3.OperationalError("database or disk is full")
+
+    monkeypatch.setattr(bench.session, "write", full)
+    answer = ask.patch(f"/api/records/{made[0]}", json={"name": "lost"})
+    assert "disk is full" in told(answer, 507)
+    monkeypatch.undo()
+    assert now(ask, made[0])[0]["name"] != "lost"
+
+
+# ------------------------------------------------------------------------------------- the types
+def test_every_request_has_a_type_and_every_type_was_asked_for(ask):
+    """The last test: each answer of those before was held against its type."""
+    paths = ask.app.openapi()["paths"]
+    routes = {f"{method.upper()} {path}" for path, methods in paths.items()
+              for method in methods if path.startswith("/api")}  # fmt: skip
+    untyped = {"GET /api/events", "GET /api/models/{name}/export/{kind}"}
+    assert routes - untyped == set(ANSWERS)
+    if len(ask.asked) > 5:  # not where this test runs alone
+        assert set(ANSWERS) - ask.asked == set()
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [
+        ({"revision": "1"}, Revision), ({"revision": True}, Revision), ({}, Revision),
+        ({"revision": 1, "more": 1}, Revision), ([{"start": 1, "end": None}], list[Stretch]),
+    ],
+)  # fmt: skip
+def test_what_has_not_its_type_is_found(value, kind):
+    assert unlike(value, kind)

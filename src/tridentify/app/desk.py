@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import threading
 from collections.abc import Callable, Mapping
@@ -19,7 +20,7 @@ READABLE = (
     ".csv", ".txt", ".tsv", ".dat", ".asc", ".xlsx", ".parquet", ".feather", ".arrow", ".mat",
     ".ulg", ".mf4", ".mdf", ".npz", ".npy",
 )  # fmt: skip
-OWN = ("source", "file", "stamp", "digest", "unreadable")
+OWN = ("source", "file", "stamp", "digest", "unreadable", "findings")
 """Of a card, what the page does not need."""
 
 
@@ -100,17 +101,16 @@ class Desk:
 
     def files(self) -> list[dict[str, Any]]:
         """Files of the opened folder."""
-        if self.folder is None:
+        if self.folder is None or not self.folder.is_dir():
             return []
-        return [
-            {
-                "name": path.name,
-                "bytes": path.stat().st_size,
-                "readable": path.suffix.lower() in READABLE,
-            }
-            for path in sorted(self.folder.iterdir())
-            if path.is_file() and not path.name.startswith(".")
-        ]
+        found = []
+        for path in sorted(self.folder.iterdir()):
+            with contextlib.suppress(OSError):  # removed while it was looked at
+                if path.is_file() and not path.name.startswith("."):
+                    readable = path.suffix.lower() in READABLE
+                    size = path.stat().st_size
+                    found.append({"name": path.name, "bytes": size, "readable": readable})
+        return found
 
     def move(self, by: int) -> dict[str, Any]:
         """Undo or do again."""

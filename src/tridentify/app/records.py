@@ -53,7 +53,6 @@ class Records(Desk):
             "intersample": "auto",
             "ranges": [],
             "bad": [],
-            "findings": [],
             "stamp": stamp,
             "changed_file": "",
             **seen,

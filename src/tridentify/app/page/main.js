@@ -61,7 +61,7 @@ function listenToServer() {
   const events = new EventSource("/api/events");
   events.addEventListener("message", ({ data }) => {
     const event = JSON.parse(data);
-    if (event.type === "files" && !state.job) return act.check();
+    if (event.type === "files") return act.check();
     if (event.type !== "session" || [CLIENT, DISK].includes(event.client)) return;
     if (event.revision <= state.session.revision || state.job) return;
     act.attempt(async () => {

@@ -66,7 +66,8 @@ function empty(model) {
 function show(model, detail) {
   fill(head, make("h3", { class: "named" }, name(model)),
     detail.older_file ? make("p", { class: "bad" }, detail.older_file) : null,
-    make("p", { class: `sentence ${worst(detail.findings)}` }, detail.sentence));
+    make("p", { class: `sentence ${worst(detail.findings)}` },
+      detail.sentence.replace(/(\d) %/g, "$1\u00a0%")));
   fill(tail, numbers(detail), doubts(model, detail.findings), checked(model, detail),
     ...TABLES.flatMap(([place, title, first]) =>
       section(title, parameters(title, first, detail[place]))),

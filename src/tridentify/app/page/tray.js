@@ -24,19 +24,26 @@ export function startTray() {
     make("h2", {}, "Models"), models);
   listen(["session", "records"], () => fillList(records, recordCards(), state.record));
   listen(["session", "models", "theme"], () => fillList(models, modelCards(), state.model));
+  new ResizeObserver(() => { bring(records, state.record); bring(models, state.model); })
+    .observe(byId("tray"));
   listen(["session"], () => { if (!files.length) refreshFiles(); });
   addEventListener("focus", refreshFiles);
   dropAnywhere();
 }
 
-/** Fills a list and, where another card is the current one, brings that one into sight. */
 function fillList(place, cards, current) {
   const before = place.scrollTop;
   fill(place, cards);
   place.scrollTop = before;
+  bring(place, current);
+}
+
+/** Brings the current card into sight where it is another one, or has another height. */
+function bring(place, current) {
   const card = place.querySelector(".current");
-  if (!card || place.dataset.current === String(current)) return;
-  place.dataset.current = String(current);
+  const now = `${current} ${card?.offsetHeight} ${place.scrollHeight}`;
+  if (!card || place.dataset.current === now) return;
+  place.dataset.current = now;
   const beyond = card.offsetTop + card.offsetHeight - place.clientHeight;
   place.scrollTop = Math.min(card.offsetTop, Math.max(place.scrollTop, beyond));
 }
@@ -127,7 +134,17 @@ function recordCard(record) {
     make("p", { class: "soft" }, facts(record)),
     record.missing_file ? make("p", { class: "bad" }, "its file is gone") : null,
     record.changed_file ? changedFile(record) : null,
-    current ? channels(record) : null);
+    current ? [channels(record), exchanged(record)] : null);
+}
+
+/** Said where what moved by itself is used as output, and what answered it as input. */
+function exchanged(record) {
+  const taken = (guess, place) => record.channels.map(({ name, guess: own }) => own === guess && name)
+    .filter((name) => name && record[place].includes(name));
+  const [moved, answered] = [taken("input", "outputs"), taken("output", "inputs")];
+  if (!moved.length || !answered.length) return null;
+  return make("p", { class: "bad" }, `By name and movement ${moved.join(", ")} was moved and `
+    + `${answered.join(", ")} answered; here it is the other way round: perhaps they are exchanged.`);
 }
 
 const changedFile = ({ id, changed_file: text }) => make("div", { class: "row changed" },
