@@ -102,6 +102,8 @@ def unlike(value, kind, where="answer"):
     if origin in (typing.Union, types.UnionType):
         found = [unlike(value, one, where) for one in inner]
         return "" if "" in found else max(found, key=len)
+    if origin in (list, dict) and type(value) is not origin:
+        return told
     if origin is typing.Literal:
         return "" if value in inner else told
     if origin is list:
@@ -734,7 +736,8 @@ def test_a_file_that_changes_is_told_and_read_anew(ask, own):
     assert marks == {model: True}
     after = ask.get(f"/api/models/{model}").json()
     assert after["parameters"] == before["parameters"]
-    assert "changed after this model was estimated" in after["older_file"]
+    assert "no pictures, since q is not in the file any more" in after["older_file"]
+    assert (before["pictures"], after["pictures"]) == (True, False)
     for kind in ("report", "figure"):
         answer = ask.get(f"/api/models/{model}/export/{kind}")
         assert "estimate again" in told(answer, 400).lower()

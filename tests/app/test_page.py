@@ -92,6 +92,65 @@ def test_a_model_is_exported(seen):
         assert Path(saved.value.path()).stat().st_size > 100
 
 
+DROP = """async (files) => {
+  const carried = new DataTransfer();
+  for (const [name, text] of files) carried.items.add(new File([text], name));
+  for (const type of ["dragover", "drop"]) {
+    document.body.dispatchEvent(new DragEvent(type,
+      { dataTransfer: carried, bubbles: true, cancelable: true }));
+  }
+}"""
+
+
+def test_files_that_are_dropped_are_opened(browser, flights, tmp_path):
+    rows = "\n".join(f"{0.02 * k:.2f},{(-1) ** (k // 9)},{k % 7}" for k in range(90))
+    units = "time,elevator,pitch rate\ns,deg,deg/s\n" + rows
+    with serving(tmp_path, flights, []) as server, tab(browser, server) as seen:
+        seen.page.evaluate(DROP, [["with units.csv", units], ["other.csv", "t,u,y\n" + rows]])
+        cards = seen.page.locator(".card.record .name")
+        expect(cards).to_have_text(["with units", "other"])
+        cards.first.click()
+        channels = seen.page.locator(".card.record.current .channels")
+        expect(channels).to_contain_text("pitch rate [deg/s]")
+
+
+def test_pictures_over_time_are_linked(seen):
+    seen.open("first.csv")
+    seen.estimated(lambda: seen.drag(0.1, 0.7))
+    seen.at_rest()
+    box = seen.page.locator('[data-panel="fit"] .nsewdrag').first.bounding_box()
+    mouse, across = seen.page.mouse, [box["x"] + share * box["width"] for share in (0.3, 0.6)]
+    mouse.move(across[0], box["y"] + 50)
+    mouse.down()
+    mouse.move(across[1], box["y"] + 55, steps=4)
+    mouse.up()
+    seen.page.wait_for_function(LINKED)
+    mouse.dblclick(across[0], box["y"] + 50)
+
+
+LINKED = """() => {
+  const [fit, residual] = ["fit", "residual"].map((name) =>
+    document.querySelector(`[data-panel="${name}"] .plot`).layout.xaxis.range.map(Number));
+  const near = (one, other) => Math.abs(one - other) < 1e-6;
+  return fit[1] - fit[0] < 10 && near(fit[0], residual[0]) && near(fit[1], residual[1]);
+}"""
+
+
+def test_an_estimate_is_cancelled_on_the_page(seen):
+    seen.open("first.csv")
+    seen.page.route("**/api/jobs/*", lambda route: route.continue_()
+                    if route.request.method == "DELETE" else None)  # fmt: skip
+    before = seen.page.locator(".card.model").count()
+    seen.drag(0.05, 0.95)
+    expect(seen.page.locator("progress")).to_be_visible()
+    seen.page.get_by_role("button", name="Cancel", exact=True).click()
+    expect(seen.page.locator("#told")).to_have_text("Cancelled")
+    expect(seen.page.locator("progress")).to_have_count(0)
+    seen.page.unroute_all(behavior="ignoreErrors")
+    assert seen.page.locator(".card.model").count() in (before, before + 1)  # it may be done
+    seen.estimated(lambda: seen.drag(0.1, 0.6))
+
+
 def test_a_reload_shows_what_was_there(seen):
     seen.open("first.csv")
     seen.estimated(lambda: seen.drag(0.2, 0.6))
@@ -120,6 +179,10 @@ def test_a_killed_server_comes_back_and_a_removed_file_is_told(browser, flights,
         expect(seen.page.locator("#messages .message")).to_have_count(0)
         expect(seen.key("run")).to_be_enabled()
         assert seen.page.locator(".card .name").all_inner_texts() == cards
+        seen.page.route("**/api/jobs/*", lambda route: route.abort())  # it goes in the middle
+        seen.drag(0.1, 0.9)
+        seen.told("estimate that was under way ended with it: start it again")
+        seen.page.unroute_all(behavior="ignoreErrors")
         seen.estimated(lambda: seen.drag(0.1, 0.6))
         (tmp_path / "first.csv").rename(tmp_path / "elsewhere.txt")
         seen.page.reload()

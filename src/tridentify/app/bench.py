@@ -8,7 +8,7 @@ from types import MappingProxyType
 from typing import Any
 
 from tridentify.app import lines
-from tridentify.app.desk import is_gone, plain_card
+from tridentify.app.desk import is_gone, plain_card, shown_of
 from tridentify.app.jobs import Job
 from tridentify.app.records import Records
 from tridentify.app.refusals import Card, MissingError, found
@@ -27,7 +27,7 @@ UNTESTED: Mapping[str, Any] = MappingProxyType(
 """In place of the test on a range for validation that is not there any more."""
 OF_OLDER = (
     "The file of {name} was changed after this model was estimated: the numbers are those of the "
-    "older content, and the pictures show the file as it is now. Estimate again for the new one."
+    "older content, and {pictures}. Estimate again for the new one."
 )
 ON_RECORD = ("report", "figure")
 """Files of a model that show what it was estimated from."""
@@ -165,8 +165,15 @@ class Bench(Records):
             "python": lines.export_in_python(card["name"], record, record["dt"]),
             "command_line": lines.export_in_shell(card["name"], record["dt"]),
         }
-        said = OF_OLDER.format(name=record["name"]) if older else ""
-        return {**card, **self._described[key], "export": exported, "older_file": said}
+        gone = self._gone(card, record) if older else []
+        said = OF_OLDER.format(name=record["name"], pictures=_pictures(gone)) if older else ""
+        own = {"export": exported, "older_file": said, "pictures": not gone}
+        return {**shown_of(card), **self._described[key], **own}
+
+    def _gone(self, card: Card, record: Card) -> list[str]:
+        """Channels of a model that its record's file does not have any more."""
+        there = {one["name"] for one in (self.now(card) or record)["channels"]}
+        return [name for name in (*record["inputs"], *record["outputs"]) if name not in there]
 
     def panel(self, name: str, kind: str, record: str | None, pixels: int) -> dict[str, Any]:
         """One picture of a model, on its own record or on another."""
@@ -207,7 +214,7 @@ class Bench(Records):
             state["models"] = [card if one["id"] == name else one for one in state["models"]]
 
         self._changed(put, quietly="name" not in changes)
-        return card
+        return shown_of(card)
 
     def drop_model(self, name: str) -> None:
         """Take a model out of the session."""
@@ -234,6 +241,13 @@ class Bench(Records):
             name=card["name"],
         )  # fmt: skip
         return file
+
+
+def _pictures(gone: Sequence[str]) -> str:
+    """What is drawn of a model of older content."""
+    if gone:
+        return f"there are no pictures, since {', '.join(gone)} is not in the file any more"
+    return "the pictures show the file as it is now"
 
 
 def _key(model: str, record: Card, older: bool = False, lost: bool = False) -> str:

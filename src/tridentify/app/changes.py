@@ -10,10 +10,6 @@ Card = Mapping[str, Any]
 ROLES = ("inputs", "outputs", "references")
 FACTS = ("n_samples", "t0", "duration", "dt", "uniform", "channels", "digest")
 """Of a card, what is read from the file."""
-OLDER = (
-    "Models from before keep the numbers of the older content and are marked so; estimate again "
-    "for those of the new one."
-)
 MOST_NAMED = 6
 """Columns that a sentence names."""
 
@@ -56,13 +52,12 @@ def told(before: Card, now: Card) -> str:
     >>> roles = {"inputs": ["u"], "outputs": ["y"], "references": [], "ranges": [], "bad": []}
     >>> before = {"n_samples": 1500, "duration": 30.0, "channels": [{"name": "u"}, {"name": "y"}]}
     >>> now = {"n_samples": 1200, "duration": 24.0, "channels": [{"name": "u"}]}
-    >>> told(before | roles, now).partition(". ")[0]
-    'Its file was changed on disk: 1,500 samples became 1,200, 30 s became 24 s, gone: y (in use)'
+    >>> told(before | roles, now)
+    'Its file was changed on disk: 1,500 samples became 1,200, 30 s became 24 s, gone: y (in use).'
     """
     parts = [*_length(before, now), *_columns(before, now)]
     seen = ", ".join(parts) or "other values in the same samples and columns"
-    said = [f"Its file was changed on disk: {seen}.", _beyond(before, now), OLDER]
-    return " ".join(filter(None, said))
+    return f"Its file was changed on disk: {seen}. {_beyond(before, now)}".strip()
 
 
 def unreadable(why: str) -> str:

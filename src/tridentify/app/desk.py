@@ -70,7 +70,9 @@ class Desk:
             "revision": self.session.revision,
             "folder": None if self.folder is None else str(self.folder),
             "records": [self.card(one) for one in state["records"]],
-            "models": [one | {"older_file": self.is_older(one)} for one in state["models"]],
+            "models": [
+                shown_of(one) | {"older_file": self.is_older(one)} for one in state["models"]
+            ],
             "can_undo": self.session.can_undo,
             "can_redo": self.session.can_redo,
         }
@@ -80,7 +82,7 @@ class Desk:
         source = record["source"]
         return {
             "changed_file": "",
-            **{name: value for name, value in record.items() if name not in OWN},
+            **shown_of(record),
             "content": str(record.get("digest") or ""),
             "missing_file": is_gone(source),
             "python": lines.look_in_python(record) if record["inputs"] else "",
@@ -123,6 +125,11 @@ class Desk:
             state = copy.deepcopy(self.session.state)
             change(state)
             (self.session.overwrite if quietly else self.session.write)(state)
+
+
+def shown_of(card: Card) -> Card:
+    """A card without what the page does not need."""
+    return {name: value for name, value in card.items() if name not in OWN}
 
 
 def is_gone(source: Mapping[str, Any]) -> bool:

@@ -93,7 +93,6 @@ class Model(TypedDict):
     state: State
     colour_index: int
     shown: bool
-    digest: str
 
 
 class ListedModel(Model):
@@ -236,7 +235,11 @@ class Lines(TypedDict):
 
 
 class Detail(Model, Lines):
-    """All of a model but its pictures; ``older_file`` is a sentence or empty."""
+    """All of a model but its pictures.
+
+    ``older_file`` is a sentence or empty, and ``pictures`` is false where the file has no such
+    channels any more.
+    """
 
     sentence: str
     numbers: list[Value]
@@ -250,6 +253,7 @@ class Detail(Model, Lines):
     validation_findings: list[Finding] | None
     validation_note: str
     older_file: str
+    pictures: bool
     export: Lines
 
 

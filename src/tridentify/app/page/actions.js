@@ -6,6 +6,7 @@ import { forget, forgetPictures, known } from "./details.js";
 import { modelOf, recordOf, remember, state, tell } from "./state.js";
 
 const LOOK = 0.2; // seconds after which the server tells how far an estimate is, or at its end
+const OLDER = "Models from before keep their numbers and are marked; estimate again for new ones.";
 const KNOCK = 1000; // milliseconds between two knocks at a server that is gone
 
 /** Runs `work`; what goes wrong is said in a sentence. */
@@ -32,7 +33,10 @@ export function take(session, ...topics) {
   const others = session.records.filter((record) => isOther(record, recordOf(record.id)));
   const sameRecords = JSON.stringify(session.records) === JSON.stringify(state.session.records);
   state.session = session;
-  if (others.length) forget();
+  if (others.length) {
+    forget();
+    settled(); // what was refused of the older content
+  }
   if (others.some(({ id }) => id === state.record)) state.view = null;
   if (!session.records.some((record) => record.missing_file)) clear("missing");
   const looked = state.record;
@@ -43,7 +47,8 @@ export function take(session, ...topics) {
       + "its models are kept, for new ones put it back or open it again.").join("\n"), "missing");
   }
   if (changed.length) {
-    warn(changed.map(({ name, changed_file: text }) => `${name}: ${text}`).join("\n"), "changed");
+    warn(changed.map(({ name, changed_file: text }) => `${name}: ${text} ${OLDER}`).join("\n"),
+      "changed");
   }
   const records = sameRecords && looked === state.record ? [] : ["records", "record"];
   tell("session", "models", ...records, ...(others.length ? ["result"] : []), ...topics);
@@ -67,6 +72,8 @@ export async function moveInTime(direction) {
   });
 }
 
+let cut = false; // whether an estimate was under way when the server went
+
 /** Waits for the server to come back, then goes on with its session. */
 export async function knock() {
   if (state.gone) return;
@@ -79,7 +86,10 @@ export async function knock() {
       state.gone = false;
       clear("gone");
       take(session);
-      note("The server is back; records, ranges and models are as they were.");
+      const back = "The server is back; records, ranges and models are as they were.";
+      if (cut) warn(`${back} The estimate that was under way ended with it: start it again.`, "estimate");
+      else note(back);
+      cut = false;
     } catch (error) {
       if (error.code !== "gone") {
         state.gone = false;
@@ -256,6 +266,9 @@ async function follow(id, model) {
       Object.assign(state.job, { fraction: job.fraction, message: job.message });
       tell("job");
     }
+  } catch (error) {
+    cut = error.code === "gone";
+    throw error;
   } finally {
     if (state.job?.id === id) state.job = null;
     tell("job");
@@ -264,7 +277,7 @@ async function follow(id, model) {
 
 const ENDS = {
   async done({ session, detail }, model) {
-    settled();
+    settled("changed");
     known(detail);
     state.model = model;
     remember({ model });

@@ -5,7 +5,7 @@ import { button, byId, make } from "./dom.js";
 
 const TOLD_FOR = 4000; // milliseconds
 const NO_FILE = "Found no file "; // how the server begins where a record's file is lost
-const PASSING = ["error", "estimate", "range", "changed"]; // kinds that end with the next success
+const PASSING = ["error", "estimate", "range"]; // kinds that end with the next success
 
 let clock = 0;
 

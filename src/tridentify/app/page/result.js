@@ -37,6 +37,7 @@ async function refresh() {
     const detail = await detailOf(model.id);
     if (turn !== drawn) return;
     show(model, detail);
+    if (detail.pictures === false) return withoutPicture();
     if (pictured !== model.id) awaitPicture();
     const found = await fit;
     if (turn !== drawn) return;
@@ -53,10 +54,14 @@ function awaitPicture() {
   picture.style.height ||= `${HEIGHT + 40}px`;
 }
 
-function empty(model) {
+function withoutPicture() {
   erase(picture);
   pictured = null;
   picture.hidden = legend.hidden = true;
+}
+
+function empty(model) {
+  withoutPicture();
   fill(tail);
   fill(head, make("p", { class: "soft" }, model
     ? `${model.name}: ${model.state}` : "No model yet. Drag over the part of the record in which "

@@ -12,7 +12,7 @@ import { isDone, listen, state } from "./state.js";
 const ROLES = [["input", "input"], ["output", "output"], ["reference", "reference"],
   ["unused", "unused"]];
 const PLACES = { input: "inputs", output: "outputs", reference: "references" };
-const KINDS = ".csv,.txt,.tsv,.xlsx,.parquet,.feather,.mat,.ulg,.mf4,.mdf,.dat,.npz,.json";
+const KINDS = ".csv,.txt,.tsv,.dat,.asc,.xlsx,.parquet,.feather,.arrow,.mat,.ulg,.mf4,.mdf,.npz,.npy";
 
 let files = [];
 
