@@ -32,14 +32,14 @@ async function refresh() {
   const turn = ++drawn;
   if (!model || !isDone(model)) return empty(model);
   await attempt(async () => {
-    const fit = panelOf(model.id, "fit", model.record);
-    fit.catch(() => null); // told below, once the words are there
+    const fit = model.older_file ? null : panelOf(model.id, "fit", model.record);
+    fit?.catch(() => null); // told below, once the words are there
     const detail = await detailOf(model.id);
     if (turn !== drawn) return;
     show(model, detail);
     if (detail.pictures === false) return withoutPicture();
     if (pictured !== model.id) awaitPicture();
-    const found = await fit;
+    const found = await (fit ?? panelOf(model.id, "fit", model.record));
     if (turn !== drawn) return;
     await drawFit(model, found);
     pictured = model.id;
