@@ -39,6 +39,7 @@ def test_a_comparison_of_many_outputs_is_not_cut(seen):
               "summary": ""}  # fmt: skip
     seen.page.route("**/api/compare", lambda route: route.fulfill(json=answer))
     seen.at_rest()
+    seen.key("target").select_option(label="first")
     seen.key("compare").click()
     rows = seen.page.get_by_role("table", name="Fits on the other record").locator("tbody tr")
     expect(rows).to_have_count(3)
