@@ -180,10 +180,19 @@ def test_a_killed_server_comes_back_and_a_removed_file_is_told(browser, flights,
         expect(seen.page.locator("#messages .message")).to_have_count(0)
         expect(seen.key("run")).to_be_enabled()
         assert seen.page.locator(".card .name").all_inner_texts() == cards
-        seen.page.route("**/api/jobs/*", lambda route: route.abort())  # it goes in the middle
+        held: list[Any] = []
+        seen.page.route("**/api/jobs/*", lambda route: held.append(route))
+        seen.page.locator("#option-poles").select_option("auto")  # for long enough
         seen.drag(0.1, 0.9)
+        expect(seen.page.locator("progress")).to_be_visible()
+        server.kill()
+        for route in held:
+            route.abort()
+        seen.told("server does not answer")
+        server.start()
         seen.told("estimate that was under way ended with it: start it again")
-        seen.page.unroute_all(behavior="ignoreErrors")
+        seen.page.unroute("**/api/jobs/*")
+        seen.key("reset").click()
         seen.estimated(lambda: seen.drag(0.1, 0.6))
         (tmp_path / "first.csv").rename(tmp_path / "elsewhere.txt")
         seen.page.reload()

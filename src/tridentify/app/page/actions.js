@@ -72,7 +72,7 @@ export async function moveInTime(direction) {
   });
 }
 
-let cut = false; // whether an estimate was under way when the server went
+let cut = null; // the model of an estimate that was under way when the server went
 
 /** Waits for the server to come back, then goes on with its session. */
 export async function knock() {
@@ -87,9 +87,9 @@ export async function knock() {
       clear("gone");
       take(session);
       const back = "The server is back; records, ranges and models are as they were.";
-      if (cut) warn(`${back} The estimate that was under way ended with it: start it again.`, "estimate");
+      if (cut && !modelOf(cut)) warn(`${back} The estimate that was under way ended with it: start it again.`, "estimate");
       else note(back);
-      cut = false;
+      cut = null;
     } catch (error) {
       if (error.code !== "gone") {
         state.gone = false;
@@ -267,7 +267,7 @@ async function follow(id, model) {
       tell("job");
     }
   } catch (error) {
-    cut = error.code === "gone";
+    if (error.code === "gone") cut = model;
     throw error;
   } finally {
     if (state.job?.id === id) state.job = null;
