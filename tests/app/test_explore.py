@@ -6,6 +6,7 @@ import html
 import json
 import shlex
 import socket
+import sqlite3
 import subprocess
 import sys
 import time
@@ -72,6 +73,44 @@ def test_a_port_in_use_is_told(tmp_path):
         )  # fmt: skip
     assert done.returncode == 2
     assert f"found the port {port} in use" in done.stderr
+
+
+def test_a_session_is_open_in_one_workbench_at_a_time(tmp_path):
+    from tridentify.app import start
+    from tridentify.app.session import Session
+
+    path = tmp_path / "s.sqlite"
+    with start._alone(Session(path)):
+        done = subprocess.run(
+            [sys.executable, "-m", "tridentify", "app", "--session", str(path), "--no-open"],
+            cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
+        )  # fmt: skip
+        assert done.returncode == 2
+        assert "open in another workbench; expected one at a time" in done.stderr
+    with start._alone(Session(path)) as again:
+        assert again.state["records"] == []
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ("update facts set value = '0' where name = 'format'", "a session of another version"),
+        ("update snapshots set document = '{half'", "a session that is damaged"),
+    ],
+)
+def test_a_session_that_is_none_of_ours_is_told(tmp_path, change, words):
+    from tridentify.app.session import Session
+    from tridentify.errors import UnreadableFileError
+
+    kept = Session(tmp_path / "s.sqlite")
+    kept.write({"records": [], "models": []})
+    kept.close()
+    base = sqlite3.connect(tmp_path / "s.sqlite")
+    base.execute(change)
+    base.commit()
+    base.close()
+    with pytest.raises(UnreadableFileError, match=words):
+        Session(tmp_path / "s.sqlite")
 
 
 def test_a_report_says_how_to_open_its_record_here(tmp_path):

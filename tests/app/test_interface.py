@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import os
+import re
+import sqlite3
 import time
+import types
+import typing
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -19,6 +25,7 @@ from fastapi.testclient import TestClient
 
 from tridentify.app.answers import _few, shared_time
 from tridentify.app.bench import Bench
+from tridentify.app.documents import ANSWERS, Refusal, Revision, Stretch
 from tridentify.app.server import Settings, create
 from tridentify.app.session import Session
 from tridentify.record.formats.roles import guess_roles
@@ -61,10 +68,58 @@ def bench(folder, tmp_path_factory):
     made.stop()
 
 
+class Typed(TestClient):
+    """Every answer that passes here has the type that the interface states."""
+
+    asked: ClassVar[set[str]] = set()
+
+    def request(self, method, url, **settings):
+        answer = super().request(method, url, **settings)
+        path = str(url).partition("?")[0]
+        kind = next((one for one in ANSWERS if re.fullmatch(
+            re.sub(r"{\w+}", "[^/]+", one), f"{method} {path}")), None)  # fmt: skip
+        if answer.status_code >= 400:
+            if path.startswith("/api"):
+                assert unlike(answer.json(), Refusal) == ""
+        elif kind is not None:
+            assert unlike(answer.json(), ANSWERS[kind]) == ""
+            self.asked.add(kind)
+        return answer
+
+
+def unlike(value, kind, where="answer"):
+    """Where a value of JSON is not of a type; empty where it is."""
+    told = f"{where} is {str(value)[:60]!r}, no {kind}"
+    if typing.is_typeddict(kind):
+        hints = typing.get_type_hints(kind)
+        if not isinstance(value, dict):
+            return told
+        if not kind.__required_keys__ <= set(value) <= set(hints):
+            return f"{where} has not the keys of {kind.__name__}: {set(value) ^ set(hints)}"
+        return next(filter(None, (unlike(one, hints[name], f"{where}.{name}")
+                                  for name, one in value.items())), "")  # fmt: skip
+    origin, inner = typing.get_origin(kind), typing.get_args(kind)
+    if origin in (typing.Union, types.UnionType):
+        found = [unlike(value, one, where) for one in inner]
+        return "" if "" in found else max(found, key=len)
+    if origin in (list, dict) and type(value) is not origin:
+        return told
+    if origin is typing.Literal:
+        return "" if value in inner else told
+    if origin is list:
+        return next(filter(None, (unlike(one, inner[0], f"{where}[{k}]")
+                                  for k, one in enumerate(value))), "")  # fmt: skip
+    if origin is dict:
+        return next(filter(None, (unlike(one, inner[1], f"{where}[{k}]")
+                                  for k, one in value.items())), "")  # fmt: skip
+    number = kind is float and isinstance(value, int) and not isinstance(value, bool)
+    return "" if number or type(value) is kind else told
+
+
 @pytest.fixture(scope="module")
 def ask(bench):
     app = create(bench, Settings(TOKEN, PORT, most_uploaded=200_000))
-    with TestClient(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
+    with Typed(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
         yield client
 
 
@@ -233,7 +288,8 @@ def test_a_card_says_what_the_file_holds(ask):
     elevator = card["channels"][0]
     assert (elevator["unit"], elevator["minimum"], elevator["maximum"]) == ("deg", -1.0, 1.0)
     assert "read_record" in card["python"]
-    assert card["command_line"].startswith("tridentify advise")
+    commands = [line.split()[:2] for line in card["command_line"].splitlines()]
+    assert commands == [["tridentify", "advise"], ["tridentify", "manoeuvres"]]
     assert "source" not in card
 
 
@@ -644,3 +700,173 @@ def test_roles_are_guessed_from_names_and_their_company(names, roles):
     found = read_series(text.encode())
     guessed = guess_roles([one.channel.name for one in found], [one.values for one in found])
     assert guessed == roles.split()
+
+
+# ------------------------------------------------------------------- files that change under them
+@pytest.fixture
+def own(folder, tmp_path, ask):
+    """A file of its own, which may be changed, and its record."""
+    path = folder / f"{tmp_path.name}.csv"
+    path.write_text(flight())
+    return path, opened(ask, path.name)["id"]
+
+
+def now(ask, record):
+    """A record and the marks of its models, as a page that looks again is told."""
+    session = ask.get("/api/session").json()
+    (card,) = (one for one in session["records"] if one["id"] == record)
+    marks = {one["id"]: one["older_file"] for one in session["models"] if one["record"] == record}
+    return card, marks
+
+
+def test_a_file_that_changes_is_told_and_read_anew(ask, own):
+    path, record = own
+    model = estimated(ask, record, poles="2")
+    before = ask.get(f"/api/models/{model}").json()
+    ask.patch(
+        f"/api/records/{record}",
+        json={"ranges": [{"start": 1.0, "end": 9.0}, {"start": 15.0, "end": 19.0}]},
+    )
+    path.write_text(flight(n=200, seed=7).replace("q [deg/s]", "r [deg/s]"))
+    card, marks = now(ask, record)
+    assert (card["n_samples"], card["outputs"]) == (200, [])
+    said = card["changed_file"]
+    assert "400 samples became 200, 19.95 s became 9.95 s, gone: q (in use), new: r." in said
+    assert "Beyond its end lies 15 to 19 s" in said
+    assert marks == {model: True}
+    after = ask.get(f"/api/models/{model}").json()
+    assert after["parameters"] == before["parameters"]
+    assert "no pictures, since q is not in the file any more" in after["older_file"]
+    assert (before["pictures"], after["pictures"]) == (True, False)
+    for kind in ("report", "figure"):
+        answer = ask.get(f"/api/models/{model}/export/{kind}")
+        assert "estimate again" in told(answer, 400).lower()
+    assert ask.get(f"/api/models/{model}/export/json").status_code == 200
+
+
+def test_a_new_estimate_is_of_the_new_content_and_ends_the_word(ask, own):
+    path, record = own
+    first = estimated(ask, record, poles="2")
+    path.write_text(flight(seed=7))
+    assert "other values in the same samples and columns" in now(ask, record)[0]["changed_file"]
+    second = estimated(ask, record, poles="2")
+    card, marks = now(ask, record)
+    assert card["changed_file"] == ""
+    assert marks == {first: True, second: False}
+    values = [[one["value"] for one in ask.get(f"/api/models/{model}").json()["parameters"]]
+              for model in (first, second)]  # fmt: skip
+    assert values[0] != values[1]
+    path.write_text(flight())  # as it was
+    assert now(ask, record)[1] == {first: False, second: True}
+
+
+def test_an_estimate_alone_finds_the_change(ask, own):
+    path, record = own
+    path.write_text(flight(seed=7).replace("elevator", "rudder"))
+    answer = ask.post("/api/models", json={"record": record, "options": {}})
+    assert "found no input" in told(answer, 400).lower()
+
+
+def test_a_file_that_is_touched_is_not_told(ask, own):
+    path, record = own
+    os.utime(path, (1.0, 1.0))
+    assert now(ask, record)[0]["changed_file"] == ""
+
+
+def test_a_file_that_becomes_none_is_told_and_read_when_it_is_put_right(ask, own):
+    path, record = own
+    model = estimated(ask, record, poles="2")
+    content = path.read_text()
+    path.write_text("half a li")
+    card, _ = now(ask, record)
+    assert "is no record any more" in card["changed_file"]
+    assert card["n_samples"] == 400
+    assert ask.get(f"/api/models/{model}").status_code == 200
+    path.write_text(content)
+    os.utime(path, (2.0, 2.0))
+    card, marks = now(ask, record)
+    assert (card["n_samples"], card["changed_file"], marks) == (400, "", {model: False})
+
+
+def test_what_was_told_is_put_away_and_not_told_again_after_an_undo(ask, own):
+    path, record = own
+    ask.patch(f"/api/records/{record}", json={"name": "another"})
+    path.write_text(flight(n=300))
+    assert now(ask, record)[0]["changed_file"]
+    assert ask.patch(f"/api/records/{record}", json={"changed_file": ""}).status_code == 200
+    assert now(ask, record)[0]["changed_file"] == ""
+    ask.post("/api/undo")
+    card, _ = now(ask, record)
+    assert (card["n_samples"], card["name"], card["changed_file"]) == (300, path.stem, "")
+    answer = ask.patch(f"/api/records/{record}", json={"changed_file": "hello"})
+    assert answer.status_code == 422
+
+
+def test_a_session_of_before_files_were_looked_at_again_goes_on(ask, own, bench):
+    path, record = own
+    model = estimated(ask, record, poles="2")
+    state = copy.deepcopy(bench.session.state)
+    for one in [*state["records"], *state["models"]]:
+        for name in ("stamp", "digest", "changed_file", "unreadable"):
+            one.pop(name, None)
+    bench.session.overwrite(state)
+    card, marks = now(ask, record)
+    assert (card["changed_file"], marks) == ("", {model: False})
+    assert ask.get(f"/api/models/{model}").json()["older_file"] == ""
+    path.write_text(flight(n=300))
+    assert "400 samples became 300" in now(ask, record)[0]["changed_file"]
+
+
+def test_a_folder_that_vanishes_is_no_fault(tmp_path):
+    folder = tmp_path / "flights"
+    folder.mkdir()
+    (folder / "one.csv").write_text(flight())
+    bench = Bench(Session(tmp_path / "s.sqlite"), folder)
+    app = create(bench, Settings(TOKEN, PORT))
+    with Typed(app, base_url=f"http://127.0.0.1:{PORT}", headers=HEADERS) as client:
+        record = opened(client, "one.csv")["id"]
+        folder.rename(tmp_path / "elsewhere")
+        assert client.get("/api/files").json() == []
+        assert client.get("/api/session").json()["records"][0]["missing_file"]
+        assert client.patch(f"/api/records/{record}", json={"name": "kept"}).status_code == 200
+        answer = client.post("/api/records", json={"path": "one.csv"})
+        assert "found no file 'one.csv'" in told(answer, 400).lower()
+        assert "where it was opened" in told(client.get(f"/api/records/{record}/series"), 400)
+        (tmp_path / "elsewhere").rename(folder)
+        (card,) = client.get("/api/session").json()["records"]
+        assert (card["missing_file"], card["changed_file"], card["name"]) == (False, "", "kept")
+    bench.stop()
+
+
+def test_a_session_that_cannot_be_written_is_told(ask, made, bench, monkeypatch):
+    def full(state):
+        raise sqlite3.OperationalError("database or disk is full")
+
+    monkeypatch.setattr(bench.session, "write", full)
+    answer = ask.patch(f"/api/records/{made[0]}", json={"name": "lost"})
+    assert "disk is full" in told(answer, 507)
+    monkeypatch.undo()
+    assert now(ask, made[0])[0]["name"] != "lost"
+
+
+# ------------------------------------------------------------------------------------- the types
+def test_every_request_has_a_type_and_every_type_was_asked_for(ask):
+    """The last test: each answer of those before was held against its type."""
+    paths = ask.app.openapi()["paths"]
+    routes = {f"{method.upper()} {path}" for path, methods in paths.items()
+              for method in methods if path.startswith("/api")}  # fmt: skip
+    untyped = {"GET /api/events", "GET /api/models/{name}/export/{kind}"}
+    assert routes - untyped == set(ANSWERS)
+    if len(ask.asked) > 5:  # not where this test runs alone
+        assert set(ANSWERS) - ask.asked == set()
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [
+        ({"revision": "1"}, Revision), ({"revision": True}, Revision), ({}, Revision),
+        ({"revision": 1, "more": 1}, Revision), ([{"start": 1, "end": None}], list[Stretch]),
+    ],
+)  # fmt: skip
+def test_what_has_not_its_type_is_found(value, kind):
+    assert unlike(value, kind)

@@ -11,7 +11,14 @@ import numpy as np
 import polars as pl
 import pytest
 
-from tridentify import Record, TransferFunction, identify, read_record, simulate
+from tridentify import (
+    Record,
+    TransferFunction,
+    find_manoeuvres,
+    identify,
+    read_record,
+    simulate,
+)
 from tridentify.app import lines
 from tridentify.app.exports import exported
 from tridentify.cli.entry import main
@@ -48,8 +55,7 @@ def in_python(card: dict[str, Any], options: dict[str, str], capsys) -> dict[str
 
 def in_shell(card: dict[str, Any], options: dict[str, str], capsys, which: int = 0) -> Any:
     told = lines.model_in_shell(card, options).splitlines()
-    written = [line for line in told if not line.startswith("#")]
-    words = shlex.split(written[which])
+    words = shlex.split(told[which])
     assert words[0] == "tridentify"
     assert main([*words[1:], "--json"]) == 0
     return json.loads(capsys.readouterr().out)
@@ -88,15 +94,17 @@ def test_both_give_the_estimate_of_the_page(card, which, capsys):
     np.testing.assert_allclose([values[name] for name in wanted.names], wanted.theta, rtol=1e-12)
 
 
-def test_bad_samples_and_several_ranges_are_left_out_in_python(card, capsys):
+def test_bad_samples_and_several_ranges_are_the_same_in_both(card, capsys):
     ranges = [{"start": 0.0, "end": 8.0, "use": "identify"},
               {"start": 9.0, "end": 19.0, "use": "identify"}]  # fmt: skip
     marked = {**card, "ranges": ranges, "bad": [{"start": 2.0, "end": 2.5}]}
     found = in_python(marked, {"zeros": "0"}, capsys)
     assert len(found["pieces"]) == 2
     assert int(np.sum(np.isnan(found["pieces"][0].y))) == 11
-    told = lines.model_in_shell(marked, {"zeros": "0"}).splitlines()
-    assert [line.startswith("#") for line in told] == [True, True, False]
+    told = in_shell(marked, {"zeros": "0"}, capsys)
+    assert [one["n_missing"] for one in told["experiments"]] == [11, 0]
+    values = [one["value"] for one in told["parameters"]]
+    np.testing.assert_allclose(values, found["estimate"].theta, rtol=1e-12)
 
 
 def test_a_physical_map_has_lines_of_its_own(card, capsys):
@@ -117,10 +125,17 @@ def test_what_goes_with_known_orders_only_is_refused(name):
         from_options({"poles": "auto", name: text})
 
 
-def test_a_record_has_a_line_that_runs(card, capsys):
-    words = shlex.split(lines.record_in_shell({**card, "ranges": [RANGE]}))
-    assert main([*words[1:], "--json"]) == 0
+def test_a_record_is_checked_and_searched_by_commands_that_run(card, capsys):
+    ranged = {**card, "ranges": [RANGE], "bad": [{"start": 5.0, "end": 5.2}]}
+    checked_, searched = map(shlex.split, lines.record_in_shell(ranged).splitlines())
+    assert main([*checked_[1:], "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["findings"] is not None
+    assert main([*searched[1:], "--json"]) == 0
+    (told,) = json.loads(capsys.readouterr().out)["records"]
+    record = read_record(card["path"], inputs=["force"], outputs=["position"])
+    record = record.mask((record.t >= T0 + 5.0) & (record.t <= T0 + 5.2))
+    assert told["manoeuvres"] == [one._asdict() for one in find_manoeuvres(record)]
+    assert told["manoeuvres"]
 
 
 def test_a_record_is_checked_and_searched_by_lines_that_run(card, capsys):
@@ -130,7 +145,8 @@ def test_a_record_is_checked_and_searched_by_lines_that_run(card, capsys):
 
 def test_what_validates_is_tested_by_lines_that_run(card, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    ranges = [RANGE, {"start": 15.0, "end": 19.0, "use": "validate"}]
+    ranges = [RANGE, *({"start": start, "end": start + 2.2, "use": "validate"}
+                       for start in (14.5, 17.0))]  # fmt: skip
     ranged, options = {**card, "ranges": ranges}, {"zeros": "0", "noise": "white"}
     exec(lines.model_in_python(ranged, options), {})
     assert "residual" in capsys.readouterr().out

@@ -88,6 +88,8 @@ def test_an_encoder_that_hangs_is_still_told():
         record.with_outputs(y), Structure(2, 0, fixed={"a0": 0.0}), throw=False
     ).findings
     assert "stuck-sensor" in serious(found)
+    (stuck,) = (one for one in found if one.code == "stuck-sensor")
+    np.testing.assert_array_equal(stuck.times, record.t[299:340])
 
 
 @pytest.mark.parametrize("seed", [4, 5, 6])

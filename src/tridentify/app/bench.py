@@ -4,21 +4,33 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Callable, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from tridentify.app import lines
-from tridentify.app.desk import plain_card
+from tridentify.app.desk import is_gone, plain_card, shown_of
 from tridentify.app.jobs import Job
 from tridentify.app.records import Records
 from tridentify.app.refusals import Card, MissingError, found
 from tridentify.app.session import State
 from tridentify.app.workers import Worker
-from tridentify.errors import OptionError, shown
+from tridentify.errors import DataError, OptionError, shown
 from tridentify.options import checked, method_of, structure_of, words_of
 from tridentify.structure import AutoStructure
 
 COLOURS = 28
 """Looks of a line, seven colours in four kinds of dashes: as many before one comes again."""
+
+UNTESTED: Mapping[str, Any] = MappingProxyType(
+    {"validation_fit": None, "validation_findings": None, "validation_note": ""}
+)
+"""In place of the test on a range for validation that is not there any more."""
+OF_OLDER = (
+    "The file of {name} was changed after this model was estimated: the numbers are those of the "
+    "older content, and {pictures}. Estimate again for the new one."
+)
+ON_RECORD = ("report", "figure")
+"""Files of a model that show what it was estimated from."""
 
 
 class Bench(Records):
@@ -41,6 +53,7 @@ class Bench(Records):
         OptionError
             An option is none, or the record lacks an input or an output.
         """
+        self.look_again(name)
         record = copy.deepcopy(self.record(name))
         chosen = checked(options)
         structure = structure_of(chosen)
@@ -58,6 +71,7 @@ class Bench(Records):
             "id": model,
             "name": called or f"Model {number}",
             "record": name,
+            "digest": record.get("digest", ""),
             "options": dict(options),
             "structure": asked,
             "fit": [],
@@ -76,9 +90,13 @@ class Bench(Records):
                 for other in state["models"] if alone else ():
                     other["shown"] = False
                 state["models"].append(done)
+                for one in state["records"]:
+                    if one["id"] == name and one.get("digest") == card["digest"]:
+                        one["changed_file"] = ""
 
             def keep() -> None:
-                kept = {"estimate": told["document"], "record": record, "card": done}
+                kept = {"estimate": told["document"], "record": record, "card": done,
+                        "described": told["described"]}  # fmt: skip
                 self.session.keep_estimate(model, kept)
                 self._described[_key(model, self._own(done, kept))] = told["described"]
                 self._changed(add)
@@ -123,9 +141,7 @@ class Bench(Records):
     def _own(self, card: Card, kept: Mapping[str, Any]) -> Card:
         """The record of a model as it was, with the ranges for validation that there are now."""
         record = dict(kept["record"])
-        now = next(
-            (one for one in self.session.state["records"] if one["id"] == card["record"]), None
-        )
+        now = self.now(card)
         if now is not None:
             ranges = [one for one in record["ranges"] if one["use"] == "identify"]
             ranges += [one for one in now["ranges"] if one["use"] == "validate"]
@@ -136,7 +152,10 @@ class Bench(Records):
         """All that is shown of a model but its pictures."""
         card, kept = self._kept(name)
         record = self._own(card, kept)
-        key = _key(name, record)
+        older, lost = self.is_older(card), is_gone(record["source"])
+        key = _key(name, record, older, lost)
+        if (older or lost) and "described" in kept:
+            self._described[key] = kept["described"] | UNTESTED
         if key not in self._described:
             self._described[key] = self.describer.call(
                 "model", source=record["source"], card=plain_card(record),
@@ -146,14 +165,24 @@ class Bench(Records):
             "python": lines.export_in_python(card["name"], record, record["dt"]),
             "command_line": lines.export_in_shell(card["name"], record["dt"]),
         }
-        return {**card, **self._described[key], "export": exported}
+        gone = self._gone(card, record) if older else []
+        said = OF_OLDER.format(name=record["name"], pictures=_pictures(gone)) if older else ""
+        own = {"export": exported, "older_file": said, "pictures": not gone}
+        return {**shown_of(card), **self._described[key], **own}
+
+    def _gone(self, card: Card, record: Card) -> list[str]:
+        """Channels of a model that its record's file does not have any more."""
+        there = {one["name"] for one in (self.now(card) or record)["channels"]}
+        return [name for name in (*record["inputs"], *record["outputs"]) if name not in there]
 
     def panel(self, name: str, kind: str, record: str | None, pixels: int) -> dict[str, Any]:
         """One picture of a model, on its own record or on another."""
         card, kept = self._kept(name)
         other = record is not None and record != card["record"]
         on = self.record(str(record)) if other else self._own(card, kept)
-        key = repr((name, kind, pixels, on["id"], on["ranges"], on["bad"]))
+        now = self.now({"record": on["id"]}) or on
+        on = {**on, "t0": now["t0"]}  # of the file as it is now: that is what is drawn
+        key = repr((name, kind, pixels, on["id"], on["ranges"], on["bad"], now.get("digest")))
         if key not in self._described:
             self._described[key] = self.describer.call(
                 "panel", source=on["source"], card=plain_card(on), kind=kind,
@@ -185,7 +214,7 @@ class Bench(Records):
             state["models"] = [card if one["id"] == name else one for one in state["models"]]
 
         self._changed(put, quietly="name" not in changes)
-        return card
+        return shown_of(card)
 
     def drop_model(self, name: str) -> None:
         """Take a model out of the session."""
@@ -200,6 +229,12 @@ class Bench(Records):
         """A file of a model: name, media type, bytes."""
         card, kept = self._kept(name)
         record = self._own(card, kept)
+        if kind in ON_RECORD and self.is_older(card):
+            raise DataError(
+                f"found that the file of {shown(record['name'])} was changed after {card['name']} "
+                f"was estimated; expected what it was estimated from, which a {kind} shows; "
+                "estimate again"
+            )
         file: tuple[str, str, bytes] = self.describer.call(
             "export", source=record["source"], card=plain_card(record),
             options=checked(card["options"]), document=kept["estimate"], kind=kind,
@@ -208,6 +243,13 @@ class Bench(Records):
         return file
 
 
-def _key(model: str, record: Card) -> str:
+def _pictures(gone: Sequence[str]) -> str:
+    """What is drawn of a model of older content."""
+    if gone:
+        return f"there are no pictures, since {', '.join(gone)} is not in the file any more"
+    return "the pictures show the file as it is now"
+
+
+def _key(model: str, record: Card, older: bool = False, lost: bool = False) -> str:
     """Under which the description of a model is remembered."""
-    return repr((model, record["ranges"], record["name"]))
+    return repr((model, record["ranges"], record["name"], older, lost))

@@ -49,6 +49,7 @@ class RecordChanges(Strict):
     intersample: Literal["auto", "zoh", "foh", "band-limited"] | None = None
     ranges: list[Range] | None = Field(None, max_length=MOST_RANGES)
     bad: list[Stretch] | None = Field(None, max_length=MOST_RANGES)
+    changed_file: Literal[""] | None = None
 
 
 class ModelWanted(Strict):

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -19,7 +20,7 @@ READABLE = (
     ".csv", ".txt", ".tsv", ".dat", ".asc", ".xlsx", ".parquet", ".feather", ".arrow", ".mat",
     ".ulg", ".mf4", ".mdf", ".npz", ".npy",
 )  # fmt: skip
-OWN = ("source", "file")
+OWN = ("source", "file", "stamp", "digest", "unreadable", "findings")
 """Of a card, what the page does not need."""
 
 
@@ -39,8 +40,9 @@ class Desk:
         self.reader, self.describer = Worker(), Worker(warm=True)
         self.jobs = Jobs(refusal)
         self.client = ""
-        self._change = threading.RLock()
+        self._change, self._looking = threading.RLock(), threading.Lock()
         self._described: dict[str, dict[str, Any]] = {}
+        self._told: dict[str, str] = {}
 
     def start(self) -> None:
         """Start the processes, without waiting for them: what is needed first comes first."""
@@ -68,7 +70,9 @@ class Desk:
             "revision": self.session.revision,
             "folder": None if self.folder is None else str(self.folder),
             "records": [self.card(one) for one in state["records"]],
-            "models": [dict(one) for one in state["models"]],
+            "models": [
+                shown_of(one) | {"older_file": self.is_older(one)} for one in state["models"]
+            ],
             "can_undo": self.session.can_undo,
             "can_redo": self.session.can_redo,
         }
@@ -76,28 +80,39 @@ class Desk:
     def card(self, record: Card) -> Card:
         """A record as the page takes it."""
         source = record["source"]
-        gone = source["upload"] is None and not Path(source["path"]).is_file()
         return {
-            **{name: value for name, value in record.items() if name not in OWN},
-            "missing_file": gone,
+            "changed_file": "",
+            **shown_of(record),
+            "content": str(record.get("digest") or ""),
+            "missing_file": is_gone(source),
             "python": lines.look_in_python(record) if record["inputs"] else "",
             "command_line": lines.record_in_shell(record) if record["inputs"] else "",
             "revision": self.session.revision,
         }
 
+    def now(self, model: Card) -> Card | None:
+        """The record of a model as it is now; None where it was taken away."""
+        records = self.session.state["records"]
+        return next((one for one in records if one["id"] == model["record"]), None)
+
+    def is_older(self, model: Card) -> bool:
+        """Whether a model was estimated before its record's file was changed."""
+        record = self.now(model)
+        made_of = model.get("digest")
+        return bool(made_of and record and record.get("digest") != made_of)
+
     def files(self) -> list[dict[str, Any]]:
         """Files of the opened folder."""
-        if self.folder is None:
+        if self.folder is None or not self.folder.is_dir():
             return []
-        return [
-            {
-                "name": path.name,
-                "bytes": path.stat().st_size,
-                "readable": path.suffix.lower() in READABLE,
-            }
-            for path in sorted(self.folder.iterdir())
-            if path.is_file() and not path.name.startswith(".")
-        ]
+        found = []
+        for path in sorted(self.folder.iterdir()):
+            with contextlib.suppress(OSError):  # removed while it was looked at
+                if path.is_file() and not path.name.startswith("."):
+                    readable = path.suffix.lower() in READABLE
+                    size = path.stat().st_size
+                    found.append({"name": path.name, "bytes": size, "readable": readable})
+        return found
 
     def move(self, by: int) -> dict[str, Any]:
         """Undo or do again."""
@@ -110,6 +125,16 @@ class Desk:
             state = copy.deepcopy(self.session.state)
             change(state)
             (self.session.overwrite if quietly else self.session.write)(state)
+
+
+def shown_of(card: Card) -> Card:
+    """A card without what the page does not need."""
+    return {name: value for name, value in card.items() if name not in OWN}
+
+
+def is_gone(source: Mapping[str, Any]) -> bool:
+    """Whether the file of a record is not where it was opened."""
+    return source["upload"] is None and not Path(source["path"]).is_file()
 
 
 def plain_card(record: Card) -> Card:

@@ -48,8 +48,7 @@ def record_in_python(card: Mapping[str, Any]) -> str:
         "",
         f"record = read_record({_path(card)!r}, {_arguments({**roles, **behaviour, **step})})",
     ]
-    for start, end in dict.fromkeys((one["start"], one["end"]) for one in card["bad"]):
-        start, end = card["t0"] + start, card["t0"] + end
+    for start, end in _left_out(card):
         lines.append(f"record = record.mask((record.t >= {start!r}) & (record.t <= {end!r}))")
     for use, name in (("identify", "pieces"), ("validate", "other")):
         chosen = [one for one in card["ranges"] if one["use"] == use]
@@ -79,12 +78,18 @@ def look_in_python(card: Mapping[str, Any]) -> str:
 
 
 def record_in_shell(card: Mapping[str, Any]) -> str:
-    """A command line that looks at the record."""
-    return shlex.join(["tridentify", "advise", *_source(card)])
+    """Command lines that check the record, and look for its manoeuvres."""
+    whole = {**card, "ranges": []}
+    return "\n".join(
+        [
+            shlex.join(["tridentify", "advise", *_source(card)]),
+            shlex.join(["tridentify", "manoeuvres", *_source(whole)]),
+        ]
+    )
 
 
 def _source(card: Mapping[str, Any]) -> list[str]:
-    """Files, channels and the range of a command; several ranges are several commands' work."""
+    """Files, channels, bad samples and ranges of a command."""
     words = [_path(card)]
     for option, role in (
         ("--input", "inputs"),
@@ -102,11 +107,21 @@ def _sampling(card: Mapping[str, Any]) -> list[str]:
         words += ["--intersample", card["intersample"]]
     if card.get("given_dt"):
         words += ["--dt", repr(card["given_dt"])]
-    ranges = _identified(card)
+    t0 = card["t0"]
+    for start, end in _left_out(card):
+        words += ["--mask", f"{start!r}:{end!r}"]
+    ranges = [(t0 + one["start"], t0 + one["end"]) for one in _identified(card)]
     if len(ranges) == 1:
-        words += ["--from", repr(card["t0"] + ranges[0]["start"])]
-        words += ["--to", repr(card["t0"] + ranges[0]["end"])]
+        return [*words, "--from", repr(ranges[0][0]), "--to", repr(ranges[0][1])]
+    for start, end in ranges:
+        words += ["--range", f"{start!r}:{end!r}"]
     return words
+
+
+def _left_out(card: Mapping[str, Any]) -> list[tuple[float, float]]:
+    """Stretches of bad samples, each once [s, on the clock of the file]."""
+    stretches = dict.fromkeys((one["start"], one["end"]) for one in card["bad"])
+    return [(card["t0"] + start, card["t0"] + end) for start, end in stretches]
 
 
 def _of_use(card: Mapping[str, Any], use: str) -> list[Any]:
@@ -188,30 +203,22 @@ def model_in_shell(card: Mapping[str, Any], options: Mapping[str, Any]) -> str:
     lines = [shlex.join(words), *tested]
     if chosen["physical"] != "none":
         lines.append(_physical_in_shell(own, chosen))
-    return "\n".join([*_left_out(card), *lines])
+    return "\n".join(lines)
 
 
 def _validated_in_shell(card: Mapping[str, Any]) -> list[str]:
-    """A command for each range that validates."""
+    """A command for the ranges that validate."""
+    chosen = [{**one, "use": "identify"} for one in _of_use(card, "validate")]
+    if not chosen:
+        return []
     words = ["tridentify", "validate", f"{RESULT}/model.json"]
-    alone = ({**card, "ranges": [{**one, "use": "identify"}]} for one in _of_use(card, "validate"))
-    return [shlex.join([*words, *_source(one)]) for one in alone]
+    return [shlex.join([*words, *_source({**card, "ranges": chosen})])]
 
 
 def _each(name: str, chosen: Mapping[str, str]) -> list[str]:
     """A switch before every part of a text that names several."""
     parts = filter(None, (one.strip() for one in re.split(r"[,;]", chosen[name])))
     return [word for part in parts for word in (SWITCHES[name], part.replace(" ", ""))]
-
-
-def _left_out(card: Mapping[str, Any]) -> list[str]:
-    """What of the record a command line cannot say, as comments."""
-    said = []
-    if len(_identified(card)) > 1:
-        said.append("# several ranges are experiments of their own: in Python, or a file each")
-    if card["bad"]:
-        said.append("# the bad samples are left out in Python only")
-    return said
 
 
 def _physical_in_shell(card: Mapping[str, Any], chosen: Mapping[str, str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import sqlite3
 from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from importlib.resources import as_file, files
@@ -76,6 +77,7 @@ def create(bench: Bench, settings: Settings) -> FastAPI:
     app.include_router(models(bench), prefix="/api")
     app.add_exception_handler(TridentifyError, _refused)
     app.add_exception_handler(RequestValidationError, _malformed)
+    app.add_exception_handler(sqlite3.OperationalError, _unsaved)
     for status in NOT_TAKEN:
         app.add_exception_handler(status, _not_taken(status))
     app.add_exception_handler(Exception, _fault)
@@ -93,6 +95,11 @@ async def _malformed(request: Request, error: Exception) -> Response:
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"])
     return problem(422, "malformed", f"found {where} that is wrong: {first['msg']}")
+
+
+async def _unsaved(request: Request, error: Exception) -> Response:
+    words = f"found that the session cannot be written ({error}); nothing was changed"
+    return problem(507, "unsaved", words, "make room where it is kept, and do it again")
 
 
 def _not_taken(status: int) -> Callable[[Request, Exception], Awaitable[Response]]:
@@ -194,10 +201,15 @@ def session(bench: Bench) -> APIRouter:
 async def _events(bench: Bench, request: Request) -> AsyncIterator[str]:
     """What changed, for pages that did not change it; a comment while nothing does."""
     last = bench.session.revision
+    files = before = bench.stamps()
     yield ": open\n\n"
     while not await request.is_disconnected():
         await asyncio.sleep(TICK)
-        now = bench.session.revision
+        now, seen = bench.session.revision, await asyncio.to_thread(bench.stamps)
+        if files != seen == before:  # nobody writes to it any more
+            files = seen
+            yield f"data: {json.dumps({'type': 'files', 'revision': now, 'client': ''})}\n\n"
+        before = seen
         if now == last:
             yield ": still here\n\n"
             continue

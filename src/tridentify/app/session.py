@@ -215,5 +215,11 @@ class Session:
             ).fetchone()
         if row is None:
             return nothing()
-        state: State = json.loads(row[0])
+        try:
+            state: State = json.loads(row[0])
+        except ValueError:
+            raise UnreadableFileError(
+                f"found a session that is damaged at {shown(str(self.path))}; expected what the "
+                "workbench wrote; move it away or give another file with --session"
+            ) from None
         return state

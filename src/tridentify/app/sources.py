@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import sqlite3
 from collections.abc import Callable, Mapping, Sequence
@@ -17,6 +18,8 @@ from tridentify.record.formats.series import Series, read_series
 from tridentify.record.record import Record
 
 Found = TypeVar("Found")
+DIGITS = 32
+"""Hexadecimal ones of a digest: two contents in 10^19 would be taken for one."""
 KEPT = 6
 """Files or records that a worker remembers."""
 
@@ -54,6 +57,14 @@ def stamp(source: Mapping[str, Any]) -> tuple[object, ...]:
             "open it again"
         ) from None
     return ("file", str(path), seen.st_mtime_ns, seen.st_size, source.get("dt"))
+
+
+def digest(source: Mapping[str, Any]) -> str:
+    """What tells the content of a file from another one; an upload is never another."""
+    if source["upload"] is not None:
+        return ""
+    with open(source["path"], "rb") as file:
+        return hashlib.file_digest(file, "blake2b").hexdigest()[:DIGITS]
 
 
 class _Upload(io.BytesIO):

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import contextlib
 import socket
 import threading
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from tridentify.errors import MissingDependencyError, OptionError, UnreadableFileError, shown
+from tridentify.writing.lock import lock
+
+if TYPE_CHECKING:
+    from tridentify.app.session import Session
 
 SESSION = ".tridentify-session.sqlite"
 HOST = "127.0.0.1"
 MOST_UPLOADED = 512_000_000
 GRACE = 1
 """Seconds that open pages are given when the server ends."""
+PATIENCE = 2.0 * GRACE
+"""Seconds that another workbench on the same session is given to end."""
 
 
 def check_installed() -> None:
@@ -71,7 +79,7 @@ def start(
     MissingDependencyError
         The extra ``app`` is not installed.
     OptionError
-        The port is taken, or files lie in several folders.
+        The port is taken, files lie in several folders, or another workbench has the session.
     UnreadableFileError
         A file does not exist.
     """
@@ -84,30 +92,43 @@ def start(
 
     folder, named = _folder_and_files(files)
     place = _bound(port)
-    kept = Session(folder / SESSION if session is None else session)
-    secret = token or kept.token
-    bench = Bench(kept, folder)
-    number = int(place.getsockname()[1])
-    server = uvicorn.Server(
-        uvicorn.Config(
-            create(bench, Settings(secret, number, most_uploaded)),
-            log_level="critical",
-            timeout_graceful_shutdown=GRACE,
+    with _alone(Session(folder / SESSION if session is None else session)) as kept:
+        secret = token or kept.token
+        bench = Bench(kept, folder)
+        number = int(place.getsockname()[1])
+        server = uvicorn.Server(
+            uvicorn.Config(
+                create(bench, Settings(secret, number, most_uploaded)),
+                log_level="critical",
+                timeout_graceful_shutdown=GRACE,
+            )
         )
-    )
-    address = f"http://{HOST}:{number}/?token={secret}"
-    bench.start()
-    try:
-        opened = {one["file"] for one in kept.state["records"]}
-        for name in named:
-            if name not in opened:
-                bench.open_file(name)
-        tell(address)
-        if open_page:
-            threading.Timer(0.3, webbrowser.open, [address]).start()
-        server.run(sockets=[place])
-    finally:
-        bench.stop()
+        address = f"http://{HOST}:{number}/?token={secret}"
+        bench.start()
+        try:
+            opened = {one["file"] for one in kept.state["records"]}
+            for name in named:
+                if name not in opened:
+                    bench.open_file(name)
+            tell(address)
+            if open_page:
+                threading.Timer(0.3, webbrowser.open, [address]).start()
+            server.run(sockets=[place])
+        finally:
+            bench.stop()
+
+
+@contextlib.contextmanager
+def _alone(session: Session) -> Iterator[Session]:
+    """A session that no other process has open: each would write over the other."""
+    with lock(session.path, PATIENCE) as held:
+        if not held:
+            session.close()
+            raise OptionError(
+                f"found the session {shown(str(session.path))} open in another workbench; expected "
+                "one at a time; go on in its page, end it, or give another file with --session"
+            )
+        yield session
 
 
 def _folder_and_files(given: Sequence[Path]) -> tuple[Path, list[str]]:

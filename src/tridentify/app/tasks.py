@@ -63,6 +63,7 @@ def opened(say: Say, source: Source) -> dict[str, Any]:
     roles = guess_roles([one.channel.name for one in found], [one.values for one in found])
     names = _told_apart(found)
     return {
+        "digest": sources.digest(source),
         "n_samples": int(longest.t.size),
         "t0": min(float(one.t[0]) for one in found),
         "duration": max(float(one.t[-1]) for one in found) - min(float(one.t[0]) for one in found),

@@ -22,6 +22,7 @@ from tridentify.cli import (
     export_command,
     fleet_command,
     identify_command,
+    manoeuvres_command,
     physical_command,
     select_command,
     stream_command,
@@ -54,6 +55,7 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.command("advise")(with_groups(advise_command.advise))
+app.command("manoeuvres")(with_groups(manoeuvres_command.manoeuvres))
 app.command("identify")(with_groups(identify_command.identify))
 app.command("select")(with_groups(select_command.select))
 app.command("physical")(with_groups(physical_command.physical))

@@ -24,6 +24,7 @@ from tridentify.cli.ask import (
 )
 from tridentify.cli.knowledge import known_from
 from tridentify.cli.load import RecordSource, rules_from, units_from
+from tridentify.cli.stretches import stretches_from
 from tridentify.estimation.methods.base import Method
 from tridentify.structure import AutoStructure, Structure
 
@@ -63,6 +64,8 @@ class Reading(ReadingMany):
     """How files are read into records, and what of them does not count."""
 
     missing: options.Missing = None
+    masked: options.Masked = None
+    ranges: options.Ranges = None
 
     def source(
         self,
@@ -95,6 +98,8 @@ class Reading(ReadingMany):
             rules_from(self.missing or ()),
             tuple(self.references or ()),
             None if self.reference_intersample is None else self.reference_intersample.value,
+            stretches_from("--mask", self.masked or ()),
+            stretches_from("--range", self.ranges or ()),
         )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from tridentify.checks.names import did_you_mean
 from tridentify.checks.samples import Intersample
 from tridentify.cli.knowledge import NUMBER
+from tridentify.cli.stretches import Stretch, masked, pieces
 from tridentify.cli.terminal import Activity
 from tridentify.errors import (
     ChannelNameError,
@@ -74,6 +75,8 @@ class RecordSource:
     missing: tuple[MissingRule, ...] = ()
     references: tuple[str, ...] = ()
     reference_intersample: Intersample | None = None
+    masked: tuple[Stretch, ...] = ()
+    ranges: tuple[Stretch, ...] = ()
 
     @property
     def columns(self) -> tuple[str, ...]:
@@ -201,7 +204,7 @@ def asked_channels(
 
 
 def load(source: RecordSource, activity: Activity) -> list[Record]:
-    """Read the records, one for each file.
+    """Read the records, one for each file, or for each range of each.
 
     Raises
     ------
@@ -221,7 +224,8 @@ def load(source: RecordSource, activity: Activity) -> list[Record]:
                 f"found the file {shown(str(file))} twice; expected different experiments; drop "
                 "one of the two"
             )
-    return [_load_one(source, file, activity) for file in source.files]
+    records = [_load_one(source, file, activity) for file in source.files]
+    return [piece for record in records for piece in pieces(record, source.ranges)]
 
 
 def _same(file: Path, other: Path) -> bool:
@@ -242,7 +246,7 @@ def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
             activity.note(_uneven(record, time))
         if time is None and source.dt is not None:
             _compare_unused_time(table, source.dt, activity)
-    return without(record, source.missing, activity)
+    return masked(without(record, source.missing, activity), source.masked)
 
 
 def without(record: Record, rules: Sequence[MissingRule], activity: Activity) -> Record:

@@ -78,7 +78,8 @@ def long_record(
     """
     from tridentify.judgement.long_record import supported
 
-    plain = not (source.references or source.missing) and source.start is source.stop is None
+    plain = not (source.references or source.missing or source.masked or source.ranges)
+    plain = plain and source.start is source.stop is None
     file = source.files[0]
     if len(source.files) > 1 or not plain or not has_parts(file):
         return None

@@ -167,6 +167,22 @@ Missing = Annotated[
         "repeated.",
     ),
 ]
+Ranges = Annotated[
+    list[str] | None,
+    record_option(
+        "--range",
+        metavar="FROM:TO",
+        help="A stretch of every file, in seconds, as an experiment of its own; may be repeated.",
+    ),
+]
+Masked = Annotated[
+    list[str] | None,
+    record_option(
+        "--mask",
+        metavar="FROM:TO",
+        help="A stretch, in seconds, whose output samples do not count; may be repeated.",
+    ),
+]
 Units = Annotated[
     list[str] | None,
     record_option(

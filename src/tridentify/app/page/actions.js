@@ -6,6 +6,7 @@ import { forget, forgetPictures, known } from "./details.js";
 import { modelOf, recordOf, remember, state, tell } from "./state.js";
 
 const LOOK = 0.2; // seconds after which the server tells how far an estimate is, or at its end
+const OLDER = "Models from before keep their numbers and are marked; estimate again for new ones.";
 const KNOCK = 1000; // milliseconds between two knocks at a server that is gone
 
 /** Runs `work`; what goes wrong is said in a sentence. */
@@ -27,9 +28,16 @@ export async function loadSession() {
 
 /** Takes over a session of the server, and looks at what is still there. */
 export function take(session, ...topics) {
-  const missing = newlyMissing(session.records);
+  const missing = newly("missing_file", session.records);
+  const changed = newly("changed_file", session.records);
+  const others = session.records.filter((record) => isOther(record, recordOf(record.id)));
   const sameRecords = JSON.stringify(session.records) === JSON.stringify(state.session.records);
   state.session = session;
+  if (others.length) {
+    forget();
+    settled(); // what was refused of the older content
+  }
+  if (others.some(({ id }) => id === state.record)) state.view = null;
   if (!session.records.some((record) => record.missing_file)) clear("missing");
   const looked = state.record;
   if (!recordOf()) look(session.records.at(-1)?.id ?? null);
@@ -38,13 +46,20 @@ export function take(session, ...topics) {
     warn(missing.map(({ name }) => `The file of ${name} is no longer where it was opened; `
       + "its models are kept, for new ones put it back or open it again.").join("\n"), "missing");
   }
+  if (changed.length) {
+    warn(changed.map(({ name, changed_file: text }) => `${name}: ${text} ${OLDER}`).join("\n"),
+      "changed");
+  }
   const records = sameRecords && looked === state.record ? [] : ["records", "record"];
-  tell("session", "models", ...records, ...topics);
+  tell("session", "models", ...records, ...(others.length ? ["result"] : []), ...topics);
 }
 
-const newlyMissing = (records) =>
-  records.filter((record) => record.missing_file
-    && !state.session.records.find((old) => old.id === record.id)?.missing_file);
+/** Records of which something is said that was not said of them before. */
+const newly = (what, records) =>
+  records.filter((record) => record[what] && record[what] !== recordOf(record.id)?.[what]);
+
+/** Whether a record's file has another content than what is known of it. */
+const isOther = (record, old) => Boolean(old) && old.content !== record.content;
 
 export async function moveInTime(direction) {
   const done = passing();
@@ -56,6 +71,8 @@ export async function moveInTime(direction) {
     note(direction === "undo" ? "Undone" : "Done again");
   });
 }
+
+let cut = null; // the model of an estimate that was under way when the server went
 
 /** Waits for the server to come back, then goes on with its session. */
 export async function knock() {
@@ -69,7 +86,10 @@ export async function knock() {
       state.gone = false;
       clear("gone");
       take(session);
-      note("The server is back; records, ranges and models are as they were.");
+      const back = "The server is back; records, ranges and models are as they were.";
+      if (cut && !modelOf(cut)) warn(`${back} The estimate that was under way ended with it: start it again.`, "estimate");
+      else note(back);
+      cut = null;
     } catch (error) {
       if (error.code !== "gone") {
         state.gone = false;
@@ -155,6 +175,15 @@ function changed(card, before) {
 const told = ({ name, ranges }) =>
   JSON.stringify([name, ranges.filter(({ use }) => use === "validate")]);
 
+/** What was said of a changed file is known. */
+export async function fileSeen(id) {
+  await attempt(async () => {
+    await patch(`/records/${id}`, { changed_file: "" });
+    clear("changed");
+    await loadSession();
+  });
+}
+
 export async function dropRecord(id) {
   const done = passing();
   await attempt(async () => {
@@ -237,6 +266,9 @@ async function follow(id, model) {
       Object.assign(state.job, { fraction: job.fraction, message: job.message });
       tell("job");
     }
+  } catch (error) {
+    if (error.code === "gone") cut = model;
+    throw error;
   } finally {
     if (state.job?.id === id) state.job = null;
     tell("job");
@@ -245,7 +277,7 @@ async function follow(id, model) {
 
 const ENDS = {
   async done({ session, detail }, model) {
-    settled();
+    settled("changed");
     known(detail);
     state.model = model;
     remember({ model });

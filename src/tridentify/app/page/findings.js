@@ -29,7 +29,7 @@ const item = (alike, model) => make("li", { class: severityOf(alike[0]) },
   alike.map(({ message }, at) => make("p", {},
     at ? null : make("span", { class: "offscreen" }, `${severityOf(alike[0])}: `), message)),
   alike[0].remedy ? make("p", { class: "remedy" }, alike[0].advice ?? alike[0].remedy) : null,
-  remedyButtons(alike[0], model));
+  remedyButtons(alike, model));
 
 /** An ordered list of findings, of `model` or of the record looked at; null where there is none. */
 export const findingList = (findings, model = null) => (findings?.length

@@ -13,6 +13,7 @@ import { startResult } from "./result.js";
 import { listen, recall, remember, state, tell } from "./state.js";
 import { startTray } from "./tray.js";
 
+const DISK = "disk"; // who changed something, where it was no page
 const THEMES = ["auto", "light", "dark"];
 
 // ---------------------------------------------------------------- colours
@@ -60,7 +61,8 @@ function listenToServer() {
   const events = new EventSource("/api/events");
   events.addEventListener("message", ({ data }) => {
     const event = JSON.parse(data);
-    if (event.type !== "session" || event.client === CLIENT) return;
+    if (event.type === "files") return act.check();
+    if (event.type !== "session" || [CLIENT, DISK].includes(event.client)) return;
     if (event.revision <= state.session.revision || state.job) return;
     act.attempt(async () => {
       await act.loadSession();

@@ -77,8 +77,11 @@ function fillForm() {
     const name = option.group ?? FIRST;
     groups.set(name, [...(groups.get(name) ?? []), option]);
   }
+  const before = new Map([...form.querySelectorAll("details")].map((one) =>
+    [one.dataset.group, one.open])); // what was opened stays open
   fill(form, [...groups].map(([name, options], number) =>
-    make("details", { class: "fieldset", open: number === 0 || options.some(isChanged) },
+    make("details", { class: "fieldset", "data-group": name,
+      open: options.some(isChanged) || (before.get(name) ?? number === 0) },
       make("summary", {}, name),
       make("div", { class: "fields" }, options.map(field)))));
 }

@@ -54,6 +54,12 @@ function awaitPanels(models) {
   }
 }
 
+/** No picture, where the files of all models have other channels now. */
+function bare() {
+  fill(head);
+  for (const { panel } of cards.values()) panel.removeAttribute("aria-busy");
+}
+
 let waiting = 0;
 
 /** The result is drawn first: the panels come with the next frame. */
@@ -63,7 +69,7 @@ function soon() {
 }
 
 async function refresh() {
-  const models = shownModels();
+  let models = shownModels();
   const now = ++turn;
   if (shown.record && !recordOf(shown.record)) shown.record = null;
   empty.hidden = models.length > 0;
@@ -77,6 +83,9 @@ async function refresh() {
     const details = await Promise.all(models.map((model) => detailOf(model.id)));
     if (now !== turn) return;
     fillBeside(models, details);
+    models = models.filter((model, at) => details[at].pictures !== false);
+    grid.classList.toggle("bare", !models.length);
+    if (!models.length) return bare();
     await choosePair(models);
     if (now !== turn) return;
     if (shown.record && !suits(shown.record)) shown.record = null;

@@ -6,6 +6,8 @@ import { brief, hasUnit, perUnit, ratioOf } from "./numbers.js";
 import { having, HEIGHT, nothing, pairOf, sized, styled, told, unitsOf } from "./panel_parts.js";
 import { state } from "./state.js";
 
+const ROOM = { magnitude: 30, phase: 180 }; // of a band beyond the curves, dB and degrees
+
 /** Magnitude and phase with their bands, and what was measured with its coherence. */
 export async function drawBode(place, all) {
   const rows = having(all, pairOf);
@@ -24,14 +26,28 @@ export async function drawBode(place, all) {
   const made = sized(place, HEIGHT + 60);
   made.xaxis = axis("frequency [rad/s]", { type: "log", anchor: measured ? "y3" : "y2",
     dtick: decades(rows), exponentformat: "none" });
-  made.yaxis = axis("magnitude [dB]", { domain: rest.magnitude, nticks: 5 });
-  made.yaxis2 = axis("phase [deg]", { domain: rest.phase, nticks: 5 });
+  const every = (...names) => [...rows.map(({ one }) => one), measured ?? {}]
+    .flatMap((one) => names.flatMap((name) => one[name] ?? [])).filter(Number.isFinite);
+  made.yaxis = axis("magnitude [dB]", { domain: rest.magnitude, nticks: 5,
+    range: near(every("magnitude_db"), every("magnitude_low", "magnitude_high"), ROOM.magnitude) });
+  made.yaxis2 = axis("phase [deg]", { domain: rest.phase, nticks: 5,
+    range: near(every("phase_deg"), every("phase_low", "phase_high"), ROOM.phase) });
   if (measured) {
     made.yaxis3 = axis("coherence [-]", { domain: [0, 0.2], range: [0, 1.05], tickvals: [0, 0.5, 1] });
   }
   await draw(place.plot, traces, made);
   const unit = perUnit(...unitsOf(rows[0].model));
   told(place, hasUnit(unit) ? make("p", { class: "soft" }, `0 dB is 1 ${unit}`) : []);
+}
+
+/** A range that holds the curves, and as much of their bands as leaves room for them. */
+function near(curves, bands, room) {
+  if (!curves.length) return undefined;
+  const [low, high] = [Math.min(...curves), Math.max(...curves)];
+  const bottom = Math.max(Math.min(low, ...bands), low - room);
+  const top = Math.min(Math.max(high, ...bands), high + room);
+  const edge = 0.05 * (top - bottom) || 1;
+  return [bottom - edge, top + edge];
 }
 
 const decades = (rows) => {

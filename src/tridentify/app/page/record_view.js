@@ -82,7 +82,8 @@ function changed() {
 }
 
 /** What of a record its samples are fetched for. */
-const drawnOf = (record) => JSON.stringify([record.id, used(record), record.missing_file]);
+const drawnOf = (record) => JSON.stringify([record.id, used(record), record.missing_file,
+  record.content]);
 
 function fillTools() {
   const record = recordOf();

@@ -4,12 +4,14 @@ import * as act from "./actions.js";
 import { get, query } from "./api.js";
 import { button } from "./dom.js";
 import { warn } from "./messages.js";
+import { plain, seconds } from "./numbers.js";
 import { recordOf, state } from "./state.js";
 
 /** What only the three models take, and not with the other of the two. */
 const COLOURED = { noise: "ar", loss: "squared", method: "three-model" };
 const ROBUST = { loss: "huber", noise: "auto", method: "three-model" };
 
+const STUCK = /^Mark (these samples|the repeats) as missing/;
 const MARKED = /\bmark them as missing/i;
 const MOST_MARKED = 100; // samples: more of them are not single ones
 const CLIPPED = /^Mark as missing .* where it is (>=|<=) (\S+), /;
@@ -42,11 +44,11 @@ const choicesOf = ({ code, remedy }) =>
 /** The first of them, or null. */
 export const optionsOf = (finding) => choicesOf(finding)[0] ?? null;
 
-/** Buttons that do what a finding advises and estimate again. */
-export const remedyButtons = (finding, model) => [
-  ...choicesOf(finding).map((changes) => remedyButton(finding, changes, model)),
-  markButton(finding, model),
-  clippedButton(finding, model)];
+/** Buttons that do what findings of one kind advise, and estimate again. */
+export const remedyButtons = (alike, model) => [
+  ...choicesOf(alike[0]).map((changes) => remedyButton(alike[0], changes, model)),
+  ...alike.flatMap((finding) =>
+    [markButton, clippedButton, stuckButton].map((made) => made(finding, model)))];
 
 /** Marks the samples that a finding names; null where it does not name each of them. */
 function markButton({ code, remedy, times = [] }, model) {
@@ -54,11 +56,47 @@ function markButton({ code, remedy, times = [] }, model) {
   const fits = code === "bad-samples" && MARKED.test(remedy ?? "");
   if (!record || !fits || !times.length || times.length > MOST_MARKED) return null;
   const mark = async () => {
-    const bad = [...record.bad, ...times.map((time) => around(time - record.t0, record.dt))]
-      .sort((one, other) => one.start - other.start);
-    if (await act.changeRecord(record.id, { bad })) await act.estimateWith({}, model);
+    await leaveOut(record, times.map((time) => around(time - record.t0, record.dt)), model);
   };
   return button("Leave them out and estimate", mark, { "data-key": `mark ${times[0]}` });
+}
+
+/** Leaves out where a sensor or the recording hung; null where the samples are not named. */
+function stuckButton({ code, remedy, times = [], outputs = [] }, model) {
+  const record = model && recordOf(model.record);
+  if (!record || code !== "stuck-sensor" || !STUCK.test(remedy ?? "") || !times.length) return null;
+  const found = stretches(times.map((time) => time - record.t0), record.dt);
+  const where = found.length > 1 ? `in ${found.length} stretches` : span(found[0]);
+  const channel = outputs.join(", ");
+  const what = remedy.includes("the repeats") ? `the repeats of ${channel}` : `where ${channel} hung`;
+  const leave = () => leaveOut(record, found.map(({ first, last }) => ({
+    start: around(first, record.dt).start, end: around(last, record.dt).end })), model);
+  return button(`Leave out ${what}, ${where}, and estimate`, leave,
+    { "data-key": `stuck ${channel} ${times[0]}` });
+}
+
+const span = ({ first, last }) =>
+  (first === last ? `at ${seconds(first)}` : `from ${plain(first)} to ${seconds(last)}`);
+
+/** Times of samples as stretches without a gap: `{ first, last }`. */
+function stretches(times, dt) {
+  const found = [];
+  for (const time of times) {
+    const now = found.at(-1);
+    if (now && time - now.last < 1.5 * dt) now.last = time;
+    else found.push({ first: time, last: time });
+  }
+  return found;
+}
+
+/** Marks stretches of a record as bad samples, and estimates again. */
+async function leaveOut(record, found, model) {
+  if (found.length > MOST_STRETCHES) {
+    return warn(`They stand in ${found.length} stretches, too many to list; write them as empty `
+      + "cells into the file.");
+  }
+  const bad = [...record.bad, ...found].sort((one, other) => one.start - other.start);
+  if (await act.changeRecord(record.id, { bad })) await act.estimateWith({}, model);
 }
 
 /** Leaves out what a sensor at its limit has clipped; null where no limit is named. */
@@ -75,8 +113,7 @@ function clippedButton({ code, remedy, outputs = [] }, model) {
       return warn(`${channel} is at its limit in ${found.length} stretches, too many to list; `
         + "record again with a wider range.");
     }
-    const bad = [...record.bad, ...found].sort((one, other) => one.start - other.start);
-    if (await act.changeRecord(record.id, { bad })) await act.estimateWith({}, model);
+    await leaveOut(record, found, model);
   });
   const sign = side === ">=" ? "\u2265" : "\u2264";
   return button(`Leave out where ${channel} ${sign} ${limit} and estimate`, leave,

@@ -32,13 +32,14 @@ async function refresh() {
   const turn = ++drawn;
   if (!model || !isDone(model)) return empty(model);
   await attempt(async () => {
-    const fit = panelOf(model.id, "fit", model.record);
-    fit.catch(() => null); // told below, once the words are there
+    const fit = model.older_file ? null : panelOf(model.id, "fit", model.record);
+    fit?.catch(() => null); // told below, once the words are there
     const detail = await detailOf(model.id);
     if (turn !== drawn) return;
     show(model, detail);
+    if (detail.pictures === false) return withoutPicture();
     if (pictured !== model.id) awaitPicture();
-    const found = await fit;
+    const found = await (fit ?? panelOf(model.id, "fit", model.record));
     if (turn !== drawn) return;
     await drawFit(model, found);
     pictured = model.id;
@@ -53,10 +54,14 @@ function awaitPicture() {
   picture.style.height ||= `${HEIGHT + 40}px`;
 }
 
-function empty(model) {
+function withoutPicture() {
   erase(picture);
   pictured = null;
   picture.hidden = legend.hidden = true;
+}
+
+function empty(model) {
+  withoutPicture();
   fill(tail);
   fill(head, make("p", { class: "soft" }, model
     ? `${model.name}: ${model.state}` : "No model yet. Drag over the part of the record in which "
@@ -65,7 +70,9 @@ function empty(model) {
 
 function show(model, detail) {
   fill(head, make("h3", { class: "named" }, name(model)),
-    make("p", { class: `sentence ${worst(detail.findings)}` }, detail.sentence));
+    detail.older_file ? make("p", { class: "bad" }, detail.older_file) : null,
+    make("p", { class: `sentence ${worst(detail.findings)}` },
+      detail.sentence.replace(/(\d) %/g, "$1\u00a0%")));
   fill(tail, numbers(detail), doubts(model, detail.findings), checked(model, detail),
     ...TABLES.flatMap(([place, title, first]) =>
       section(title, parameters(title, first, detail[place]))),

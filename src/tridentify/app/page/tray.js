@@ -12,7 +12,7 @@ import { isDone, listen, state } from "./state.js";
 const ROLES = [["input", "input"], ["output", "output"], ["reference", "reference"],
   ["unused", "unused"]];
 const PLACES = { input: "inputs", output: "outputs", reference: "references" };
-const KINDS = ".csv,.txt,.tsv,.xlsx,.parquet,.feather,.mat,.ulg,.mf4,.mdf,.dat,.npz,.json";
+const KINDS = ".csv,.txt,.tsv,.dat,.asc,.xlsx,.parquet,.feather,.arrow,.mat,.ulg,.mf4,.mdf,.npz,.npy";
 
 let files = [];
 
@@ -24,19 +24,26 @@ export function startTray() {
     make("h2", {}, "Models"), models);
   listen(["session", "records"], () => fillList(records, recordCards(), state.record));
   listen(["session", "models", "theme"], () => fillList(models, modelCards(), state.model));
+  new ResizeObserver(() => { bring(records, state.record); bring(models, state.model); })
+    .observe(byId("tray"));
   listen(["session"], () => { if (!files.length) refreshFiles(); });
   addEventListener("focus", refreshFiles);
   dropAnywhere();
 }
 
-/** Fills a list and, where another card is the current one, brings that one into sight. */
 function fillList(place, cards, current) {
   const before = place.scrollTop;
   fill(place, cards);
   place.scrollTop = before;
+  bring(place, current);
+}
+
+/** Brings the current card into sight where it is another one, or has another height. */
+function bring(place, current) {
   const card = place.querySelector(".current");
-  if (!card || place.dataset.current === String(current)) return;
-  place.dataset.current = String(current);
+  const now = `${current} ${card?.offsetHeight} ${place.scrollHeight}`;
+  if (!card || place.dataset.current === now) return;
+  place.dataset.current = now;
   const beyond = card.offsetTop + card.offsetHeight - place.clientHeight;
   place.scrollTop = Math.min(card.offsetTop, Math.max(place.scrollTop, beyond));
 }
@@ -126,8 +133,24 @@ function recordCard(record) {
         "aria-label": `Remove ${record.name} from the session`, "data-key": `drop ${record.id}` })),
     make("p", { class: "soft" }, facts(record)),
     record.missing_file ? make("p", { class: "bad" }, "its file is gone") : null,
-    current ? channels(record) : null);
+    record.changed_file ? changedFile(record) : null,
+    current ? [channels(record), exchanged(record)] : null);
 }
+
+/** Said where what moved by itself is used as output, and what answered it as input. */
+function exchanged(record) {
+  const taken = (guess, place) => record.channels.map(({ name, guess: own }) => own === guess && name)
+    .filter((name) => name && record[place].includes(name));
+  const [moved, answered] = [taken("input", "outputs"), taken("output", "inputs")];
+  if (!moved.length || !answered.length) return null;
+  return make("p", { class: "bad" }, `By name and movement ${moved.join(", ")} was moved and `
+    + `${answered.join(", ")} answered; here it is the other way round: perhaps they are exchanged.`);
+}
+
+const changedFile = ({ id, changed_file: text }) => make("div", { class: "row changed" },
+  make("p", { class: "bad" }, text),
+  button("\u00d7", () => act.fileSeen(id), { class: "quiet",
+    "aria-label": "It is known that the file was changed", "data-key": `changed ${id}` }));
 
 const facts = (record) => [
   count(record.n_samples, "sample"), seconds(record.duration),
@@ -188,7 +211,8 @@ function modelCard(model) {
         "aria-label": `Remove ${model.name}`, "data-key": `remove ${model.id}` })),
     make("p", { class: "soft" }, [model.structure,
       isDone(model) ? `fit ${(model.fit ?? []).map(percent).join(", ")}` : model.state]
-      .filter(Boolean).join(", ")));
+      .filter(Boolean).join(", ")),
+    model.older_file ? make("p", { class: "bad" }, "of older content of its file") : null);
 }
 
 function rename(model) {

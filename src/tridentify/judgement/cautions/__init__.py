@@ -111,7 +111,12 @@ def _with_trial(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[Find
         first = not any(same_thing(one, other) for other in found)
         _, begins, rest = trial.message.partition(SEEN[one.code])
         message = f"{one.message} {begins}{rest}" if first and begins else one.message
-        found.append(replace(trial, message=message, times=one.times, experiment=one.experiment))
+        remedy = one.remedy if one.code == "saturation" else trial.remedy  # it states the limit
+        found.append(
+            replace(
+                trial, message=message, remedy=remedy, times=one.times, experiment=one.experiment
+            )
+        )
     return found
 
 

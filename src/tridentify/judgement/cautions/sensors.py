@@ -315,7 +315,8 @@ def _hanging(
     ends = (np.nanmax(y), np.nanmin(y))
     seen = np.isfinite(y)
     pairs = max(int((seen[1:] & seen[:-1]).sum()), 1)
-    count = lost = begin = end = 0
+    hung: list[int] = []
+    count = 0
     usual = float((repeated.length > 1).sum()) / pairs
     quick = min(noise, _fast(y - f))
     noisy = noise > EXACT * q and (not q or _rough(y) > DITHER * q)
@@ -337,18 +338,18 @@ def _hanging(
         # there cannot have stood still
         alone = usual < RARELY and length >= LONG_RUN and noisy
         if frozen or alone or np.ptp(part) > MOVED * quick + 2.0 * q:
-            begin, end = (begin if count else int(first)), int(first + length) - 1
-            count, lost = count + 1, lost + int(length)
+            hung += range(int(first), int(first + length))
+            count += 1
     if not count:
         return None
     times = "once" if count == 1 else f"{count} times"
     return _Seen(
         "stuck-sensor",
         "error",
-        f"Output {name} stays at exactly one value {times} ({lost} samples, the first from sample "
-        f"{begin} on) while the model moves: the sensor or the recording hung.",
-        "Mark these samples as missing (nan).",
-        (begin, end),
+        f"Output {name} stays at exactly one value {times} ({len(hung)} samples, the first from "
+        f"sample {hung[0]} on) while the model moves: the sensor or the recording hung.",
+        "Mark these samples as missing (nan, record.mask; --mask).",
+        tuple(hung),
     )
 
 
@@ -386,7 +387,8 @@ def _repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str
     if _is_static(y, u, repeated, own):
         return None
     lengths = repeated.length[own]
-    first, last = int(repeated.first[own][0]), int(repeated.first[own][-1])
+    first = int(repeated.first[own][0])
+    again = tuple(k for begin, n in _places(repeated, own) for k in range(begin + 1, begin + n))
     usual = int(np.median(lengths))
     covered = int(lengths.sum()) / int(np.isfinite(y).sum())
     if covered > MOSTLY:
@@ -401,7 +403,7 @@ def _repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str
             f"from sample {first} on), although it moves before and after: {what}.",
             "Mark the repeats as missing (nan); where rows are stored twice, cut the "
             "record there (record.slice), as the inputs in between are lost.",
-            (first, last),
+            again,
         )
     return _Seen(
         "stuck-sensor",
@@ -409,7 +411,7 @@ def _repeating(y: Array, u: Array, q: float, f: Array, repeated: Runs, name: str
         f"{lost} samples of {name} repeat the one before exactly, although the signal moves: rows "
         "stored twice, or a sensor slower than the record.",
         "Mark the repeats as missing (nan), and check the times of the samples.",
-        (first, last),
+        again,
     )
 
 

@@ -1,0 +1,80 @@
+"""``tridentify manoeuvres``: long logs in, the pieces of them that are worth identifying out."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+from tridentify.cli import options
+from tridentify.cli.groups import Reading
+from tridentify.cli.load import asked_channels, load
+from tridentify.cli.run import load_compiled
+from tridentify.cli.tables import describe_records
+from tridentify.cli.terminal import Activity, paragraph, show, show_json
+from tridentify.errors import OptionError
+from tridentify.record.record import Record
+
+if TYPE_CHECKING:
+    from tridentify.judgement.advice import Manoeuvre
+
+Gap = Annotated[
+    float | None,
+    options.record_option(
+        metavar="SECONDS",
+        help="Quiet that separates two manoeuvres and stands before and after each; by default a "
+        "hundredth of the record, less where a long log has no quiet of that length.",
+    ),
+]
+NONE = (
+    "no manoeuvre was found: nowhere does an input move after a quiet stretch with an answer above "
+    "the noise"
+)
+
+
+def manoeuvres(
+    files: options.Files,
+    inputs: options.NamedInputs = None,
+    outputs: options.NamedOutputs = None,
+    *,
+    reading: Reading,
+    gap: Gap = None,
+    as_json: options.AsJson = False,
+) -> None:
+    """Find the pieces of a long log that are worth identifying: an input moves, and is answered.
+
+    Example: tridentify manoeuvres flight.csv --input elevator --output q
+    """
+    if gap is not None and not gap > 0.0:
+        raise OptionError(f"found --gap {gap:g}; expected seconds above zero; correct it")
+    inputs, outputs = asked_channels(files, inputs, outputs)
+    source = reading.source(files, inputs, outputs)
+    with Activity() as activity:
+        records = load(source, activity)
+        load_compiled(activity)
+        activity.stage("looking for manoeuvres")
+        found = [_found(record, gap) for record in records]
+    if as_json:
+        show_json({"records": [_document(*one) for one in zip(records, found, strict=True)]})
+    else:
+        show(describe_records(records), *map(_listed, found))
+
+
+def _found(record: Record, gap: float | None) -> Sequence[Manoeuvre]:
+    from tridentify.judgement.advice import find_manoeuvres
+
+    return find_manoeuvres(record, gap)
+
+
+def _document(record: Record, found: Sequence[Manoeuvre]) -> dict[str, Any]:
+    return {"name": record.name, "manoeuvres": [one._asdict() for one in found]}
+
+
+def _listed(found: Sequence[Manoeuvre]) -> str:
+    """The manoeuvres of a record, each as the option that takes it."""
+    if not found:
+        return paragraph(NONE)
+    wide = len(str(len(found)))
+    return "\n".join(
+        paragraph(f"--range {one.start:.10g}:{one.stop:.10g}  {one.why}", f"{k:{wide}d}  ", "    ")
+        for k, one in enumerate(found, 1)
+    )
