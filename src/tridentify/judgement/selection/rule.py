@@ -69,6 +69,11 @@ USELESS = 0.05
 and still be of use."""
 
 
+NOTHING = 1.0
+"""Share of the outputs' variance that is left by the mean alone: what leaves as much is sound, and
+says nothing."""
+
+
 @dataclass(frozen=True)
 class Contender:
     """What the rule sees of a row; ``known`` says that the record determines its poles."""
@@ -283,7 +288,7 @@ def recommend(
     1
     """
     judged = [k for k, one in enumerate(trials) if one.usable and math.isfinite(one.unseen.loss)]
-    eligible = [k for k in judged if trials[k].sound] or judged
+    eligible = [k for k in judged if trials[k].sound and trials[k].unseen.loss < NOTHING] or judged
     if not eligible:
         by = "none" if likeliest is None else "likelihood"
         return Verdict(likeliest, None, by, likeliest is not None and trials[likeliest].sound)
