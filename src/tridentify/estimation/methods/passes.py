@@ -88,7 +88,7 @@ def root(
     for count in range(1, most + 1):
         say(f"what the reference does not drive, pass {count}")
         at = model_like(estimate, given[-1])
-        loops = _apart(loops, estimate, at) if renewed else loops
+        loops = apart(loops, estimate, at) if renewed else loops
         estimate = near(at).estimate([without_rest(one, at) for one in loops], structure)
         images.append(estimate.theta)
         scale = np.maximum(estimate.std, FLOOR * np.abs(estimate.theta) + 1e-300)
@@ -102,8 +102,17 @@ def root(
     return Rooted(loops, estimate, count, moved)
 
 
-def _apart(loops: Sequence[Loop], estimate: Estimate, at: TransferFunction) -> list[Loop]:
-    """The loops as a model shows them, with the nuisance terms of an estimate."""
+def apart(loops: Sequence[Loop], estimate: Estimate, at: TransferFunction) -> list[Loop]:
+    """What the references drive, apart from the noise that a model leaves.
+
+    Parameters
+    ----------
+    loops : sequence of Loop
+        With parts that were fitted.
+    estimate : Estimate
+        With the nuisance terms of these loops.
+    at : TransferFunction
+    """
     found = []
     for loop, left in zip(loops, residuals(loops, estimate), strict=True):
         error = left + made(loop, estimate.model) - made(loop, at)

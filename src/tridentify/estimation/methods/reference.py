@@ -71,6 +71,7 @@ from tridentify.estimation.methods.controller_kind import (
 )
 from tridentify.estimation.methods.given_controller import by_likelihood, how_it_worked, rule_of
 from tridentify.estimation.methods.passes import Rooted, residuals, root, without_rest
+from tridentify.estimation.methods.returned_errors import with_returned_errors
 from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -143,6 +144,8 @@ def reference_estimate(
     findings = (*following_findings(found), *findings)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
+    found, wider = with_returned_errors(found)
+    told = f"{told}; {wider}" if wider else told
     if known is not None:
         given = by_likelihood(found, how, coloured is not None, say)
         told = told if how is not None and not how.explains else given.told
