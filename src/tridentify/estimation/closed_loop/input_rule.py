@@ -10,6 +10,9 @@ not. One that acts in continuous time, or more often than is recorded, sees what
 the samples: (1) is then left with an error that no coefficients take away. So the record tells the
 two apart without any model of the plant.
 
+A computer that is slower than the record leaves no such rule, but an input that changes at every
+second or third sample alone, and is held in between for all to see (`is_held`).
+
 Two cases are not told. A controller without memory, ``u = K (r - y)``, makes (1) either way. And
 noise that is held over each interval, as in simulations, tells everything: then (1) holds for a
 continuous controller too, but with the states of the plant among those of the rule, so with more
@@ -39,6 +42,12 @@ recorded: continuous controllers leave 3e-4 to 9e-2 (random loops)."""
 COARSE = 1e-4
 """Share of the moving input from which its rounding, and that of the outputs, hides the rule: a
 third of the least that continuous controllers leave."""
+FEWEST_CHANGES = 20
+"""Of an input that is held over several samples."""
+REGULAR = 0.95
+"""Share of the pauses between its changes that are multiples of the shortest usual one."""
+FINELY = 0.05
+"""Rounding over the usual change, from which equal neighbours may be chance."""
 MAJORITY = 0.5
 """Share of the samples in which a rule has to hold."""
 FEWEST_EACH, MOST_EACH = 5, 40
@@ -55,6 +64,7 @@ class InputRule(Enum):
     """How recorded inputs follow from recorded samples."""
 
     SAMPLED = "the input follows from the recorded samples to the last digit"
+    HELD = "the input stays as it is for several samples, at regular intervals"
     STATIC = "the input follows from the sample at the same time"
     NONE = "the input does not follow from the recorded samples"
     UNKNOWN = "the records do not tell whether the input follows from their samples"
@@ -87,10 +97,36 @@ def input_rule(records: Sequence[Record], poles: int) -> InputRule:
     >>> input_rule([Record(moved, y, dt=0.1, reference=r)], 2).name
     'NONE'
     """
+    if all(one.dt is not None and all(map(is_held, np.asarray(one.u).T)) for one in records):
+        return InputRule.HELD
     found = {_rule(one, j, min(poles, LAGS)) for one in records for j in range(one.n_inputs)}
     if found == {InputRule.SAMPLED, InputRule.STATIC}:
         return InputRule.SAMPLED
     return found.pop() if len(found) == 1 else InputRule.UNKNOWN
+
+
+def is_held(u: Array) -> bool:
+    """Whether an input changes at regular intervals of several samples alone.
+
+    Parameters
+    ----------
+    u : (n_samples,) array
+        On uniform time.
+
+    Examples
+    --------
+    >>> slow = np.repeat(np.random.default_rng(0).standard_normal(40), 3)
+    >>> is_held(slow), is_held(slow[::3])
+    (True, False)
+    """
+    steps = np.diff(u)
+    changes = np.flatnonzero(steps)
+    if changes.size < FEWEST_CHANGES:
+        return False
+    pauses = np.diff(changes)
+    usual = int(np.argmax(np.bincount(pauses)))
+    fine = _resolution(u[:, None])[0] < FINELY * float(np.median(np.abs(steps[changes])))
+    return usual > 1 and bool(fine and np.mean(pauses % usual == 0) > REGULAR)
 
 
 def _rule(record: Record, j: int, few: int) -> InputRule:

@@ -21,6 +21,9 @@ from tridentify.transfer_function import TransferFunction
 
 MOST_PASSES = 40
 """Passes; nearly all loops need four to ten."""
+PATIENCE = 10
+"""Passes in which the movement of whole estimates, each with its searches, has to fall to half of
+the least before: all loops that come to a root do so in fewer, and others would run to the last."""
 STILL = 1e-3
 """Standard errors that the coefficients move by in the last pass."""
 FLOOR = 1e-7
@@ -65,6 +68,7 @@ def root(
     most: int = MOST_PASSES,
     *,
     renewed: bool = False,
+    patience: int | None = None,
 ) -> Rooted:
     """Passes of (3) until the coefficients stand still.
 
@@ -83,8 +87,11 @@ def root(
     renewed : bool
         Whether each pass finds what the references drive anew, apart from the noise that its model
         leaves.
+    patience : int, optional
+        Passes in which the movement has to fall to half of the least before; by default no limit.
     """
     given, images, estimate, moved = [first.theta], [], first, np.inf
+    least, reached = np.inf, 0
     for count in range(1, most + 1):
         say(f"what the reference does not drive, pass {count}")
         at = model_like(estimate, given[-1])
@@ -93,7 +100,9 @@ def root(
         images.append(estimate.theta)
         scale = np.maximum(estimate.std, FLOOR * np.abs(estimate.theta) + 1e-300)
         moved = float(np.max(np.abs(images[-1] - given[-1]) / scale))
-        if moved <= STILL:
+        if moved < 0.5 * least:
+            least, reached = moved, count
+        if moved <= STILL or (patience is not None and count - reached >= patience):
             break
         following = _extrapolated(given, images, scale)
         if not model_like(estimate, following).is_stable:

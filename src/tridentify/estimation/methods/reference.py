@@ -70,7 +70,7 @@ from tridentify.estimation.methods.controller_kind import (
     opposite,
 )
 from tridentify.estimation.methods.given_controller import by_likelihood, how_it_worked, rule_of
-from tridentify.estimation.methods.passes import Rooted, residuals, root, without_rest
+from tridentify.estimation.methods.passes import PATIENCE, Rooted, residuals, root, without_rest
 from tridentify.estimation.methods.returned_errors import with_returned_errors
 from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
@@ -271,7 +271,7 @@ def _with_noise_model(
     first = method.estimate([without_rest(one, at) for one in loops], structure)
     if not any(a.size for a in first.noise_model):
         return replace(white, estimate=first)
-    found = root(loops, structure, first, lambda _: method, say)
+    found = root(loops, structure, first, lambda _: method, say, patience=PATIENCE)
     found = replace(found, passes=found.passes + white.passes)
     fitted = all(isinstance(one.driven, Driven) for one in loops)
     # at a limit of stability there is no root to come to, and each pass costs a whole estimate
