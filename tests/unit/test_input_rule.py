@@ -77,6 +77,14 @@ def test_rounded_numbers_tell_nothing_that_is_wrong():
     assert input_rule([continuous(4, digits=1)], 2) is not InputRule.SAMPLED
 
 
+@pytest.mark.parametrize("seed", range(40, 45))
+def test_four_digits_show_the_rule_where_the_input_moves_much_more(seed):
+    """The rounding of the rule's own sum is what counts, not the worst case of all its signals."""
+    assert input_rule([sampled(seed, digits=4)], 2) is InputRule.SAMPLED
+    assert input_rule([continuous(seed, digits=3)], 2) is not InputRule.SAMPLED
+    assert input_rule([continuous(seed, digits=3, gain=2.0)], 2) is not InputRule.SAMPLED
+
+
 def test_noise_that_is_held_shows_the_plant_in_the_rule_of_a_continuous_controller():
     rng, r = moved(6)
     u, y = continuous_loop(CHANNEL, PI, r, 0.2 * rng.standard_normal(N), DT)
