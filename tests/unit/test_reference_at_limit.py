@@ -49,11 +49,11 @@ def test_driven_inputs_are_found_anew_where_there_is_a_root(monkeypatch, status,
         def estimate(self, records, structure, progress=None):
             return coloured
 
-    def root(loops, structure, first, near, say):
+    def root(loops, structure, first, near, say, **_):
         passes.append(first)
         return Rooted(loops, coloured, 3, 0.0)
 
-    def anew(best, structure, near, say):
+    def anew(best, structure, near, say, **_):
         renewed.append(best)
         return replace(best, passes=best.passes + 5)
 

@@ -46,17 +46,20 @@ class Rooted:
     passes : int
     moved : float
         By which the last pass moved the coefficients [standard errors].
+    tolerance : float
+        By how much it may in a root.
     """
 
     loops: Sequence[Loop]
     estimate: Estimate
     passes: int
     moved: float
+    tolerance: float = STILL
 
     @property
     def still(self) -> bool:
         """Whether it is a root."""
-        return self.moved <= STILL
+        return self.moved <= self.tolerance
 
 
 def root(
@@ -69,6 +72,7 @@ def root(
     *,
     renewed: bool = False,
     patience: int | None = None,
+    tolerance: float = STILL,
 ) -> Rooted:
     """Passes of (3) until the coefficients stand still.
 
@@ -89,6 +93,8 @@ def root(
         leaves.
     patience : int, optional
         Passes in which the movement has to fall to half of the least before; by default no limit.
+    tolerance : float
+        By how much the last pass may move the coefficients [standard errors].
     """
     given, images, estimate, moved = [first.theta], [], first, np.inf
     least, reached = np.inf, 0
@@ -102,13 +108,13 @@ def root(
         moved = float(np.max(np.abs(images[-1] - given[-1]) / scale))
         if moved < 0.5 * least:
             least, reached = moved, count
-        if moved <= STILL or (patience is not None and count - reached >= patience):
+        if moved <= tolerance or (patience is not None and count - reached >= patience):
             break
         following = _extrapolated(given, images, scale)
         if not model_like(estimate, following).is_stable:
             following = 0.5 * (given[-1] + images[-1])
         given.append(following)
-    return Rooted(loops, estimate, count, moved)
+    return Rooted(loops, estimate, count, moved, tolerance)
 
 
 def apart(loops: Sequence[Loop], estimate: Estimate, at: TransferFunction) -> list[Loop]:
