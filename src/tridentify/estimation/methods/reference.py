@@ -289,8 +289,8 @@ def _with_noise_model(
     )
     found = replace(found, passes=found.passes + white.passes)
     fitted = all(isinstance(one.driven, Driven) for one in loops)
-    # at a limit of stability there is no root to come to, and each pass costs a whole estimate
-    at_limit = found.estimate.status is Status.AT_STABILITY_LIMIT
+    # at a limit there is no root to come to, and each pass costs a whole estimate
+    at_limit = found.estimate.status in (Status.AT_STABILITY_LIMIT, Status.AT_SAMPLING_LIMIT)
     if loops[0].sampling == "sampled" or not fitted or at_limit:
         return found
     return _renewed(found, structure, lambda _: method, say, tolerance=NOISE_STILL)
