@@ -9,9 +9,11 @@ The bound is that of the reference as an instrument, ``sigma^2 (sum Z Z')^-1``: 
 of the model's output with respect to its coefficients, for the input as it would be without noise,
 whitened with the true filter of the noise, an offset projected out. They come from the loop itself,
 with a second plant beside the one that is controlled, whose coefficients are moved. What a
-continuous controller makes of the noise between the samples is not recorded; it colours what any
-model leaves (`Loop.around`), and the bound is that of samples with this colour. How many times that
-of a recorded input it is, is printed beside it.
+continuous controller does between the samples is not recorded. What it makes of the noise there
+colours what any model leaves (`Loop.around`). What it makes of the reference there follows from a
+model alone, so that it moves with the coefficients (`Loop.followed`), which mostly takes
+information away: that of a direct gain in a fast loop. The bound is that of samples with this
+colour and these derivatives. How many times that of a recorded input it is, is printed beside it.
 
 For each coefficient: `|z|` of the mean error (its size in standard errors of the mean; the largest
 over the coefficients is shown), RMSE over the bound and share of 95 % intervals that hold the truth
@@ -140,6 +142,23 @@ class Loop:
             columns.append((ends[0] - ends[1]) / (2.0 * MOVED * abs(value)))
         return [np.column_stack([one[:, i] for one in columns]) for i in range(count)]
 
+    def followed(self) -> list[Array]:
+        """`scores` where the driven input is known at its samples alone, and follows the model."""
+        true, law = self.plant(self.theta), self.controller
+        quiet = np.zeros((len(self.reference), len(true.c)))
+        recorded, columns = self.simulated(true, law, quiet)[0], []
+        held = Controller(blind(recorded.shape[1], len(true.c)))
+        for k, value in enumerate(self.theta):
+            ends = []
+            for sign in (1.0, -1.0):
+                moved = self.theta.copy()
+                moved[k] += sign * MOVED * abs(value)
+                plant = self.plant(moved)
+                u, y = self.simulated(plant, law, quiet)
+                ends.append(y + run(plant, held, quiet, quiet, recorded - u, self.dt, fine=1)[1])
+            columns.append((ends[0] - ends[1]) / (2.0 * MOVED * abs(value)))
+        return [np.column_stack([one[:, i] for one in columns]) for i in range(len(true.c))]
+
     def noise(self, rng: np.random.Generator, sizes: Array) -> tuple[Array, Array]:
         """(n, n_outputs) noise, and the standard deviation of what drives it."""
         e = rng.standard_normal((len(self.reference) + SETTLED, len(sizes)))
@@ -183,10 +202,11 @@ class Loop:
             Of the noise.
         of_the_samples : bool
             Whether the input is known at its samples alone, so that what a continuous controller
-            makes of the noise between them colours it (`around`).
+            makes of the noise between them colours it (`around`), and what it makes of the
+            reference follows the model (`followed`).
         """
         driving = self.noise(np.random.default_rng(0), sizes)[1]
-        scores = np.stack([*self.scores()], axis=1)
+        scores = np.stack(self.followed() if of_the_samples else self.scores(), axis=1)
         steady = np.broadcast_to(np.eye(len(sizes)), (len(scores), len(sizes), len(sizes)))
         table = np.concatenate([scores, steady], axis=2)
         if self.coloured:

@@ -14,7 +14,7 @@ against it (`estimation.closed_loop.innovations`). RMSE is printed over two boun
 
 For a sampled controller the first bound divided by the second is what the recorded input is worth
 beyond its driven part; the controller itself adds nothing. For a continuous one the first bound
-takes what the reference drives between the samples for known.
+is that of an input known at its samples, whose driven part follows the model between them.
 """
 
 from __future__ import annotations

@@ -81,10 +81,23 @@ def test_derivatives_are_made_when_asked_for_and_once_where_the_input_drives(
     assert not made
     assert found.is_finite
     assert len(made) == times
-    start = np.linalg.lstsq(found.rest, found.errors, rcond=None)[0]
+    start = linear.suiting(found.rest, found.errors)
     predictor = Predictor(plant, record.dt, 1.0 / record.duration)
     np.testing.assert_array_equal(found.full, slopes(predictor, made[0], start))
     assert np.array_equal(found.slopes, found.full) == (times == 1)
+
+
+def test_an_integrators_position_and_an_offset_are_small_where_they_are_not_told_apart():
+    """Their difference would be noise over nothing, and the derivatives as large."""
+    record = flown(1, [1.0, 0.5, -1.5])
+    plant = Plant(np.array([0.5, 1e-7]), (np.array([2.0]),))
+    found = linear.linear_errors([Loop(AsRecorded(record), "sampled")], plant, np.zeros(0))
+    start, offset = np.split(linear.suiting(found.rest, found.errors), [-1])
+    left = found.errors - found.rest @ np.concatenate([start, offset])
+    free = np.linalg.lstsq(found.rest, found.errors, rcond=None)[0]
+    assert np.abs(free).max() > 1e3 * np.abs(found.errors).max()
+    assert max(np.abs(start).max(), np.abs(offset).max()) < 10.0 * np.abs(found.errors).max()
+    assert np.linalg.norm(left) < 1.1 * np.linalg.norm(found.errors)
 
 
 @pytest.mark.parametrize(

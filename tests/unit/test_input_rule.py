@@ -32,16 +32,19 @@ def continuous(seed, *, noise=0.2, digits=None, gain=None):
     return recorded(u[::FINE], y[::FINE], r, digits)
 
 
-def sampled(seed, *, noise=0.2, limit=np.inf, memory=True, digits=None, late=0):
+def sampled(seed, *, noise=0.2, limit=np.inf, memory=True, digits=None, late=0, every=1):
     """A computer's controller, with the samples that are recorded."""
     rng, r = moved(seed)
-    total, waiting = 0.0, [0.0] * late
+    total, stays, waiting = 0.0, 0.0, [0.0] * late
 
     def control(k, y):
-        nonlocal total
-        total += DT * (r[k] - y[0]) * memory
+        nonlocal total, stays
+        if k % every:
+            return stays
+        total += every * DT * (r[k] - y[0]) * memory
         waiting.append(float(np.clip(2.0 * (r[k] - y[0]) + total, -limit, limit)))
-        return waiting.pop(0)
+        stays = waiting.pop(0)
+        return stays
 
     u, y = sampled_loop([[CHANNEL]], control, noise * rng.standard_normal((N, 1)), DT)
     return recorded(u, y, r, digits)
@@ -74,10 +77,36 @@ def test_rounded_numbers_tell_nothing_that_is_wrong():
     assert input_rule([continuous(4, digits=1)], 2) is not InputRule.SAMPLED
 
 
+@pytest.mark.parametrize("seed", range(40, 45))
+def test_four_digits_show_the_rule_where_the_input_moves_much_more(seed):
+    """The rounding of the rule's own sum is what counts, not the worst case of all its signals."""
+    assert input_rule([sampled(seed, digits=4)], 2) is InputRule.SAMPLED
+    assert input_rule([continuous(seed, digits=3)], 2) is not InputRule.SAMPLED
+    assert input_rule([continuous(seed, digits=3, gain=2.0)], 2) is not InputRule.SAMPLED
+
+
 def test_noise_that_is_held_shows_the_plant_in_the_rule_of_a_continuous_controller():
     rng, r = moved(6)
     u, y = continuous_loop(CHANNEL, PI, r, 0.2 * rng.standard_normal(N), DT)
     assert input_rule([recorded(u, y, r)], 2) is InputRule.UNKNOWN
+
+
+@pytest.mark.parametrize("every", [2, 3])
+def test_a_computer_slower_than_the_record_holds_its_input_for_all_to_see(every):
+    """No rule of the samples makes such an input, and it would count as continuous."""
+    record = sampled(9, every=every)
+    assert input_rule([record], 2) is InputRule.HELD
+    assert input_rule([sampled(9, every=every, limit=2.0)], 2) is InputRule.HELD
+    estimate = tri.identify(record, tri.Structure(2, 1))
+    assert estimate.loop.sampling == "sampled"
+    assert np.all(np.abs(estimate.theta - TRUTH) < 4.0 * estimate.std)
+
+
+def test_coarse_numbers_that_repeat_are_not_held():
+    record = continuous(10, noise=0.02)
+    coarse = recorded(np.round(record.u, 1), record.y, record.reference)
+    assert np.mean(np.diff(coarse.u[:, 0]) == 0.0) > 0.3
+    assert input_rule([coarse], 2) is not InputRule.HELD
 
 
 def test_uneven_time_missing_samples_and_few_of_them_tell_nothing():

@@ -1,4 +1,4 @@
-"""At a limit of stability the passes with a noise model end once: there is no root to come to."""
+"""At a limit the passes with a noise model end once: there is no root to come to."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tridentify.estimation.answer.trace import Status
 from tridentify.estimation.closed_loop.between_samples import Loop
 from tridentify.estimation.closed_loop.driven import driven
 from tridentify.estimation.methods import reference
-from tridentify.estimation.methods.passes import Rooted
+from tridentify.estimation.methods.passes import MOST_PASSES, PATIENCE, Rooted, root
 
 pytestmark = pytest.mark.unjudged
 
@@ -36,6 +36,7 @@ def loop_and_estimate():
     [
         (Status.CONVERGED, "continuous", True),
         (Status.AT_STABILITY_LIMIT, "continuous", False),
+        (Status.AT_SAMPLING_LIMIT, "continuous", False),
         (Status.CONVERGED, "sampled", False),
     ],
 )
@@ -49,11 +50,11 @@ def test_driven_inputs_are_found_anew_where_there_is_a_root(monkeypatch, status,
         def estimate(self, records, structure, progress=None):
             return coloured
 
-    def root(loops, structure, first, near, say):
+    def root(loops, structure, first, near, say, **_):
         passes.append(first)
         return Rooted(loops, coloured, 3, 0.0)
 
-    def anew(best, structure, near, say):
+    def anew(best, structure, near, say, **_):
         renewed.append(best)
         return replace(best, passes=best.passes + 5)
 
@@ -65,3 +66,25 @@ def test_driven_inputs_are_found_anew_where_there_is_a_root(monkeypatch, status,
     assert bool(renewed) is again
     assert found.passes == (10 if again else 5)
     assert found.estimate.status is status
+
+
+def test_passes_that_go_to_and_fro_end_when_they_get_no_nearer():
+    loop, estimate = loop_and_estimate()
+    count = 0
+
+    class Method:
+        def estimate(self, records, structure, progress=None):
+            nonlocal count
+            count += 1
+            rng = np.random.default_rng(count)
+            return replace(estimate, theta=estimate.theta + rng.uniform(0.5, 1.0, 4) * estimate.std)
+
+    def ended(**options):
+        nonlocal count
+        count = 0
+        return root([loop], ORDERS, estimate, lambda _: Method(), lambda _: None, **options)
+
+    found = ended(patience=PATIENCE)
+    assert PATIENCE < found.passes <= 2 * PATIENCE
+    assert not found.still
+    assert ended().passes == MOST_PASSES

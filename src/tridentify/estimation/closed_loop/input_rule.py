@@ -10,6 +10,9 @@ not. One that acts in continuous time, or more often than is recorded, sees what
 the samples: (1) is then left with an error that no coefficients take away. So the record tells the
 two apart without any model of the plant.
 
+A computer that is slower than the record leaves no such rule, but an input that changes at every
+second or third sample alone, and is held in between for all to see (`is_held`).
+
 Two cases are not told. A controller without memory, ``u = K (r - y)``, makes (1) either way. And
 noise that is held over each interval, as in simulations, tells everything: then (1) holds for a
 continuous controller too, but with the states of the plant among those of the rule, so with more
@@ -35,12 +38,25 @@ LAGS = 6
 """Of each signal, at most: a controller of sixth order, its delays included."""
 EXACT = 1e-6
 """Share of the moving input that is left of an exact rule, beside the rounding of what is
-recorded: continuous controllers leave 3e-4 to 9e-2 (random loops)."""
-COARSE = 1e-4
-"""Share of the moving input from which its rounding, and that of the outputs, hides the rule: a
-third of the least that continuous controllers leave."""
+recorded: continuous controllers leave 3e-4 to 0.1 (random loops)."""
+COARSE = 3e-3
+"""Rounding of the rule over what the input moves beyond its own past and the references, from which
+the rule may be hidden: continuous controllers leave 1e-2 of that at least (random loops)."""
+FEWEST_CHANGES = 20
+"""Of an input that is held over several samples."""
+REGULAR = 0.95
+"""Share of the pauses between its changes that are multiples of the shortest usual one."""
+FINELY = 0.05
+"""Rounding over the usual change, from which equal neighbours may be chance."""
 MAJORITY = 0.5
 """Share of the samples in which a rule has to hold."""
+WITHIN = 1.5
+"""Standard deviations of the rounding, within which an exact rule stays in seven samples of eight,
+and in more than half of them while its own error is below two."""
+USUAL = 0.6745
+"""Median of the size of a Gaussian, in standard deviations."""
+HIDDEN = 2.0
+"""The same of the usual sample, from which no rule has made it."""
 FEWEST_EACH, MOST_EACH = 5, 40
 """Samples for each coefficient, at least and at most: more say nothing new of a rule."""
 TURNS = 15
@@ -55,6 +71,7 @@ class InputRule(Enum):
     """How recorded inputs follow from recorded samples."""
 
     SAMPLED = "the input follows from the recorded samples to the last digit"
+    HELD = "the input stays as it is for several samples, at regular intervals"
     STATIC = "the input follows from the sample at the same time"
     NONE = "the input does not follow from the recorded samples"
     UNKNOWN = "the records do not tell whether the input follows from their samples"
@@ -87,10 +104,36 @@ def input_rule(records: Sequence[Record], poles: int) -> InputRule:
     >>> input_rule([Record(moved, y, dt=0.1, reference=r)], 2).name
     'NONE'
     """
+    if all(one.dt is not None and all(map(is_held, np.asarray(one.u).T)) for one in records):
+        return InputRule.HELD
     found = {_rule(one, j, min(poles, LAGS)) for one in records for j in range(one.n_inputs)}
     if found == {InputRule.SAMPLED, InputRule.STATIC}:
         return InputRule.SAMPLED
     return found.pop() if len(found) == 1 else InputRule.UNKNOWN
+
+
+def is_held(u: Array) -> bool:
+    """Whether an input changes at regular intervals of several samples alone.
+
+    Parameters
+    ----------
+    u : (n_samples,) array
+        On uniform time.
+
+    Examples
+    --------
+    >>> slow = np.repeat(np.random.default_rng(0).standard_normal(40), 3)
+    >>> is_held(slow), is_held(slow[::3])
+    (True, False)
+    """
+    steps = np.diff(u)
+    changes = np.flatnonzero(steps)
+    if changes.size < FEWEST_CHANGES:
+        return False
+    pauses = np.diff(changes)
+    usual = int(np.argmax(np.bincount(pauses)))
+    fine = _resolution(u[:, None])[0] < FINELY * float(np.median(np.abs(steps[changes])))
+    return usual > 1 and bool(fine and np.mean(pauses % usual == 0) > REGULAR)
 
 
 def _rule(record: Record, j: int, few: int) -> InputRule:
@@ -108,21 +151,35 @@ def _rule(record: Record, j: int, few: int) -> InputRule:
     outer = np.concatenate([_resolution(y), _resolution(reference, converted=False)])
     own = _resolution(u)
 
+    beyond = _beyond_its_past(u, reference, some, j, few)
+
     def holds(lags: int) -> bool | None:
         table = np.hstack(
             [_lagged(signals, some, range(lags + 1)), _lagged(u, some, range(1, lags + 1))]
         )
         steps = np.concatenate([np.repeat(outer, lags + 1), np.repeat(own, lags)])
-        return _holds(table, u[some, j], steps, own[j], size)
+        return _holds(table, u[some, j], steps, own[j], size, beyond)
 
-    if holds(0):
-        return InputRule.STATIC
+    static = holds(0)
+    if static is not False:
+        return InputRule.STATIC if static else InputRule.UNKNOWN
     if holds(few):
         return InputRule.SAMPLED
     return InputRule.NONE if holds(LAGS) is False else InputRule.UNKNOWN
 
 
-def _holds(columns: Array, target: Array, steps: Array, step: float, size: float) -> bool | None:
+def _beyond_its_past(u: Array, reference: Array, some: Indices, j: int, lags: int) -> float:
+    """Usual size of what an input moves beyond its own past and the references."""
+    past = [_lagged(reference, some, range(lags + 1)), _lagged(u, some, range(1, lags + 1))]
+    table = np.hstack([np.ones((some.size, 1)), *past])
+    table = table / (np.linalg.norm(table, axis=0) + 1e-300)
+    left = u[some, j] - table @ np.linalg.lstsq(table, u[some, j], rcond=1e-13)[0]
+    return float(np.median(np.abs(left))) / USUAL
+
+
+def _holds(
+    columns: Array, target: Array, steps: Array, step: float, size: float, beyond: float
+) -> bool | None:
     """Whether a combination of columns is the target in most samples; None where that is hidden.
 
     Parameters
@@ -135,6 +192,8 @@ def _holds(columns: Array, target: Array, steps: Array, step: float, size: float
         Of the target.
     size : float
         By how much the target moves.
+    beyond : float
+        The same, beyond its own past and the references.
     """
     whole = np.hstack([np.ones((len(target), 1)), columns])
     scale = np.linalg.norm(whole, axis=0)
@@ -143,11 +202,12 @@ def _holds(columns: Array, target: Array, steps: Array, step: float, size: float
     for _ in range(TURNS):
         solved = np.linalg.lstsq(whole * weights[:, None] / scale, target * weights, rcond=1e-13)[0]
         left = np.abs(target - whole @ (solved / scale))
-        rounding = 0.5 * (step + float(np.abs(solved / scale)[1:] @ steps))
-        if np.mean(left <= EXACT * size + rounding) > MAJORITY:
-            return True if rounding < COARSE * size else None
+        # rounding is uniform over a step and independent from signal to signal
+        rounding = float(np.sqrt((step**2 + (solved / scale)[1:] ** 2 @ steps**2) / 12.0))
+        if np.mean(left <= EXACT * size + WITHIN * rounding) > MAJORITY:
+            return True if rounding < COARSE * beyond else None
         weights = 1.0 / np.sqrt(np.maximum(left, 1e-3 * EXACT * size))
-    return None if float(np.median(left)) < 2.0 * rounding else False
+    return None if float(np.median(left)) < HIDDEN * rounding else False
 
 
 def _free(u: Array) -> Indices:

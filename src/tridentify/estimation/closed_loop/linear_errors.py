@@ -30,6 +30,11 @@ from tridentify.numerics.autoregression import whiten
 AS_WELL = 1e4
 """Condition of the derivatives as the instruments see them, over that of the driven ones."""
 
+TOLD_APART = 1e-2
+"""Part of a start or an offset that the others do not make, of columns of unit length, from which
+it counts: the position of an integrator is an offset, and what tells the two apart may be nothing
+but rounding and the limits of what is driven, with derivatives that are as large as it is small."""
+
 
 class _Seen(NamedTuple):
     """One record's predictor, what drives it, and what is there of its output."""
@@ -53,8 +58,21 @@ class _Seen(NamedTuple):
         """At the start and offset that suit the signals best."""
         if not (np.isfinite(errors).all() and np.isfinite(self.rest).all()):
             return np.full((len(errors), self.predictor.plant.theta.size), np.nan)
-        start = np.linalg.lstsq(self.rest[self.seen], errors[self.seen], rcond=None)[0]
+        start = suiting(self.rest[self.seen], errors[self.seen])
         return slopes(self.predictor, signals, start)
+
+
+def suiting(rest: Array, errors: Array) -> Array:
+    """(k,) start and offset that suit errors best, the smallest where they are not told apart.
+
+    Parameters
+    ----------
+    rest : (n_samples, k) array
+        What start and offset make of the errors.
+    errors : (n_samples,) array
+    """
+    size = np.linalg.norm(rest, axis=0) + 1e-300
+    return np.asarray(np.linalg.lstsq(rest / size, errors, rcond=TOLD_APART)[0] / size)
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,8 +44,8 @@ ASIDE = 0.2
 """Difference of the coefficients under either kind [standard errors] up to which the kind does not
 matter: it adds 2 % to the error."""
 APART = 3.0
-"""Difference of the coefficients under either kind [standard errors] from which one of the two is
-wrong beyond its interval, so that a kind which was only assumed is to be warned of."""
+"""Difference of the coefficients under either kind [stated standard errors] from which the answer
+is wrong beyond its interval if the kind is, so that one that was only assumed is warned of."""
 MISSED = 1e-3
 """Probability of taking noise for what is left of the response."""
 COARSE = 0.3
@@ -101,7 +101,7 @@ def assumed(controller: Controller, records: Sequence[Record], structure: Struct
         stated = "continuous" if isinstance(controller, TransferFunction) else controller
         return Assumed(stated, True)
     rule = input_rule(records, int(np.max(np.asarray(structure.poles))))
-    if rule is InputRule.SAMPLED:
+    if rule in (InputRule.SAMPLED, InputRule.HELD):
         return Assumed("sampled", True, f": {rule.value}")
     held = all(record.behaviour == "zoh" for record in records)
     kind: Sampling = "sampled" if held and rule is not InputRule.NONE else "continuous"
@@ -227,8 +227,9 @@ def _left_open(
     taken : str
         Which was taken and what speaks for it, in words.
     """
-    size = np.maximum(mine.std, other.std) + 1e-12 * np.abs(mine.theta) + 1e-300
-    moved = np.abs(other.theta - mine.theta) / size
+    # what is stated are the errors of the kind that was taken, whatever those of the other are
+    size = mine.std + 1e-12 * np.abs(mine.theta) + 1e-300
+    moved = np.where(mine.std > 0.0, np.abs(other.theta - mine.theta) / size, 0.0)
     k = int(np.argmax(moved))
     if moved[k] < ASIDE:
         return "the record does not tell, and the coefficients are the same either way", ()

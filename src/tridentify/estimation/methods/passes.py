@@ -21,6 +21,9 @@ from tridentify.transfer_function import TransferFunction
 
 MOST_PASSES = 40
 """Passes; nearly all loops need four to ten."""
+PATIENCE = 10
+"""Passes in which the movement of whole estimates, each with its searches, has to fall to half of
+the least before: all loops that come to a root do so in fewer, and others would run to the last."""
 STILL = 1e-3
 """Standard errors that the coefficients move by in the last pass."""
 FLOOR = 1e-7
@@ -43,17 +46,20 @@ class Rooted:
     passes : int
     moved : float
         By which the last pass moved the coefficients [standard errors].
+    tolerance : float
+        By how much it may in a root.
     """
 
     loops: Sequence[Loop]
     estimate: Estimate
     passes: int
     moved: float
+    tolerance: float = STILL
 
     @property
     def still(self) -> bool:
         """Whether it is a root."""
-        return self.moved <= STILL
+        return self.moved <= self.tolerance
 
 
 def root(
@@ -65,6 +71,8 @@ def root(
     most: int = MOST_PASSES,
     *,
     renewed: bool = False,
+    patience: int | None = None,
+    tolerance: float = STILL,
 ) -> Rooted:
     """Passes of (3) until the coefficients stand still.
 
@@ -83,27 +91,43 @@ def root(
     renewed : bool
         Whether each pass finds what the references drive anew, apart from the noise that its model
         leaves.
+    patience : int, optional
+        Passes in which the movement has to fall to half of the least before; by default no limit.
+    tolerance : float
+        By how much the last pass may move the coefficients [standard errors].
     """
     given, images, estimate, moved = [first.theta], [], first, np.inf
+    least, reached = np.inf, 0
     for count in range(1, most + 1):
         say(f"what the reference does not drive, pass {count}")
         at = model_like(estimate, given[-1])
-        loops = _apart(loops, estimate, at) if renewed else loops
+        loops = apart(loops, estimate, at) if renewed else loops
         estimate = near(at).estimate([without_rest(one, at) for one in loops], structure)
         images.append(estimate.theta)
         scale = np.maximum(estimate.std, FLOOR * np.abs(estimate.theta) + 1e-300)
         moved = float(np.max(np.abs(images[-1] - given[-1]) / scale))
-        if moved <= STILL:
+        if moved < 0.5 * least:
+            least, reached = moved, count
+        if moved <= tolerance or (patience is not None and count - reached >= patience):
             break
         following = _extrapolated(given, images, scale)
         if not model_like(estimate, following).is_stable:
             following = 0.5 * (given[-1] + images[-1])
         given.append(following)
-    return Rooted(loops, estimate, count, moved)
+    return Rooted(loops, estimate, count, moved, tolerance)
 
 
-def _apart(loops: Sequence[Loop], estimate: Estimate, at: TransferFunction) -> list[Loop]:
-    """The loops as a model shows them, with the nuisance terms of an estimate."""
+def apart(loops: Sequence[Loop], estimate: Estimate, at: TransferFunction) -> list[Loop]:
+    """What the references drive, apart from the noise that a model leaves.
+
+    Parameters
+    ----------
+    loops : sequence of Loop
+        With parts that were fitted.
+    estimate : Estimate
+        With the nuisance terms of these loops.
+    at : TransferFunction
+    """
     found = []
     for loop, left in zip(loops, residuals(loops, estimate), strict=True):
         error = left + made(loop, estimate.model) - made(loop, at)

@@ -60,6 +60,7 @@ from tridentify.estimation.closed_loop.known_controller import (
 from tridentify.estimation.closed_loop.moving import together_findings
 from tridentify.estimation.closed_loop.recorded_input import Worked
 from tridentify.estimation.closed_loop.unstable_answer import unstable_estimate
+from tridentify.estimation.likelihood.noise_model import STILL as NOISE_STILL
 from tridentify.estimation.methods.base import Method
 from tridentify.estimation.methods.controller_kind import (
     Controller,
@@ -70,7 +71,15 @@ from tridentify.estimation.methods.controller_kind import (
     opposite,
 )
 from tridentify.estimation.methods.given_controller import by_likelihood, how_it_worked, rule_of
-from tridentify.estimation.methods.passes import Rooted, residuals, root, without_rest
+from tridentify.estimation.methods.passes import (
+    PATIENCE,
+    STILL,
+    Rooted,
+    residuals,
+    root,
+    without_rest,
+)
+from tridentify.estimation.methods.returned_errors import with_returned_errors
 from tridentify.numerics.arrays import Array
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction
@@ -143,6 +152,8 @@ def reference_estimate(
     findings = (*following_findings(found), *findings)
     if coloured is not None:
         found = _with_noise_model(found, asked.structure, coloured, say)
+    found, wider = with_returned_errors(found)
+    told = f"{told}; {wider}" if wider else told
     if known is not None:
         given = by_likelihood(found, how, coloured is not None, say)
         told = told if how is not None and not how.explains else given.told
@@ -194,13 +205,17 @@ def _renewed(
     structure: Structure,
     near: Callable[[TransferFunction], Method],
     say: Callable[[str], None],
+    tolerance: float = STILL,
 ) -> Rooted:
     """The root with the driven input apart from the noise; the one that was, where it is worse.
 
     Where hardly any noise is left, what is follows the reference and would take its part.
     """
     try:
-        end = root(best.loops, structure, best.estimate, near, say, MOST_BESIDE, renewed=True)
+        end = root(
+            best.loops, structure, best.estimate, near, say, MOST_BESIDE,
+            renewed=True, tolerance=tolerance,
+        )  # fmt: skip
     except TridentifyError:
         return best
     before, after = (_mean_square(residuals(one.loops, one.estimate)) for one in (best, end))
@@ -268,14 +283,17 @@ def _with_noise_model(
     first = method.estimate([without_rest(one, at) for one in loops], structure)
     if not any(a.size for a in first.noise_model):
         return replace(white, estimate=first)
-    found = root(loops, structure, first, lambda _: method, say)
+    # each pass is itself no stiller than that, with its noise model
+    found = root(
+        loops, structure, first, lambda _: method, say, patience=PATIENCE, tolerance=NOISE_STILL
+    )
     found = replace(found, passes=found.passes + white.passes)
     fitted = all(isinstance(one.driven, Driven) for one in loops)
-    # at a limit of stability there is no root to come to, and each pass costs a whole estimate
-    at_limit = found.estimate.status is Status.AT_STABILITY_LIMIT
+    # at a limit there is no root to come to, and each pass costs a whole estimate
+    at_limit = found.estimate.status in (Status.AT_STABILITY_LIMIT, Status.AT_SAMPLING_LIMIT)
     if loops[0].sampling == "sampled" or not fitted or at_limit:
         return found
-    return _renewed(found, structure, lambda _: method, say)
+    return _renewed(found, structure, lambda _: method, say, tolerance=NOISE_STILL)
 
 
 def completed(

@@ -1,0 +1,88 @@
+"""Errors of coefficients that come back through a driven input which hangs on the model."""
+
+from __future__ import annotations
+
+from functools import partial
+
+import numpy as np
+import pytest
+
+from oracles import continuous_loop
+from tridentify import Record, Structure, ThreeModel, TransferFunction
+from tridentify.estimation.closed_loop.driven import driven
+from tridentify.estimation.methods.output_error import OutputError
+from tridentify.estimation.methods.passes import apart, model_like, root, without_rest
+from tridentify.estimation.methods.reference import Loop
+from tridentify.estimation.methods.returned_errors import returned, with_returned_errors
+
+N, DT = 800, 0.1
+CHANNEL = ([1.0, 1.0], [1.0, 0.5, 1.0])
+PI = (np.zeros((1, 1)), np.ones(1), np.array([15.0]), 10.0)
+SLOW = (np.zeros((1, 1)), np.ones(1), np.array([0.3]), 0.2)
+STRUCTURE = Structure(2, 1)
+
+
+def silent(_: str) -> None:
+    pass
+
+
+def record_of(seed: int, law: tuple = PI) -> Record:
+    rng = np.random.default_rng(seed)
+    r = np.repeat(rng.choice([-1.0, 1.0], N // 20), 20)
+    u, y = continuous_loop(CHANNEL, law, r, 0.015 * rng.standard_normal(N), DT)
+    return Record(u, y, dt=DT, reference=r)
+
+
+def rooted(record: Record):
+    """The root with white noise, its driven input apart from the noise."""
+    near = partial(OutputError, max_passes=60)
+    first = near(TransferFunction(*CHANNEL))
+    loops = [Loop(driven(record, between=True), "continuous")]
+    begun = root(loops, STRUCTURE, first.estimate([loops[0].instrument], STRUCTURE), near, silent)
+    return near, root(begun.loops, STRUCTURE, begun.estimate, near, silent, 12, renewed=True)
+
+
+def test_they_are_what_a_pass_makes_of_moved_coefficients():
+    """The passes' own derivative, by a pass from coefficients that are one error off."""
+    near, found = rooted(record_of(3))
+    estimate = found.estimate
+
+    def image(theta):
+        model = model_like(estimate, theta)
+        loops = apart(found.loops, estimate, model)
+        pairs = [without_rest(one, model) for one in loops]
+        return near(model).estimate(pairs, STRUCTURE).theta
+
+    theta, std = np.array(estimate.theta), np.array(estimate.std)
+    own = image(theta)
+    passed = np.column_stack([(image(theta + h) - own) / h.sum() for h in np.diag(std)])
+    back = returned(found)
+    # in units of the errors; the passes move with the noise too, by one over the root of the number
+    apart_by = (np.linalg.inv(back) - (np.eye(4) - passed)) * std / std[:, None]
+    assert np.abs(passed * std / std[:, None]).max() > 0.12
+    assert np.abs(apart_by).max() < 0.03
+    assert back[2, 2] > 1.15
+
+
+def test_the_errors_are_widened_and_told():
+    estimate = ThreeModel(controller="continuous").estimate([record_of(3)], STRUCTURE)
+    assert any("hangs on the model" in one for one in estimate.trace.decisions)
+
+
+@pytest.mark.parametrize("kind", ["sampled", "slow"])
+def test_nothing_comes_back_where_the_samples_tell_the_input(kind):
+    controller = "sampled" if kind == "sampled" else "continuous"
+    record = record_of(4, PI if kind == "sampled" else SLOW)
+    estimate = ThreeModel(controller=controller).estimate([record], STRUCTURE)
+    assert not any("hangs on the model" in one for one in estimate.trace.decisions)
+
+
+def test_a_root_that_was_not_found_with_a_model_stays():
+    record = record_of(5)
+    near = partial(OutputError, max_passes=60)
+    loops = [Loop(driven(record, between=True), "continuous")]
+    first = near(TransferFunction(*CHANNEL)).estimate([loops[0].instrument], STRUCTURE)
+    found = root(loops, STRUCTURE, first, near, silent)
+    after, told = with_returned_errors(found)
+    assert after is found
+    assert told == ""
