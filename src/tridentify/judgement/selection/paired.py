@@ -91,7 +91,7 @@ class Contrast:
 
     @property
     def as_good(self) -> bool:
-        """Whether the first one predicts no worse than the second, within a scatter that is small."""
+        """Whether the first predicts no worse than the second, within a scatter that is small."""
         if self.own <= self.other or self.groups < 2:
             return True
         if self.own > TWICE * self.other and self.own - self.other > LARGE:
