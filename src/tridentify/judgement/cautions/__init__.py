@@ -18,6 +18,7 @@ from tridentify.judgement.causes.intersample import Behaviours, intersample_find
 from tridentify.judgement.causes.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
 from tridentify.judgement.cautions.outliers import outlier_findings
+from tridentify.judgement.cautions.remedies import with_drift_tried, with_stuck_tried
 from tridentify.judgement.cautions.residual import (
     far_likelier,
     residual_findings,
@@ -67,15 +68,16 @@ def judged(
     found += [] if between is None else intersample_findings(estimate, between)
     tested = looked_at(estimate, records, known) if estimate.status.ok else ()
     found += _about_loop(estimate, records, tested)
+    hung: list[Finding] = []
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)
-        seen += sensor_findings(estimate, record, number, known)
+        hung += sensor_findings(estimate, record, number, known)
         if not tested:
             found += residual_findings(estimate, record, number, known)
     if not any(one.matters and one.code != "noise-model" for one in tested):
         # a cause that was fitted says what is slow there
-        found += slow_findings(estimate, records, known)
-    seen = _beside_causes(seen, tested)
+        found += with_drift_tried(slow_findings(estimate, records, known), estimate, records)
+    seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
     first = [*far_likelier(estimate), *_with_trial(seen, tested)]
     return joined(first, tested, [*found, *seen])
 
