@@ -49,8 +49,9 @@ NEARLY = 0.8
 """The same among rivals of one cause, of which the simplest is named."""
 
 AS_MUCH = 0.9
-"""Share of the best rival's gain from which an offset or a line is named before a bend, which
-follows what is slow as well where the input moves in a few places only."""
+"""Share of the best rival's gain from which an offset or a line is named before a bend or a change
+of the coefficients, which follow what is slow as well where the input is as slow or moves in a few
+places only."""
 
 ALONE = 0.5
 """Share of the gain of lost rows that no other cause may reach: cuts in a record explain a little
@@ -149,7 +150,9 @@ class Explanations:
         enough = MOST_OF_IT * clear[0].gain
         rank = list(CODES)
         code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
-        if code == "nonlinear" and any(self._is_a_line(one, clear[0]) for one in clear):
+        if code in ("nonlinear", "varying") and any(
+            self._is_a_line(one, clear[0]) for one in clear
+        ):
             code = "drift"
         own = [one for one in clear if one.rival.code == code]
         # a line is as plain as an offset: which of the two it is, the criterion says by itself
