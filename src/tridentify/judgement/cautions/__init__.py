@@ -17,6 +17,7 @@ from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.intersample import Behaviours, intersample_findings
 from tridentify.judgement.causes.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
+from tridentify.judgement.cautions.levels import level_findings
 from tridentify.judgement.cautions.outliers import outlier_findings
 from tridentify.judgement.cautions.remedies import with_drift_tried, with_stuck_tried
 from tridentify.judgement.cautions.residual import (
@@ -62,7 +63,7 @@ def judged(
     # those of the method come first: what it alone could see
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
     if not any(one.code == "no-response" for one in found):
-        found += order_findings(estimate, records)
+        found += [*order_findings(estimate, records), *level_findings(estimate, records)]
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
