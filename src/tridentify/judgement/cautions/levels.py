@@ -76,8 +76,8 @@ def level_findings(estimate: Estimate, records: Sequence[Record]) -> list[Findin
             f"answer: {choice.label} explains the record as well (AICc {more:+.1f}), with other "
             "coefficients. The standard errors hold for the choice that was made "
             f"({_made(estimate).label}).",
-            "State offset and initial_state (--offset, --initial) if they are known, or use a "
-            "stretch in which the input moves the system.",
+            "State offset and initial_state (--offset, --initial-state) if they are known, or use "
+            "a stretch in which the input moves the system.",
             effect=f"With the other: {estimate.names[k]} from {estimate.theta[k]:.4g} to {to:.4g} "
             f"({size[k]:.1f} standard errors).",
         )
