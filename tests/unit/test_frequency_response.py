@@ -151,3 +151,12 @@ def test_too_little_is_refused_in_one_line():
         frequency_response(Record(np.ones(20), np.arange(20.0), dt=1.0))
     with pytest.raises(DataError, match="found no record"):
         frequency_response([])
+
+
+def test_uneven_time_is_to_be_resampled():
+    rng = np.random.default_rng(7)
+    t = np.sort(rng.uniform(0.0, 30.0, 600))
+    record = Record(pulses(rng, 600), rng.standard_normal(600), t=t)
+    with pytest.raises(DataError, match=r"record\.resample"):
+        frequency_response(record)
+    assert frequency_response(record.resample(0.05)).omega.size
