@@ -7,8 +7,8 @@ F form.
 
 That ratio is too large itself where the noise has a memory and the record few of its lengths: what
 the coefficients of the noise are off by favours the larger side. Its mean under the smaller one is
-known from a few draws of noise of that model, on the same samples and columns, and the ratio is
-divided by what its mean exceeds the dimension by (Bartlett 1937, by draws: Rocke 1989). The draws
+known from a few draws of noise of that model, on the same samples and columns, and the ratio, in F
+form, is divided by what that mean is too large by (Bartlett 1937, by draws: Rocke 1989). The draws
 are made only where they can matter: where the ratio rejects as it is and would not, halved.
 
 References: M. Bartlett, Proc. Royal Soc. London A 160 (1937) 268-282. D. Rocke, J. American
@@ -125,23 +125,18 @@ def checked(known: Known, extra: tuple[Array, ...], p: float) -> float:
     if k < 1 or freedom < 1:
         return 1.0
 
-    def of(ratio: float) -> float:
-        gain = np.expm1(ratio / output.count)
-        return float(fdtrc(k, freedom, gain * freedom / k))
+    def f_of(ratio: float) -> float:
+        return float(np.expm1(max(ratio, 0.0) / output.count)) * freedom / k
 
-    ratio = max(before - after, 0.0)
-    if of(ratio) < WORTH_DRAWING and of(ratio / MOST_TOO_LARGE) > CALLED:
-        ratio /= _too_large(known, extra, k)
-    return max(p, of(ratio))
-
-
-def _too_large(known: Known, extra: tuple[Array, ...], k: int) -> float:
-    """Mean of the likelihood ratio over its dimension, of noise alone; at least one."""
-    both = joined(known.columns, extra)
-    ratios = [
-        before - _deviance(drawn, both, known.order, known.most)[0] for drawn, before in known.draws
-    ]
-    return float(np.clip(np.mean(ratios) / k, 1.0, MOST_TOO_LARGE))
+    f = f_of(before - after)
+    if fdtrc(k, freedom, f) < WORTH_DRAWING and fdtrc(k, freedom, f / MOST_TOO_LARGE) > CALLED:
+        both = joined(known.columns, extra)
+        drawn = [
+            f_of(alone - _deviance(one, both, order, known.most)[0]) for one, alone in known.draws
+        ]
+        usual = freedom / max(freedom - 2.0, 1.0)
+        f /= float(np.clip(np.mean(drawn) / usual, 1.0, MOST_TOO_LARGE))
+    return max(p, float(fdtrc(k, freedom, f)))
 
 
 def least_checked(known: Known, by_score: list[tuple[float, tuple[Array, ...]]]) -> float:
