@@ -6,10 +6,11 @@ rejects, the likelihood ratio decides, each side with a noise model of its own o
 F form.
 
 That ratio is too large itself where the noise has a memory and the record few of its lengths: what
-the coefficients of the noise are off by favours the larger side. Its mean under the smaller one is
-known from a few draws of noise of that model, on the same samples and columns, and the ratio, in F
-form, is divided by what that mean is too large by (Bartlett 1937, by draws: Rocke 1989). The draws
-are made only where they can matter: where the ratio rejects as it is and would not, halved.
+the coefficients of the noise are off by favours the larger side. Its mean under noise alone is
+known from a few draws of the larger side's noise, on the same samples and columns (that of the
+smaller side may be what the columns explain), and the ratio, in F form, is divided by what that
+mean is too large by (Bartlett 1937, by draws: Rocke 1989). The draws are made only where they can
+matter: where the ratio rejects as it is and would not, divided by all that it may be too large by.
 
 References: M. Bartlett, Proc. Royal Soc. London A 160 (1937) 268-282. D. Rocke, J. American
 Statistical Association 84 (1989) 598-601.
@@ -18,6 +19,7 @@ Statistical Association 84 (1989) 598-601.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cached_property
 
@@ -80,21 +82,6 @@ class Known:
         """As `_deviance`, with a noise model of that order."""
         return _deviance(self.output, self.columns, self.order, self.most)
 
-    @cached_property
-    def draws(self) -> list[tuple[Output, float]]:
-        """Noise of the model that is theirs alone in place of the residual, and its deviance."""
-        a = modelled(self.output, self.columns, np.zeros(0), self.most, 0, self.order)
-        rng, found = np.random.default_rng(0), []
-        for _ in range(DRAWS):
-            residual = []
-            for one in self.output.residual:
-                e = rng.standard_normal(one.size + SETTLED)
-                v = lfilter([1.0], np.append(1.0, a), e)[SETTLED:]
-                residual.append(np.where(np.isfinite(one), v, np.nan))
-            drawn = replace(self.output, residual=tuple(residual))
-            found.append((drawn, _deviance(drawn, self.columns, self.order, self.most)[0]))
-        return found
-
 
 def checked(known: Known, extra: tuple[Array, ...], p: float) -> float:
     """A p-value that holds although the noise's model was fitted to the same samples.
@@ -131,12 +118,28 @@ def checked(known: Known, extra: tuple[Array, ...], p: float) -> float:
     f = f_of(before - after)
     if fdtrc(k, freedom, f) < WORTH_DRAWING and fdtrc(k, freedom, f / MOST_TOO_LARGE) > CALLED:
         both = joined(known.columns, extra)
-        drawn = [
-            f_of(alone - _deviance(one, both, order, known.most)[0]) for one, alone in known.draws
-        ]
+        noise = modelled(output, both, np.zeros(0), known.most, 0, order)
+        drawn = []
+        for one in _draws(output, noise):
+            smaller, wider = (
+                _deviance(one, columns, order, known.most)[0] for columns in (known.columns, both)
+            )
+            drawn.append(f_of(smaller - wider))
         usual = freedom / max(freedom - 2.0, 1.0)
         f /= float(np.clip(np.mean(drawn) / usual, 1.0, MOST_TOO_LARGE))
     return max(p, float(fdtrc(k, freedom, f)))
+
+
+def _draws(output: Output, noise: Array) -> Iterator[Output]:
+    """Noise of a model in place of the residual; always the same draws."""
+    rng = np.random.default_rng(0)
+    for _ in range(DRAWS):
+        residual = []
+        for one in output.residual:
+            e = rng.standard_normal(one.size + SETTLED)
+            v = lfilter([1.0], np.append(1.0, noise), e)[SETTLED:]
+            residual.append(np.where(np.isfinite(one), v, np.nan))
+        yield replace(output, residual=tuple(residual))
 
 
 def least_checked(known: Known, by_score: list[tuple[float, tuple[Array, ...]]]) -> float:
