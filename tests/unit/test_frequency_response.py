@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import DataError, Record, TransferFunction, simulate
+from tridentify.errors import DataWarning
 from tridentify.judgement.advice import frequency_response
 
 LIGHT = TransferFunction([2.0, 3.0], [1.0, 0.3, 9.0])
@@ -159,4 +160,6 @@ def test_uneven_time_is_to_be_resampled():
     record = Record(pulses(rng, 600), rng.standard_normal(600), t=t)
     with pytest.raises(DataError, match=r"record\.resample"):
         frequency_response(record)
-    assert frequency_response(record.resample(0.05)).omega.size
+    with pytest.warns(DataWarning, match="interpolation"):
+        even = record.resample(0.05)
+    assert frequency_response(even).omega.size
