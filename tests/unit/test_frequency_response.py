@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tridentify import DataError, Record, TransferFunction, simulate
+from tridentify.errors import DataWarning
 from tridentify.judgement.advice import frequency_response
 
 LIGHT = TransferFunction([2.0, 3.0], [1.0, 0.3, 9.0])
@@ -151,3 +152,14 @@ def test_too_little_is_refused_in_one_line():
         frequency_response(Record(np.ones(20), np.arange(20.0), dt=1.0))
     with pytest.raises(DataError, match="found no record"):
         frequency_response([])
+
+
+def test_uneven_time_is_to_be_resampled():
+    rng = np.random.default_rng(7)
+    t = np.sort(rng.uniform(0.0, 30.0, 600))
+    record = Record(pulses(rng, 600), rng.standard_normal(600), t=t)
+    with pytest.raises(DataError, match=r"record\.resample"):
+        frequency_response(record)
+    with pytest.warns(DataWarning, match="interpolation"):
+        even = record.resample(0.05)
+    assert frequency_response(even).omega.size

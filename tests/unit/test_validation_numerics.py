@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from tridentify.judgement.validation.distribution import distribution
 from tridentify.numerics.lagrange import added, holm, span
-from tridentify.numerics.portmanteau import (
-    autocorrelation_of_fit,
-    portmanteau,
-    spread_of_statistics,
-)
+from tridentify.numerics.portmanteau import autocorrelation_of_fit, portmanteau
 
 
 def test_the_test_of_added_columns_is_that_of_two_regressions():
@@ -59,6 +57,7 @@ def test_the_moments_of_the_autocorrelation_are_exact(gaps):
     blocks = [np.split(q, [17])[k] for k in range(2)]
     e = m @ rng.standard_normal(29)
     found = autocorrelation_of_fit(np.split(e, [17]), seen, blocks, 5)
+    shifts, pairs = [], []
     for k in range(1, 6):
         shift = np.zeros((29, 29))
         for start, n in ((0, 17), (17, 12)):
@@ -72,6 +71,14 @@ def test_the_moments_of_the_autocorrelation_are_exact(gaps):
         assert found.value[k - 1] == pytest.approx(e @ shift @ e / (e @ e))
         assert found.mean[k - 1] == pytest.approx(mean)
         assert found.std[k - 1] == pytest.approx(np.sqrt(second - mean**2))
+        shifts.append((a, mean))
+    if not gaps:
+        for (a, one), (b, other) in pairwise(shifts):
+            k = len(pairs)
+            cov = 2 * np.trace(a @ b) + one * other * freedom**2
+            pairs.append(cov / (freedom * (freedom + 2)) - one * other)
+            together = found.together[k, k + 1] * found.std[k] * found.std[k + 1]
+            assert together == pytest.approx(pairs[-1])
 
 
 def test_a_noise_model_costs_the_statistic_its_degrees_of_freedom():
@@ -91,28 +98,28 @@ def test_a_noise_model_costs_the_statistic_its_degrees_of_freedom():
     assert np.mean(total, axis=0) == pytest.approx([1.0, 4.0, 11.0], rel=0.2)
 
 
-def test_a_short_record_has_a_longer_tail_than_chi_square():
-    t = np.linspace(0, 15, 100)
-    slow = np.stack([np.ones(100), np.exp(-t), t * np.exp(-t), np.exp(-2 * t), t**2 * np.exp(-t)])
+@pytest.mark.parametrize("n", [100, 1500])
+def test_white_noise_is_rejected_as_often_as_stated(n):
+    t = np.linspace(0, 15, n)
+    slow = np.stack([np.ones(n), np.exp(-t), t * np.exp(-t), np.exp(-2 * t), t**2 * np.exp(-t)])
     q = span(slow.T)
-    seen = [np.ones(100)]
-    found = autocorrelation_of_fit([np.zeros(100)], seen, [q], 10)
-    spread = spread_of_statistics(found, np.zeros(0), seen, [q])
-    assert spread[:, 0] == pytest.approx([1.0, 4.0, 10.0], rel=0.1)
-    assert spread[-1, 1] > 1.2 * 20.0
-    e = np.random.default_rng(4).standard_normal((4000, 100))
+    lags = 25
+    found = autocorrelation_of_fit([np.zeros(n)], [np.ones(n)], [q], lags)
+    draws = 4000 if n < 500 else 2000
+    e = np.random.default_rng(4).standard_normal((draws, n))
     e -= (e @ q) @ q.T
-    values = np.stack([np.sum(e[:, k:] * e[:, :-k], axis=1) for k in range(1, 11)], axis=1)
+    values = np.stack([np.sum(e[:, k:] * e[:, :-k], axis=1) for k in range(1, lags + 1)], axis=1)
     values /= np.sum(e * e, axis=1, keepdims=True)
-    short = sum(
-        portmanteau(found._replace(value=v), np.zeros(0)).p_values[-1] < 0.003 for v in values
-    )
-    right = sum(
-        portmanteau(found._replace(value=v), np.zeros(0), spread).p_values[-1] < 0.003
-        for v in values
-    )
-    assert short > 22
-    assert right < 22
+    tests = [portmanteau(found._replace(value=v), np.zeros(0)) for v in values]
+    rate = 0.01
+    p_values = np.array([one.p_values for one in tests])
+    rejected = np.sum(p_values < rate, axis=0)
+    # within three standard deviations of what is stated
+    chance = 3.0 * np.sqrt(draws * rate)
+    assert np.all(np.abs(rejected - draws * rate) < chance)
+    if n == 100:
+        chi_square = stats.chi2.sf([one.statistics[-1] for one in tests], lags)
+        assert np.sum(chi_square < rate) > draws * rate + 2 * chance
 
 
 def test_the_test_of_the_distribution_is_that_of_dagostino_and_pearson():

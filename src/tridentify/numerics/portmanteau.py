@@ -18,29 +18,32 @@ Coefficients of the system need no such correction when the noise is independent
 (Pierce 1972).
 
 Sums of squares of scaled correlations have a longer tail than chi-square in a short record, the
-longer the more lags. Their mean and variance are taken from draws of white noise put through the
-same projection, and a scaled chi-square with these is used.
+longer the more lags: correlations of one draw that are large are large together, as
+``cov(r(j)^2, r(k)^2)`` is about ``4 / m`` of the product of their variances. So the sum of ``d`` of
+them has the mean ``d`` and the variance ``2 d (1 + 2 (d + 2) / m)`` (Davies, Triggs & Newbold 1977
+have ``d - 5``). That is a chi-square over another one, independent of it, with ``m / 2 + 4``
+degrees of freedom: an F distribution, scaled to the mean. A fit that takes what is slow leaves
+neighbouring lags correlated, by ``C``, say; then ``d`` is ``tr(C)^2 / tr(C^2)``.
 
 References: E. Pitman, Proc. Cambridge Phil. Soc. 33 (1937) 212-222. J. Durbin & G. Watson,
-Biometrika 37 (1950) 409-428. G. Box & D. Pierce, J. American Statistical Association 65 (1970)
+Biometrika 37 (1950) 409-428. N. Davies, C. Triggs & P. Newbold, Biometrika 64 (1977) 517-522. G.
+Box & D. Pierce, J. American Statistical Association 65 (1970)
 1509-1526. G. Ljung & G. Box, Biometrika 65 (1978) 297-303. D. Pierce, Biometrika 59 (1972) 411-426.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import irfft, next_fast_len, rfft
-from scipy.special import chdtrc
+from scipy.special import fdtrc
 
 from tridentify.numerics.arrays import Array
 
-DRAWS = 1000
-SHORT, LONG_SERIES = 500, 5_000
+SHORT = 500
+"""Samples below which the traces are worked out with all digits."""
 
 
 class Autocorrelation(NamedTuple):
@@ -52,11 +55,17 @@ class Autocorrelation(NamedTuple):
         As computed.
     mean, std : (K,) arrays
         Of a residual of white noise; ``std`` is zero where no pair of samples is there.
+    together : (K, K) array
+        Correlations of the values at two lags.
+    freedom : float
+        Samples less unknowns.
     """
 
     value: Array
     mean: Array
     std: Array
+    together: Array
+    freedom: float
 
 
 def autocorrelation_of_fit(
@@ -92,7 +101,8 @@ def autocorrelation_of_fit(
     kind = np.float64 if m + p < SHORT else np.float32
     small: list[NDArray[Any]] = [np.ascontiguousarray(q, dtype=kind) for q in bases]
     sizes = [np.einsum("ij,ij->i", q, q).astype(np.float64) for q in small]
-    value, mean, std = np.zeros((3, n_lags))
+    value, trace = np.zeros((2, n_lags))
+    tables, square = np.zeros((n_lags, p * p)), np.zeros((n_lags, n_lags))
     for k in range(1, n_lags + 1):
         product, pairs, twice = 0.0, 0.0, 0.0
         table = np.zeros((p, p))
@@ -108,14 +118,50 @@ def autocorrelation_of_fit(
                 ends = np.einsum("ij,ij->i", q[2 * k :], q[: -2 * k])
                 twice += 2.0 * float(there[k:-k] @ ends)
         table = 0.5 * (table + table.T)
-        trace = -float(np.trace(table))
-        square = max(0.5 * pairs - 0.5 * twice + float(np.sum(table * table)), 0.0)
+        tables[k - 1], trace[k - 1] = table.ravel(), -float(np.trace(table))
         value[k - 1] = product / power if power > 0 else 0.0
-        if pairs and m > 0:
-            mean[k - 1] = trace / m
-            second = (trace**2 + 2.0 * square) / (m * (m + 2.0))
-            std[k - 1] = np.sqrt(max(second - (trace / m) ** 2, 0.0))
-    return Autocorrelation(value, mean, std)
+        square[k - 1, k - 1] = 0.5 * pairs - 0.5 * twice if pairs else np.nan
+    apart = ~np.eye(n_lags, dtype=bool)
+    if p:
+        parts = np.stack([_shifted(q, n_lags) for q in small])
+        square[apart] = -2.0 * parts.sum(axis=0)[apart]
+    square += tables @ tables.T
+    return _moments(value, trace, square, m)
+
+
+def _shifted(q: NDArray[Any], n_lags: int) -> Array:
+    """(K, K) ``tr(Q' L_j L_k Q)`` of one experiment, ``L_k q`` being ``(q(t + k) + q(t - k)) / 2``.
+
+    All samples count as there, which matters beside the diagonal only little.
+    """
+    n = q.shape[0]
+    found = np.zeros((n_lags, n_lags))
+    for apart in range(min(2 * n_lags, n - 1) + 1):
+        own = np.einsum("ij,ij->i", q[apart:], q[: n - apart])
+        sums = np.concatenate([[0.0], np.cumsum(own, dtype=np.float64)])
+        if 0 < apart < n_lags:
+            j = np.arange(1, n_lags - apart + 1)
+            k = j + apart
+            # both later, and both earlier, as far as samples go
+            both = sums[-1] - sums[np.minimum(j, n - apart)] + sums[np.maximum(n - k, 0)]
+            found[j - 1, k - 1] += both
+            found[k - 1, j - 1] += both
+        j = np.arange(max(apart - n_lags, 1), min(n_lags, apart - 1) + 1)
+        found[j - 1, apart - j - 1] += 2.0 * sums[-1]
+    return np.asarray(0.25 * found)
+
+
+def _moments(value: Array, trace: Array, square: Array, m: float) -> Autocorrelation:
+    """Means, standard deviations and correlations from the traces."""
+    mean, cov = np.zeros(value.size), np.zeros(square.shape)
+    if m > 0:
+        mean = np.where(np.isfinite(np.diag(square)), trace / m, 0.0)
+        cov = (np.outer(trace, trace) + 2.0 * square) / (m * (m + 2.0))
+        cov = np.nan_to_num(cov - np.outer(trace, trace) / m**2)
+    std = np.sqrt(np.maximum(np.diag(cov), 0.0))
+    size = np.where(std > 0, std, 1.0)
+    together = np.clip(cov / np.outer(size, size), -1.0, 1.0)
+    return Autocorrelation(value, mean, std, together, m)
 
 
 class Portmanteau(NamedTuple):
@@ -140,7 +186,7 @@ class Portmanteau(NamedTuple):
         return min(1.0, len(self.p_values) * min(self.p_values, default=1.0))
 
 
-def portmanteau(found: Autocorrelation, noise: Array, spread: Array | None = None) -> Portmanteau:
+def portmanteau(found: Autocorrelation, noise: Array) -> Portmanteau:
     """Ljung-Box tests over few lags and over all, for weak noise of short memory and for the rest.
 
     Parameters
@@ -148,9 +194,6 @@ def portmanteau(found: Autocorrelation, noise: Array, spread: Array | None = Non
     found : Autocorrelation
     noise : (p,) array
         Coefficients of the autoregressive model that whitened the residual; empty for none.
-    spread : (n_tests, 2) array, optional
-        Mean and variance of the statistics (`spread_of_statistics`); by default those of
-        chi-square, which has too short a tail for a short record.
 
     Returns
     -------
@@ -164,65 +207,15 @@ def portmanteau(found: Autocorrelation, noise: Array, spread: Array | None = Non
     True
     """
     projections = _projections(found.std > 0, noise)
-    values = _statistics(found.value[None, :], found, projections)[0]
-    freedom = np.array([one.dimension for one in projections], dtype=np.float64)
-    if spread is None:
-        spread = np.stack([freedom, 2.0 * freedom], axis=1)
-    mean, variance = spread[:, 0], spread[:, 1]
-    p_values = chdtrc(2.0 * mean**2 / variance, values * 2.0 * mean / variance)
+    values, (mean, spread) = _statistics(found, projections)
+    freedom, other = mean**2 / spread, max(found.freedom, 0.0) / 2.0 + 4.0
+    p_values = fdtrc(freedom, other, values / mean * other / (other - 2.0))
     return Portmanteau(
         tuple(one.lags for one in projections),
         tuple(values.tolist()),
         tuple(one.dimension for one in projections),
         tuple(np.asarray(p_values).tolist()),
     )
-
-
-def spread_of_statistics(
-    found: Autocorrelation, noise: Array, seen: Sequence[Array], bases: Sequence[Array]
-) -> Array | None:
-    """Mean and variance of the statistics for white Gaussian noise and this very fit, by draws.
-
-    The draws are always the same ones. In long records, where chi-square serves, None.
-
-    Parameters
-    ----------
-    found, noise
-        As for `portmanteau`.
-    seen, bases
-        As for `autocorrelation_of_fit`.
-
-    Returns
-    -------
-    (n_tests, 2) array or None
-    """
-    total = sum(one.size for one in seen)
-    if total > LONG_SERIES:
-        return None
-    e = _draws(DRAWS if total < SHORT else DRAWS // 4, total) * np.concatenate(
-        seen, dtype=np.float32
-    )
-    q = np.vstack(bases, dtype=np.float32)
-    e -= (e @ q) @ q.T
-    products = np.zeros((e.shape[0], found.value.size))
-    for one in np.split(e, np.cumsum([one.size for one in seen])[:-1], axis=1):
-        size = next_fast_len(one.shape[1] + found.value.size + 1, real=True)
-        half = rfft(one, size, axis=1)
-        own = irfft(half.real**2 + half.imag**2, size, axis=1)[
-            :, 1 : min(found.value.size, one.shape[1] - 1) + 1
-        ]
-        products[:, : own.shape[1]] += own
-    values = products / np.sum(e * e, axis=1, keepdims=True)
-    statistics = _statistics(values, found, _projections(found.std > 0, noise))
-    return np.stack([statistics.mean(axis=0), statistics.var(axis=0)], axis=1)
-
-
-@lru_cache(maxsize=2)
-def _draws(count: int, total: int) -> NDArray[np.float32]:
-    """White Gaussian noise, always the same; kept for the tests of one record."""
-    found = np.random.default_rng(0).standard_normal((count, total)).astype(np.float32)
-    found.flags.writeable = False
-    return found
 
 
 class _Projection(NamedTuple):
@@ -255,12 +248,15 @@ def _projections(there: NDArray[np.bool_], noise: Array) -> list[_Projection]:
     return found
 
 
-def _statistics(values: Array, found: Autocorrelation, projections: list[_Projection]) -> Array:
-    """(n_draws, n_tests) sums of squares of the scaled correlations ``values`` (n_draws, K)."""
+def _statistics(found: Autocorrelation, projections: list[_Projection]) -> tuple[Array, Array]:
+    """Sums of squares of the scaled correlations, and traces of their covariance and its square."""
     there = found.std > 0
-    z = np.where(there, (values - found.mean) / np.where(there, found.std, 1.0), 0.0)
-    columns = []
+    z = np.where(there, (found.value - found.mean) / np.where(there, found.std, 1.0), 0.0)
+    sums, traces = [], []
     for one in projections:
-        left = z[:, : one.lags]
-        columns.append(np.sum((left - (left @ one.lost) @ one.lost.T) ** 2, axis=1))
-    return np.stack(columns, axis=1) if columns else np.zeros((z.shape[0], 0))
+        kept = np.eye(one.lags) - one.lost @ one.lost.T
+        left = kept @ z[: one.lags]
+        cov = kept @ found.together[: one.lags, : one.lags] @ kept
+        sums.append(float(left @ left))
+        traces.append((float(np.trace(cov)), float(np.sum(cov * cov))))
+    return np.array(sums), np.array(traces).reshape(-1, 2).T

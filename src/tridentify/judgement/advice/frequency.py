@@ -197,10 +197,12 @@ def frequency_response(records: Record | Sequence[Record]) -> FrequencyResponse:
         lines = sum(part.omega.size for part in parts)
         needed = (DEGREE + 1) * (first.n_inputs + len(parts)) + 1 + SPARE
         if lines < needed:
+            do = "record longer, or leave inputs out"
+            if any(record.dt is None for record in given):
+                do = "resample to even time before (record.resample)"
             raise TooFewSamplesError(
                 f"found {lines} lines in the spectrum of output {name} (stretches of at least 32 "
-                f"samples without a gap); expected {needed} for {first.n_inputs} inputs; record "
-                "longer, or leave inputs out"
+                f"samples without a gap); expected {needed} for {first.n_inputs} inputs; {do}"
             )
     omega = _frequencies([part for parts, _ in cut for part in parts])
     size = (omega.size, first.n_outputs, first.n_inputs)

@@ -49,8 +49,9 @@ NEARLY = 0.8
 """The same among rivals of one cause, of which the simplest is named."""
 
 AS_MUCH = 0.9
-"""Share of the best rival's gain from which an offset or a line is named before a bend, which
-follows what is slow as well where the input moves in a few places only."""
+"""Share of the best rival's gain from which an offset or a line is named before a bend or a change
+of the coefficients, which follow what is slow as well where the input is as slow or moves in a few
+places only."""
 
 ALONE = 0.5
 """Share of the gain of lost rows that no other cause may reach: cuts in a record explain a little
@@ -149,10 +150,15 @@ class Explanations:
         enough = MOST_OF_IT * clear[0].gain
         rank = list(CODES)
         code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
-        if code == "nonlinear" and any(self._is_a_line(one, clear[0]) for one in clear):
+        if code in ("nonlinear", "varying") and any(
+            self._is_a_line(one, clear[0]) for one in clear
+        ):
             code = "drift"
         own = [one for one in clear if one.rival.code == code]
-        near = [one for one in own if one.gain >= NEARLY * own[0].gain]
+        # a line is as plain as an offset: which of the two it is, the criterion says by itself
+        lines = [one.gain for one in own if one.rival.refits] if code == "drift" else []
+        least = max(lines, default=0.0) - CLEARLY
+        near = [one for one in own if one.gain >= max(NEARLY * own[0].gain, least)]
         return min(near, key=lambda one: (one.unknowns, -one.gain))
 
     def _is_a_line(self, one: Explanation, first: Explanation) -> bool:
@@ -219,6 +225,7 @@ def explain(
         if code not in skip:
             found += _fitted(rivals, base)
     found += _sharper(found, settled, base)
+    found += _lines_again(found, settled, base)
     if only:
         return Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
     return _ranked(found, settled, base, None if skip else present)
@@ -286,6 +293,23 @@ def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> l
         if better[-1].gain < best.gain + CLEARLY:
             break
     return better
+
+
+def _lines_again(
+    found: Sequence[Explanation], present: Present, base: Attempt
+) -> list[Explanation]:
+    """An offset and a line from where slow waves led, which may take both for a response no more.
+
+    A model that was fitted to a drift has poles that make one, and a line beside these gains
+    nothing.
+    """
+    own = [one for one in found if one.rival.code == "drift" and one.is_clear]
+    best = max(own, key=lambda one: one.gain, default=None)
+    if best is None or best.rival.refits:
+        return []
+    (end,) = best.attempts
+    rivals = (replace(one, starts=((end.point.poles,),)) for one in drift_rivals(present))
+    return _fitted(rivals, base)
 
 
 def _from(present: Present, base: Attempt) -> Present:

@@ -181,7 +181,7 @@ def drift_rivals(present: Present) -> Iterator[Rival]:
             "drift",
             other,
             "a drift of the output",
-            "Estimate a drift along (drift=True; --drift yes), or cut the record.",
+            "Estimate a drift along (drift=True; --drift yes).",
         )
 
 

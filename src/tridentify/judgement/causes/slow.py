@@ -20,18 +20,11 @@ HALVES = 6
 """Half periods of the fastest wave in a record: faster ones are noise, or a response."""
 
 
-EVEN = (
-    "Use a noise model (noise='ar', --noise ar), which takes what wanders for noise, or cut the "
-    "record to where it is calm; a straight drift (drift=True) does not stand for it."
-)
-"""What to do about a slow disturbance."""
-
 UNEVEN = (
     "Resample the record to even time (record.resample) for a noise model, which takes what "
-    "wanders for noise, or cut it to where it is calm; a straight drift (drift=True) does not "
-    "stand for it."
+    "wanders for noise; a straight drift (drift=True) does not stand for it."
 )
-"""The same where time is uneven, on which no autoregression stands."""
+"""What to do about a slow disturbance where time is uneven, on which no autoregression stands."""
 
 
 def slow_waves(place: Array) -> Array:
@@ -52,6 +45,6 @@ def slow_rivals(present: Present) -> Iterator[Rival]:
         "drift",
         freed,
         "a slow disturbance of the output",
-        UNEVEN if any(record.dt is None for record in present.records) else EVEN,
+        UNEVEN if any(record.dt is None for record in present.records) else "",
         refits=False,
     )

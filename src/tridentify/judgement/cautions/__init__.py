@@ -17,7 +17,9 @@ from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.intersample import Behaviours, intersample_findings
 from tridentify.judgement.causes.told_apart import loop_findings
 from tridentify.judgement.cautions.coefficients import coefficient_findings
+from tridentify.judgement.cautions.levels import level_findings
 from tridentify.judgement.cautions.outliers import outlier_findings
+from tridentify.judgement.cautions.remedies import with_drift_tried, with_stuck_tried
 from tridentify.judgement.cautions.residual import (
     far_likelier,
     residual_findings,
@@ -61,21 +63,22 @@ def judged(
     # those of the method come first: what it alone could see
     found = [*estimate.findings, *coefficient_findings(estimate, records)]
     if not any(one.code == "no-response" for one in found):
-        found += order_findings(estimate, records)
+        found += [*order_findings(estimate, records), *level_findings(estimate, records)]
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
     tested = looked_at(estimate, records, known) if estimate.status.ok else ()
     found += _about_loop(estimate, records, tested)
+    hung: list[Finding] = []
     for number, record in enumerate(records):
         found += _missing(record, number if len(records) > 1 else None)
-        seen += sensor_findings(estimate, record, number, known)
+        hung += sensor_findings(estimate, record, number, known)
         if not tested:
             found += residual_findings(estimate, record, number, known)
     if not any(one.matters and one.code != "noise-model" for one in tested):
         # a cause that was fitted says what is slow there
-        found += slow_findings(estimate, records, known)
-    seen = _beside_causes(seen, tested)
+        found += with_drift_tried(slow_findings(estimate, records, known), estimate, records)
+    seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
     first = [*far_likelier(estimate), *_with_trial(seen, tested)]
     return joined(first, tested, [*found, *seen])
 

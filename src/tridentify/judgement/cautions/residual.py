@@ -94,7 +94,8 @@ def slow_findings(
     """A slow disturbance that the noise model takes for noise.
 
     A score test cannot see it: under such a model of the noise slow waves are what is to be
-    expected. So it is looked for in the residual that is not whitened.
+    expected. So it is looked for in the residual that is not whitened. What to do about it is left
+    to who tries it (`remedies.with_drift_tried`).
     """
     if any(told.startswith(RESPONSE_AS_NOISE) for told in estimate.trace.decisions):
         return []
@@ -112,7 +113,7 @@ def slow_findings(
                 f"% is slower than {HALVES // 2} periods a record. It is taken for noise, which "
                 "holds as long as it does not follow the input; slow coefficients and the static "
                 "gain rest on that.",
-                "Try a drift (drift=True, --drift yes), or cut the record to where it is calm.",
+                "",
                 (name,),
             )
         )

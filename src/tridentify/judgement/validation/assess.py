@@ -29,10 +29,10 @@ from tridentify.judgement.causes.fewer import VAGUE
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.validation.correlation import correlate
 from tridentify.judgement.validation.evidence import (
-    CALLED,
     Evidence,
     suspicious,
 )
+from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.remembered import remember, remembered
 from tridentify.judgement.validation.residuals import View, look
 from tridentify.judgement.validation.result import (

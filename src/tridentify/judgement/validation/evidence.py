@@ -20,7 +20,6 @@ but the past inputs is tested on what that leaves.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cached_property
@@ -33,34 +32,32 @@ from scipy.special import fdtrc
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import bends, columns
 from tridentify.judgement.validation.distribution import distribution
+from tridentify.judgement.validation.likelihood_ratio import (
+    CALLED,
+    ROUNDS,
+    Known,
+    checked,
+    joined,
+    least_checked,
+    modelled,
+    split,
+    whitened,
+)
 from tridentify.judgement.validation.residuals import Output, View
 from tridentify.judgement.validation.result import Normality
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
+from tridentify.numerics.autoregression import most_coefficients
 from tridentify.numerics.lagrange import added_each, span
-from tridentify.numerics.least_squares import triangle
 from tridentify.numerics.portmanteau import (
     Autocorrelation,
     Portmanteau,
     autocorrelation_of_fit,
     portmanteau,
-    spread_of_statistics,
 )
 from tridentify.numerics.robust import median_scale
 
 PRETEST = 0.05
 """p-value of whiteness up to which a noise model is fitted before other tests."""
-ROUNDS = 2
-"""Turns of columns and noise model: the second one has the right weights."""
-WORTH_CHECKING = 0.02
-"""p-value of a score test above which the dearer likelihood ratio is not made: it could not fall
-below `CALLED`."""
-LONG = 20_000
-"""Samples from which the score test is left as it is: the likelihood ratio takes several fits, and
-differs from it where samples are few."""
-CALLED = 0.001
-"""p-value from which something is called wrong: several tests of each output together call about
-one right model in a hundred wrong (benchmarks, validation)."""
 SUSPICIOUS = 0.01
 """p-value of a score test from which an estimate is looked at more closely."""
 LEAST_FEEDBACK = 0.02
@@ -171,11 +168,11 @@ class _Tests:
 
     @cached_property
     def _larger(self) -> tuple[Array, ...]:
-        return _joined(self._fitted, self._found.past, self._found.wave)
+        return joined(self._fitted, self._found.past, self._found.wave)
 
     @cached_property
     def _own(self) -> tuple[Array, Array]:
-        return _white(self._output, self._output.noise, self._fitted)
+        return whitened(self._output, self._output.noise, self._fitted)
 
     @cached_property
     def autocorrelation(self) -> Autocorrelation:
@@ -205,15 +202,15 @@ class _Tests:
 
     @cached_property
     def _white_fit(self) -> tuple[Array, Array]:
-        return _white(self._output, self.noise, self._fitted)
+        return whitened(self._output, self.noise, self._fitted)
 
     @cached_property
     def _white_past(self) -> Array:
         return self._output.white(self._found.past, self.noise)
 
     @cached_property
-    def _alone(self) -> _Known:
-        return _Known(self._output, self._fitted, self.noise)
+    def _alone(self) -> Known:
+        return Known(self._output, self._fitted, self.noise)
 
     @cached_property
     def by_input(self) -> tuple[float, ...]:
@@ -229,30 +226,30 @@ class _Tests:
         return (self._found.wave,) if self.level < CALLED else ()
 
     @cached_property
-    def _wide(self) -> _Known:
-        columns = _joined(self._fitted, self._found.past, *self._drift)
-        return _Known(self._output, columns, self.noise)
+    def _wide(self) -> Known:
+        columns = joined(self._fitted, self._found.past, *self._drift)
+        return Known(self._output, columns, self.noise)
 
     @cached_property
     def feedback(self) -> float:
         extra = self._found.coming
-        return _checked(self._wide, extra, self._score(extra, self._wide, LEAST_FEEDBACK))
+        return checked(self._wide, extra, self._score(extra, self._wide, LEAST_FEEDBACK))
 
     @cached_property
     def later(self) -> float:
         more = (self._found.past,) if self.past < CALLED else ()
         known = self._alone
         if more or self._drift:
-            columns = _joined(self._fitted, *more, *self._drift)
-            known = _Known(self._output, columns, self.noise)
-        return _checked(known, self._found.later, self._score(self._found.later, known))
+            columns = joined(self._fitted, *more, *self._drift)
+            known = Known(self._output, columns, self.noise)
+        return checked(known, self._found.later, self._score(self._found.later, known))
 
     @cached_property
     def linear(self) -> float:
         bent = [(self._score(one, self._wide), one) for one in self._found.bends]
-        return min(1.0, len(bent) * _least_checked(self._wide, bent))
+        return min(1.0, len(bent) * least_checked(self._wide, bent))
 
-    def _score(self, extra: tuple[Array, ...], known: _Known, least: float = 0.0) -> float:
+    def _score(self, extra: tuple[Array, ...], known: Known, least: float = 0.0) -> float:
         output, e = self._output, self._white_fit[0]
         white = output.white(extra, self.noise)
         (test,) = added_each(e, known.basis, [white], output.count)
@@ -300,7 +297,7 @@ class _Tests:
             even = _levelled(self._output, self.innovations, self.edges)
             own = np.nan_to_num(np.concatenate(even)), own[1]
             found = _autocorrelation(self._output, own, self._n_lags)
-        return _portmanteau(self._output, own, found, self._output.noise)
+        return portmanteau(found, self._output.noise)
 
     @cached_property
     def coloured(self) -> float:
@@ -321,9 +318,9 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
     """
     output = view.outputs[index]
     found = _Columns(view, index, estimate)
-    e, basis = _white(output, output.noise, _fitted(output))
+    e, basis = whitened(output, output.noise, _fitted(output))
     kinds = (*found.late, *found.bends, found.past, found.wave, found.later, found.coming)
-    white = output.white(_joined(*kinds), output.noise)
+    white = output.white(joined(*kinds), output.noise)
     ends = np.cumsum([one[0].shape[1] for one in kinds])[:-1]
     tests = added_each(e, basis, np.split(white, ends, axis=1), output.count)
     return min(test.p_value for test in tests) < SUSPICIOUS
@@ -331,7 +328,7 @@ def suspicious(view: View, index: int, estimate: Estimate) -> bool:
 
 def _fitted(output: Output) -> tuple[Array, ...]:
     """Derivatives by all that was fitted."""
-    return _joined(output.coefficients, output.nuisance)
+    return joined(output.coefficients, output.nuisance)
 
 
 class _Columns:
@@ -373,7 +370,7 @@ def _past_and_level(
     output: Output,
     found: _Columns,
     fit: tuple[Array, Array],
-    alone: _Known,
+    alone: Known,
     past: Array,
 ) -> tuple[float, float]:
     """p-values of past inputs and of a drift, each beside the other where both are called for."""
@@ -383,88 +380,11 @@ def _past_and_level(
     late = [output.white(one, alone.noise) for one in found.late]
     level, *of_late = (test.p_value for test in added_each(e, basis, [wave, *late], n))
     by_score = [(p_past, found.past), *zip(of_late, found.late, strict=True)]
-    p_past = min(1.0, len(by_score) * _least_checked(alone, by_score))
-    level = _checked(alone, found.wave, level)
+    p_past = min(1.0, len(by_score) * least_checked(alone, by_score))
+    level = checked(alone, found.wave, level)
     if p_past < CALLED and level < CALLED:
         return _told_apart(past, wave, (basis, e), n_lags, n, p_past)
     return p_past, level
-
-
-def _joined(*several: tuple[Array, ...]) -> tuple[Array, ...]:
-    return tuple(np.hstack(one) for one in zip(*several, strict=True))
-
-
-class _Known:
-    """Columns that are fitted before others are tested beside them; several tests ask the same."""
-
-    def __init__(self, output: Output, columns: tuple[Array, ...], noise: Array) -> None:
-        self.output, self.columns, self.noise = output, columns, noise
-        self.most = most_coefficients(output.count)
-
-    @cached_property
-    def basis(self) -> Array:
-        """Of the columns, whitened."""
-        return span(self.output.white(self.columns, self.noise))
-
-    @cached_property
-    def order(self) -> int:
-        """Of the noise model that is theirs alone, at least that of the noise."""
-        alone = _modelled(self.output, self.columns, np.zeros(0), self.most, 0)
-        return max(alone.size, self.noise.size)
-
-    @cached_property
-    def deviance(self) -> tuple[float, int]:
-        """As `_deviance`, with a noise model of that order."""
-        return _deviance(self.output, self.columns, self.order, self.most)
-
-
-def _checked(known: _Known, extra: tuple[Array, ...], p: float) -> float:
-    """A p-value that holds although the noise's model was fitted to the same samples.
-
-    Under the model that belongs to the added columns the score test rejects too easily, under one
-    that was fitted without them too seldom: it may have taken them for noise. Where the first
-    rejects, the likelihood ratio decides, each side with a model of its own of the same order, in
-    F form; without a model it is the same test.
-    """
-    output = known.output
-    if p > WORTH_CHECKING or not known.most or output.count > LONG:
-        return p
-    order = known.order
-    if order == 0:
-        return p
-    before, rank = known.deviance
-    after, larger = _deviance(output, _joined(known.columns, extra), order, known.most)
-    k, freedom = larger - rank, output.count - larger - order
-    if k < 1 or freedom < 1:
-        return 1.0
-    gain = np.expm1(max(before - after, 0.0) / output.count)
-    return max(p, float(fdtrc(k, freedom, gain * freedom / k)))
-
-
-def _least_checked(known: _Known, by_score: list[tuple[float, tuple[Array, ...]]]) -> float:
-    """The least of several `_checked`; what cannot be the least is not worked out.
-
-    A check only ever makes a p-value larger, so that those of the score come first.
-    """
-    least = math.inf
-    for p, extra in sorted(by_score, key=lambda one: one[0]):
-        if p >= least:
-            break
-        least = min(least, _checked(known, extra, p))
-    return least
-
-
-def _deviance(
-    output: Output, fitted: tuple[Array, ...], order: int, most: int
-) -> tuple[float, int]:
-    """``-2 log L`` with columns and a noise model of given order, and the rank of the columns."""
-    noise = np.zeros(0)
-    for _ in range(ROUNDS):
-        noise = _modelled(output, fitted, noise, most, 0, order)
-    e, basis = _white(output, noise, fitted)
-    scale = sum(whiten(one, noise)[1] for one in output.residual)
-    n = output.count
-    return n * float(np.log(max(float(e @ e) / n, 1e-300))) + scale, basis.shape[1]
 
 
 def without_outliers(view: View, index: int, found: Evidence) -> View:
@@ -479,37 +399,17 @@ def without_outliers(view: View, index: int, found: Evidence) -> View:
     return replace(view, outputs=tuple(outputs))
 
 
-def _white(output: Output, noise: Array, fitted: tuple[Array, ...]) -> tuple[Array, Array]:
-    """The residual, whitened and free of all that a fit takes, and a basis of that."""
-    basis = span(output.white(fitted, noise))
-    e = output.white(output.residual, noise)
-    return np.asarray(e - basis @ (basis.T @ e)), basis
-
-
-def _split(output: Output, stacked: Array) -> list[Array]:
-    ends = np.cumsum([one.size for one in output.residual])[:-1]
-    return np.split(stacked, ends)
-
-
 def _autocorrelation(output: Output, own: tuple[Array, Array], n_lags: int) -> Autocorrelation:
     seen = [one.astype(np.float64) for one in output.seen]
-    return autocorrelation_of_fit(_split(output, own[0]), seen, _split(output, own[1]), n_lags)
-
-
-def _portmanteau(
-    output: Output, own: tuple[Array, Array], found: Autocorrelation, noise: Array
-) -> Portmanteau:
-    seen = [one.astype(np.float64) for one in output.seen]
-    spread = spread_of_statistics(found, noise, seen, _split(output, own[1]))
-    return portmanteau(found, noise, spread)
+    return autocorrelation_of_fit(split(output, own[0]), seen, split(output, own[1]), n_lags)
 
 
 def _is_white(output: Output, larger: tuple[Array, ...], noise: Array) -> float:
     """p-value of what no column explains being white under a model."""
-    fit = _white(output, noise, larger)
+    fit = whitened(output, noise, larger)
     n_lags = max(most_coefficients(output.count), output.noise.size + 4)
     found = _autocorrelation(output, fit, n_lags)
-    return _portmanteau(output, fit, found, noise).p_value
+    return portmanteau(found, noise).p_value
 
 
 def _noise(output: Output, larger: tuple[Array, ...], free: Callable[[], float]) -> Array:
@@ -522,41 +422,8 @@ def _noise(output: Output, larger: tuple[Array, ...], free: Callable[[], float])
     stated = output.noise.size > 0
     if most and (stated or free() <= PRETEST):
         for _ in range(ROUNDS):
-            noise = _modelled(output, larger, noise, most, int(stated))
+            noise = modelled(output, larger, noise, most, int(stated))
     return noise
-
-
-def _modelled(
-    output: Output,
-    larger: tuple[Array, ...],
-    noise: Array,
-    most: int,
-    fewest: int,
-    order: int | None = None,
-) -> Array:
-    """A model of what no column explains, the columns fitted under the model before."""
-    stacked = [np.where(s[:, None], c, 0.0) for s, c in zip(output.seen, larger, strict=True)]
-    raw = np.vstack(stacked)
-    norms = np.sqrt(np.einsum("ij,ij->j", raw, raw))
-    norms = np.where(norms > 0, norms, 1.0)
-    beside = zip(larger, output.residual, strict=True)
-    both = output.white([np.column_stack([c / norms, np.nan_to_num(r)]) for c, r in beside], noise)
-    # the triangle of the columns and the residual beside them is all that is needed of them
-    r, white = triangle(both), both[:, -1]
-    u, s, vt = np.linalg.svd(r[:, :-1], full_matrices=False)
-    kept = s > 1e-6 * s[0]
-    root = (vt[kept].T / s[kept]) / norms[:, None]
-    along = u[:, kept].T @ r[:, -1]
-    freedom = max(output.count - int(kept.sum()), 1)
-    spread = np.sqrt(max(float(white @ white - along @ along), 0.0) / freedom)
-    joined = np.concatenate([np.nan_to_num(one) for one in output.residual])
-    left, took = joined - raw @ (root @ along), spread * (raw @ root)
-    series, taken = [], []
-    pieces = zip(output.seen, _split(output, left), _split(output, took), strict=True)
-    for there, r, t in pieces:
-        series.append(np.where(there, r, np.nan))
-        taken += [np.where(there, t[:, k], np.nan) for k in range(t.shape[1])]
-    return fit_autoregression(series, most, order, fewest, taken)
 
 
 def _past(past: Array, basis: Array, e: Array, n_lags: int, n: int) -> float:
@@ -598,7 +465,7 @@ def _studentised(output: Output, e: Array, basis: Array) -> tuple[Array, ...]:
     there = np.concatenate(output.seen) & (kept > 1.0 - HEAVY)
     scale = spread * np.sqrt(np.where(there, kept, 1.0))
     found = np.where(there, left / np.where(scale > 0, scale, 1.0), np.nan)
-    return tuple(_split(output, found))
+    return tuple(split(output, found))
 
 
 def _levelled(output: Output, plain: tuple[Array, ...], edges: Array) -> tuple[Array, ...]:
@@ -608,7 +475,7 @@ def _levelled(output: Output, plain: tuple[Array, ...], edges: Array) -> tuple[A
         seen = joined[a:b][np.isfinite(joined[a:b])]
         size = median_scale(seen) if seen.size else 0.0
         joined[a:b] /= size if size > 0 else 1.0
-    return tuple(_split(output, joined))
+    return tuple(split(output, joined))
 
 
 def _scale(output: Output, plain: tuple[Array, ...], own: Array) -> tuple[float, Array, Array]:

@@ -58,6 +58,13 @@ HALVED = 0.5
 LITTLE = 10.0
 """Fit [percent] below which such a model shows nothing of the response."""
 
+NOISE_MODEL = (
+    "Use a noise model (noise='ar', --noise ar), which takes what wanders for noise; a straight "
+    "drift (drift=True) does not stand for it."
+)
+"""What to do about a slow disturbance where the noise has no model."""
+
+NOTHING_MOVES = "no coefficient moves by more than its standard error"
 HARDLY = 1.0
 """Movement of a coefficient [standard errors] below which it may stay as it is."""
 
@@ -121,18 +128,38 @@ def _present(view: View, estimate: Estimate, noises: Sequence[Array]) -> Present
 
 def change(end: Attempt, estimate: Estimate) -> str:
     """How far the coefficients move to where another fit ended; empty where they hardly do."""
+    moves = most_moved(estimate, end)
+    if moves is None:
+        return ""
+    moves = moves.replace(" from ", " goes from ", 1) if moves else NOTHING_MOVES
+    return f"{WITHOUT_THEM} {moves}."
+
+
+def most_moved(estimate: Estimate, end: Attempt) -> str | None:
+    """The coefficient that moves most, from ... to ...
+
+    Parameters
+    ----------
+    estimate : Estimate
+    end : Attempt
+        Where another fit of the same structure ended.
+
+    Returns
+    -------
+    str or None
+        Empty where none moves by more than its standard error; None where the coefficients are
+        other ones.
+    """
     found = coefficients(end.point)
     if found.size != estimate.theta.size:
-        return ""
+        return None
     std = np.where(estimate.std > 0, estimate.std, np.inf)
     size = np.abs(found - estimate.theta) / std
     k = int(np.argmax(size))
     if not size[k] > HARDLY:
-        return f"{WITHOUT_THEM} no coefficient moves by more than its standard error."
-    return (
-        f"{WITHOUT_THEM} {estimate.names[k]} goes from {estimate.theta[k]:.4g} to {found[k]:.4g} "
-        f"({size[k]:.1f} standard errors)."
-    )
+        return ""
+    name, before = estimate.names[k], estimate.theta[k]
+    return f"{name} from {before:.4g} to {found[k]:.4g} ({size[k]:.1f} standard errors)"
 
 
 def _without(record: Record, view: View, experiment: int) -> Record:
@@ -153,46 +180,77 @@ def _nuisances(view: View) -> Nuisances:
 
 
 def finding_of(
-    found: Explanation, base: Attempt, estimate: Estimate, outputs: Sequence[str], where: str
+    found: Explanation,
+    explained: Explanations,
+    estimate: Estimate,
+    outputs: Sequence[str],
+    where: str,
 ) -> Finding:
     """A cause that was fitted, in words, with what it brings.
 
     Parameters
     ----------
     found : Explanation
-    base : Attempt
-        The present explanation.
+    explained : Explanations
+        Among which it is.
     estimate : Estimate
     outputs : sequence of str
         Names of those whose residual is concerned.
     where : str
         What the residual shows, a sentence.
     """
-    rival = found.rival
+    rival, base = found.rival, explained.present
     if rival.code == "order-low":
         return _order_low(found, base, estimate, outputs, where)
     verb = "explain" if rival.code == "lost-rows" else "explains"
     message = f"{where}: {HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
+    remedy, effect = rival.advice, _effect(found, base, estimate)
+    if rival.code == "drift" and not rival.refits:
+        remedy, brings = _about_slow(explained, estimate)
+        effect = f"{effect} {brings}".rstrip()
     return Finding(
         rival.code,
         "error" if rival.refits and rival.code in SPOILS else "warning",
         message,
-        _remedy(found, estimate),
+        remedy or rival.advice,
         tuple(outputs),
         times=rival.times,
-        effect=_effect(found, base, estimate),
+        effect=effect,
     )
 
 
-def _remedy(found: Explanation, estimate: Estimate) -> str:
-    """What to do, but for what this estimate does already or cannot do."""
-    slow = found.rival.code == "drift" and not found.rival.refits
-    modelled = any(a.size for a in estimate.noise_model)
-    if not slow or not (modelled or estimate.loss != "squared"):
-        return found.rival.advice
-    if estimate.structure.drift:
-        return "Cut the record to where it is calm."
-    return "Try a drift (drift=True, --drift yes), or cut the record to where it is calm."
+def _about_slow(explained: Explanations, estimate: Estimate) -> tuple[str, str]:
+    """What to do about a slow disturbance, of what was tried, and what that brings.
+
+    A model of the noise takes for noise what wanders: the present explanation has one where the
+    noise is not white, whether the estimate has one or not.
+    """
+    base = explained.present
+    white = estimate.loss == "squared" and not any(a.size for a in estimate.noise_model)
+    if white and any(a.size for a in base.point.problem.noise):
+        moves = most_moved(estimate, base) or NOTHING_MOVES
+        return NOISE_MODEL, f"With a noise model: {moves}."
+    return drift_tried(explained, estimate)
+
+
+def drift_tried(explained: Explanations | None, estimate: Estimate) -> tuple[str, str]:
+    """What to do about a drift, of what was tried, and what that brings; empty for nothing.
+
+    Parameters
+    ----------
+    explained : Explanations or None
+    estimate : Estimate
+    """
+    own = () if explained is None else explained.found
+    lines = [one for one in own if one.rival.code == "drift" and one.rival.refits]
+    best = max(lines, key=lambda one: one.gain, default=None)
+    if best is None or explained is None:
+        return "", ""
+    if not best.is_clear:
+        return "", f"{best.rival.what[0].upper()}{best.rival.what[1:]} does not stand for it."
+    brings = _effect(best, explained.present, estimate)
+    what = best.rival.what
+    return best.rival.advice, f"With {what}{brings.removeprefix('With it')}"
 
 
 def raised(found: Explanation, base: Attempt) -> float:

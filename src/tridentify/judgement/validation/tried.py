@@ -16,7 +16,6 @@ from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.lost import LEAST_PIECE, Place, jumps
 from tridentify.judgement.validation.distribution import distribution
 from tridentify.judgement.validation.evidence import (
-    CALLED,
     Evidence,
     examine,
     suspicious,
@@ -30,6 +29,7 @@ from tridentify.judgement.validation.explained import (
     still_far,
     told_alone,
 )
+from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.residuals import View, refitted
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import whiten

@@ -11,12 +11,14 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, Severity, ranked
 from tridentify.judgement.causes.explain import Explanation, Explanations
 from tridentify.judgement.causes.feedback import Coming
-from tridentify.judgement.validation.evidence import CALLED, Evidence
+from tridentify.judgement.validation.evidence import Evidence
 from tridentify.judgement.validation.explained import (
+    drift_tried,
     finding_of,
     follows_no_better,
     told_alone,
 )
+from tridentify.judgement.validation.likelihood_ratio import CALLED
 from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Check, CrossCorrelation, Transfer
 from tridentify.numerics.arrays import Array
@@ -166,12 +168,10 @@ def findings(
     if concerned and beside.named is not None and beside.explained is not None:
         names = [name for name, _ in concerned]
         where = _sentence(concerned[0][1])[:-1]
-        base, estimate = beside.explained.present, beside.estimate
-        found.append(finding_of(beside.named, base, estimate, names, where))
+        found.append(finding_of(beside.named, beside.explained, beside.estimate, names, where))
     elif beside.alone is not None and beside.explained is not None:
         where = f"AICc falls by {beside.alone.gain:.3g} where one more cause is fitted"
-        base, estimate = beside.explained.present, beside.estimate
-        found.append(finding_of(beside.alone, base, estimate, (), where))
+        found.append(finding_of(beside.alone, beside.explained, beside.estimate, (), where))
     if transfer is not None:
         found += _carried(view, transfer, rejected)
     return ranked(found)
@@ -313,9 +313,9 @@ def _about_one(
 ) -> list[Finding]:
     found = []
 
-    def add(code: str, test: str, text: str, advice: str) -> None:
+    def add(code: str, test: str, text: str, advice: str, effect: str = "") -> None:
         if (test, name) in rejected:
-            found.append(_finding(code, name, text, advice))
+            found.append(_finding(code, name, text, advice.rstrip("."), effect=effect.rstrip(".")))
 
     if ("feedback", name) in rejected:
         found.append(_feedback(view, name, pictures, reacts))
@@ -324,8 +324,7 @@ def _about_one(
         "level",
         f"the level of the residual of {name} moves slowly over the record: the sensor drifts, or "
         "an offset or a slow disturbance is missing",
-        "estimate an offset and a drift (offset=True, drift='auto'; --drift auto), or cut the "
-        "record",
+        *drift_tried(beside.explained, beside.estimate),
     )
     if ("white", name) in rejected:
         found.append(_not_white(view, one, name, beside))

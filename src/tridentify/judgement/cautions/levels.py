@@ -1,0 +1,121 @@
+"""Whether the answer hangs on what a record is counted from: its trim, and its state at the start.
+
+Where an input stands at one value and hardly moves, its level over that of the output passes for a
+gain: ``y = G(0) u`` explains two constants without an offset, and any gain does with one. Which of
+them holds, and how the system was moving at the first sample, is decided by AICc where the
+structure leaves it open. A standard error is that of the choice that was made. So where another
+choice is about as likely, the model is fitted under that one too, and what moves is told.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.finding import Finding
+from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
+from tridentify.estimation.likelihood.nuisance import Nuisances
+from tridentify.judgement.causes.attempt import Attempt
+from tridentify.judgement.cautions.remedies import fitted_again
+from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
+
+STANDS = 3.0
+"""Level of an input over its movement about it [standard deviations] from which it stands rather
+than moves; 1 for an input that is switched on and off as long."""
+
+TIED = 6.0
+"""Difference of AICc up to which two choices are about as likely: odds of 20 to 1."""
+
+APART = 3.0
+"""Movement [standard errors] from which a coefficient hangs on the choice."""
+
+NOTABLY = 0.3
+"""The same, as a share of its value."""
+
+CHOICE = re.compile(r"initial state (\w+), (no offset|offset)(, drift)? ([+-]\d[\d.e+]*)")
+"""One choice and its difference of AICc, as a decision of the trace has it."""
+
+
+def level_findings(estimate: Estimate, records: Sequence[Record]) -> list[Finding]:
+    """A word where another trim or start explains a record at rest as well, with other numbers.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+        Those that were identified.
+    """
+    others = _others(estimate)
+    if not others or not any(_stands(record) for record in records):
+        return []
+    base = fitted_again(estimate, records)
+    if base is None:
+        return []
+    found = [(fitted_again(estimate, records, one), one) for one in others]
+    tied = [
+        (end, one)
+        for end, one in found
+        if end is not None and end.criterion < base.criterion + TIED and _apart(estimate, end).any()
+    ]
+    if not tied:
+        return []
+    end, choice = min(tied, key=lambda pair: pair[0].criterion)
+    size = np.where(_apart(estimate, end), np.abs(_moved(estimate, end)), 0.0)
+    k = int(np.argmax(size))
+    to, more = coefficients(end.point)[k], end.criterion - base.criterion
+    return [
+        Finding(
+            "not-determined",
+            "warning",
+            "The input stands at one level and hardly moves, so that trim and start decide the "
+            f"answer: {choice.label} explains the record as well (AICc {more:+.1f}), with other "
+            "coefficients. The standard errors hold for the choice that was made "
+            f"({_made(estimate).label}).",
+            "State offset and initial_state (--offset, --initial-state) if they are known, or use "
+            "a stretch in which the input moves the system.",
+            effect=f"With the other: {estimate.names[k]} from {estimate.theta[k]:.4g} to {to:.4g} "
+            f"({size[k]:.1f} standard errors).",
+        )
+    ]
+
+
+def _made(estimate: Estimate) -> Nuisances:
+    """The choice of the estimate."""
+    s = estimate.structure
+    return Nuisances(str(s.initial_state), bool(s.offset), bool(s.drift))
+
+
+def _others(estimate: Estimate) -> list[Nuisances]:
+    """Choices about as likely as the one that was made, as the method saw it."""
+    found = []
+    for told in estimate.trace.decisions:
+        _, lowest, listed = told.partition(": lowest AICc (")
+        for state, offset, drift, more in CHOICE.findall(listed) if lowest else ():
+            if float(more) < TIED:
+                found.append(Nuisances(state, offset == "offset", bool(drift)))
+    return found
+
+
+def _stands(record: Record) -> bool:
+    """Whether an input moves little beside its level."""
+    level, moves = np.abs(record.u.mean(axis=0)), record.u.std(axis=0)
+    return bool(np.any((level > STANDS * moves) & (moves > 0.0)))
+
+
+def _moved(estimate: Estimate, end: Attempt) -> Array:
+    """(n_coefficients,) movement [standard errors]."""
+    found = coefficients(end.point)
+    std = np.where(estimate.std > 0, estimate.std, np.inf)[: found.size]
+    return np.asarray((found - estimate.theta[: found.size]) / std)
+
+
+def _apart(estimate: Estimate, end: Attempt) -> NDArray[np.bool_]:
+    """(n_coefficients,) whether each hangs on the choice."""
+    moved, theta = _moved(estimate, end), np.abs(estimate.theta)
+    by = np.abs(moved) * np.where(estimate.std > 0, estimate.std, 0.0)[: moved.size]
+    return np.asarray((np.abs(moved) > APART) & (by > NOTABLY * theta[: moved.size]))

@@ -1,0 +1,216 @@
+"""Whether further columns belong into a model whose noise was fitted to the same samples.
+
+Under the model of the noise that belongs to the added columns the score test rejects too easily,
+under one that was fitted without them too seldom: it may have taken them for noise. Where the first
+rejects, the likelihood ratio decides, each side with a noise model of its own of the same order, in
+F form.
+
+That ratio is too large itself where the noise has a memory and the record few of its lengths: what
+the coefficients of the noise are off by favours the larger side. Its mean under noise alone is
+known from a few draws of the smaller side's noise, on the same samples and columns, and the ratio,
+in F form, is divided by what that mean is too large by (Bartlett 1937, by draws: Rocke 1989), up to
+a limit. The draws are made only where they can matter: where the ratio rejects as it is and would
+not, divided by that limit.
+
+References: M. Bartlett, Proc. Royal Soc. London A 160 (1937) 268-282. D. Rocke, J. American
+Statistical Association 84 (1989) 598-601.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.special import fdtrc
+
+from tridentify.judgement.validation.residuals import Output
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.autoregression import fit_autoregression, most_coefficients, whiten
+from tridentify.numerics.lagrange import span
+from tridentify.numerics.least_squares import triangle
+
+CALLED = 0.001
+"""p-value from which something is called wrong: several tests of each output together call about
+one right model in a hundred wrong (benchmarks, validation)."""
+ROUNDS = 2
+"""Turns of columns and noise model: the second one has the right weights."""
+WORTH_CHECKING = 0.02
+"""p-value of a score test above which the dearer likelihood ratio is not made: it could not fall
+below `CALLED`."""
+LONG = 20_000
+"""Samples from which the score test is left as it is: the likelihood ratio takes several fits, and
+differs from it where samples are few."""
+WORTH_DRAWING = 0.005
+"""p-value of a likelihood ratio above which its mean is not worked out."""
+DRAWS = 40
+"""Of noise, for the mean of a likelihood ratio: good to a tenth for four columns."""
+MOST_TOO_LARGE = 1.6
+"""By which factor such a mean may be too large, at most. Of 300 samples of autoregressive noise
+(0.7) it was so by 1.1 to 1.5; where the smaller side's noise is what the columns explain its draws
+wander and the factor has no bound."""
+SETTLED = 500
+"""Samples after which noise that was drawn has forgotten its start, at least."""
+
+
+def joined(*several: tuple[Array, ...]) -> tuple[Array, ...]:
+    """Columns of several kinds side by side, experiment by experiment."""
+    return tuple(np.hstack(one) for one in zip(*several, strict=True))
+
+
+class Known:
+    """Columns that are fitted before others are tested beside them; several tests ask the same."""
+
+    def __init__(self, output: Output, columns: tuple[Array, ...], noise: Array) -> None:
+        self.output, self.columns, self.noise = output, columns, noise
+        self.most = most_coefficients(output.count)
+
+    @cached_property
+    def basis(self) -> Array:
+        """Of the columns, whitened."""
+        return span(self.output.white(self.columns, self.noise))
+
+    @cached_property
+    def order(self) -> int:
+        """Of the noise model that is theirs alone, at least that of the noise."""
+        alone = modelled(self.output, self.columns, np.zeros(0), self.most, 0)
+        return max(alone.size, self.noise.size)
+
+    @cached_property
+    def deviance(self) -> tuple[float, int]:
+        """As `_deviance`, with a noise model of that order."""
+        return _deviance(self.output, self.columns, self.order, self.most)
+
+
+def checked(known: Known, extra: tuple[Array, ...], p: float) -> float:
+    """A p-value that holds although the noise's model was fitted to the same samples.
+
+    Parameters
+    ----------
+    known : Known
+    extra : tuple of (n_samples, k) arrays
+        The further columns, per experiment, not whitened.
+    p : float
+        Of the score test.
+
+    Returns
+    -------
+    float
+        The larger of that and the p-value of the likelihood ratio; without a model of the noise
+        the two are the same test.
+    """
+    output = known.output
+    if p > WORTH_CHECKING or not known.most or output.count > LONG:
+        return p
+    order = known.order
+    if order == 0:
+        return p
+    before, rank = known.deviance
+    after, larger = _deviance(output, joined(known.columns, extra), order, known.most)
+    k, freedom = larger - rank, output.count - larger - order
+    if k < 1 or freedom < 1:
+        return 1.0
+
+    def f_of(ratio: float) -> float:
+        return float(np.expm1(max(ratio, 0.0) / output.count)) * freedom / k
+
+    f = f_of(before - after)
+    if fdtrc(k, freedom, f) < WORTH_DRAWING and fdtrc(k, freedom, f / MOST_TOO_LARGE) > CALLED:
+        both = joined(known.columns, extra)
+        noise = modelled(output, known.columns, np.zeros(0), known.most, 0, order)
+        drawn = []
+        for one in _draws(output, noise):
+            smaller, wider = (
+                _deviance(one, columns, order, known.most)[0] for columns in (known.columns, both)
+            )
+            drawn.append(f_of(smaller - wider))
+        usual = freedom / max(freedom - 2.0, 1.0)
+        f /= float(np.clip(np.mean(drawn) / usual, 1.0, MOST_TOO_LARGE))
+    return max(p, float(fdtrc(k, freedom, f)))
+
+
+def _draws(output: Output, noise: Array) -> Iterator[Output]:
+    """Noise of a model in place of the residual; always the same draws."""
+    rng = np.random.default_rng(0)
+    for _ in range(DRAWS):
+        residual = []
+        for one in output.residual:
+            e = rng.standard_normal(one.size + SETTLED)
+            v = lfilter([1.0], np.append(1.0, noise), e)[SETTLED:]
+            residual.append(np.where(np.isfinite(one), v, np.nan))
+        yield replace(output, residual=tuple(residual))
+
+
+def least_checked(known: Known, by_score: list[tuple[float, tuple[Array, ...]]]) -> float:
+    """The least of several `checked`; what cannot be the least is not worked out.
+
+    A check only ever makes a p-value larger, so that those of the score come first.
+    """
+    least = math.inf
+    for p, extra in sorted(by_score, key=lambda one: one[0]):
+        if p >= least:
+            break
+        least = min(least, checked(known, extra, p))
+    return least
+
+
+def _deviance(
+    output: Output, fitted: tuple[Array, ...], order: int, most: int
+) -> tuple[float, int]:
+    """``-2 log L`` with columns and a noise model of given order, and the rank of the columns."""
+    noise = np.zeros(0)
+    for _ in range(ROUNDS):
+        noise = modelled(output, fitted, noise, most, 0, order)
+    e, basis = whitened(output, noise, fitted)
+    scale = sum(whiten(one, noise)[1] for one in output.residual)
+    n = output.count
+    return n * float(np.log(max(float(e @ e) / n, 1e-300))) + scale, basis.shape[1]
+
+
+def whitened(output: Output, noise: Array, fitted: tuple[Array, ...]) -> tuple[Array, Array]:
+    """The residual, whitened and free of all that a fit takes, and a basis of that."""
+    basis = span(output.white(fitted, noise))
+    e = output.white(output.residual, noise)
+    return np.asarray(e - basis @ (basis.T @ e)), basis
+
+
+def modelled(
+    output: Output,
+    larger: tuple[Array, ...],
+    noise: Array,
+    most: int,
+    fewest: int,
+    order: int | None = None,
+) -> Array:
+    """A model of what no column explains, the columns fitted under the model before."""
+    stacked = [np.where(s[:, None], c, 0.0) for s, c in zip(output.seen, larger, strict=True)]
+    raw = np.vstack(stacked)
+    norms = np.sqrt(np.einsum("ij,ij->j", raw, raw))
+    norms = np.where(norms > 0, norms, 1.0)
+    beside = zip(larger, output.residual, strict=True)
+    both = output.white([np.column_stack([c / norms, np.nan_to_num(r)]) for c, r in beside], noise)
+    # the triangle of the columns and the residual beside them is all that is needed of them
+    r, white = triangle(both), both[:, -1]
+    u, s, vt = np.linalg.svd(r[:, :-1], full_matrices=False)
+    kept = s > 1e-6 * s[0]
+    root = (vt[kept].T / s[kept]) / norms[:, None]
+    along = u[:, kept].T @ r[:, -1]
+    freedom = max(output.count - int(kept.sum()), 1)
+    spread = np.sqrt(max(float(white @ white - along @ along), 0.0) / freedom)
+    residual = np.concatenate([np.nan_to_num(one) for one in output.residual])
+    left, took = residual - raw @ (root @ along), spread * (raw @ root)
+    series, taken = [], []
+    pieces = zip(output.seen, split(output, left), split(output, took), strict=True)
+    for there, r, t in pieces:
+        series.append(np.where(there, r, np.nan))
+        taken += [np.where(there, t[:, k], np.nan) for k in range(t.shape[1])]
+    return fit_autoregression(series, most, order, fewest, taken)
+
+
+def split(output: Output, stacked: Array) -> list[Array]:
+    """What stands experiment below experiment, by itself again."""
+    ends = np.cumsum([one.size for one in output.residual])[:-1]
+    return np.split(stacked, ends)

@@ -1,0 +1,59 @@
+"""Where an input hardly moves, trim and start decide the answer, and the estimate says so."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from tridentify import Record, Structure, TransferFunction, identify, simulate
+
+PLANT = TransferFunction([9.0], [1.0, 1.5, 9.0])
+THETA = np.array([1.5, 9.0, 9.0])
+SAYS = "stands at one level"
+
+
+def at_rest(seed, n=125, dt=0.04):
+    """A second of trim after a manoeuvre: the last oscillation fades, the input hardly moves."""
+    rng = np.random.default_rng([seed, 7])
+    moves = 0.02 * rng.standard_normal(n)
+    t = dt * np.arange(n)
+    y = simulate(PLANT, Record(moves, moves, dt=dt))[:, 0]
+    y = y + 0.2 + 0.2 * np.exp(-0.75 * t) * np.cos(2.9 * t + seed)
+    return Record(2.2 + moves, y + 0.05 * rng.standard_normal(n), dt=dt)
+
+
+def moving(seed, n=400, dt=0.05):
+    rng = np.random.default_rng([seed, 8])
+    level = rng.uniform(3.0, 10.0)
+    u = np.repeat(rng.choice([-1.0, 1.0], n // 8), 8)
+    acts = u + (level if seed % 2 else 0.0)
+    y = simulate(PLANT, Record(acts, u, dt=dt))[:, 0]
+    return Record(u + level, y + 0.1 * rng.standard_normal(n), dt=dt)
+
+
+def said(record):
+    estimate = identify(record, Structure(2, 0), throw=False)
+    return estimate, [one for one in estimate.findings if SAYS in one.message]
+
+
+@pytest.mark.parametrize("seed", [0, 3, *(pytest.param(k, marks=pytest.mark.slow) for k in (5, 6))])
+def test_a_record_at_rest_is_told_to_hang_on_its_trim(seed):
+    estimate, told = said(at_rest(seed))
+    # confident, and wrong: two levels pass for a gain
+    assert np.max(np.abs(estimate.theta - THETA) / estimate.std) > 20.0
+    (one,) = told
+    assert one.matters
+    assert "b0 from" in one.effect
+
+
+@pytest.mark.parametrize("seed", [0, 1, *(pytest.param(k, marks=pytest.mark.slow) for k in (2, 3))])
+def test_an_input_that_moves_about_its_level_is_not(seed):
+    estimate, told = said(moving(seed))
+    assert not told
+    assert np.all(np.abs(estimate.theta - THETA) < 5.0 * estimate.std)
+
+
+def test_what_is_stated_is_not_doubted():
+    structure = Structure(2, 0, offset=True, initial_state="free")
+    found = identify(at_rest(0), structure, throw=False).findings
+    assert not [one for one in found if SAYS in one.message]
