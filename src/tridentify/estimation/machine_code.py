@@ -31,11 +31,23 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
     from tridentify.numerics import incomplete_kernels
 
     tell("models")
-    from tridentify.models import compiled_columns, compiled_steps
-    from tridentify.numerics.kernels import cascades, polynomials, small_least_squares
+    from tridentify.models import compiled_columns, compiled_regression, compiled_steps
+    from tridentify.numerics.kernels import (
+        cascades,
+        exponentials,
+        polynomials,
+        small_least_squares,
+        triangles,
+        whitening,
+    )
 
     tell("cost")
     from tridentify.estimation.likelihood import compiled_cost
 
+    tell("starts")
+    from tridentify.estimation.search import compiled_starts
+
     numerics = crossing, driven, recursions, incomplete_kernels, small_least_squares
-    return *numerics, cascades, polynomials, compiled_columns, compiled_steps, compiled_cost
+    banks = cascades, exponentials, triangles, whitening, polynomials
+    models = compiled_columns, compiled_regression, compiled_steps
+    return *numerics, *banks, *models, compiled_cost, compiled_starts

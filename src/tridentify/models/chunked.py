@@ -76,6 +76,11 @@ class ChunkedExperiment(Experiment):
         """Number of samples."""
         return self.samples
 
+    @property
+    def at_hand(self) -> bool:
+        """Whether its samples are there: they are read when they are wanted."""
+        return False
+
     def reduced(self, bank: Cascade) -> Regression | None:
         """The triangle on a bank, from one reading of the record; the last few are remembered."""
         key = b"".join([bank.poles.tobytes(), *(a.tobytes() + b"|" for a in self.noise)])

@@ -29,246 +29,40 @@ stay what they are, so nothing that works on the triangle has to know.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
-from numpy.typing import NDArray
 
-from tridentify.numerics.arrays import Array
+from tridentify.models.columns import Layout, Regression
+from tridentify.models.experiment import Experiment, OutputRun
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import Accumulator
 from tridentify.numerics.realization import Cascade
-from tridentify.numerics.sampled import Sampled, States
+from tridentify.numerics.sampled import States
+
+__all__ = [
+    "BLOCK",
+    "LONG",
+    "LONG_BLOCK",
+    "NEGLIGIBLE",
+    "Experiment",
+    "Layout",
+    "Regression",
+    "Stack",
+    "regress",
+    "regression_at",
+    "response_of",
+    "restricted",
+    "stacks_on",
+]
 
 BLOCK = 1024
 LONG_BLOCK = 4096
 LONG = 5_000
 NEGLIGIBLE = 1e-30
-
-
-@dataclass(frozen=True, eq=False)
-class Experiment:
-    """One record as the estimators see it.
-
-    Attributes
-    ----------
-    u : (n_samples, n_inputs) array
-        Input minus its reference, C-contiguous.
-    y : (n_samples, n_outputs) array
-        Output; ``nan`` marks a missing sample.
-    dt : float
-        Sampling interval [s]; where ``t`` is given, one of the shorter intervals.
-    intersample : str
-        ``"zoh"`` or ``"foh"``.
-    free, offset, drift : bool
-        Which nuisance terms are estimated along.
-    noise : tuple of (p_i,) arrays
-        Autoregressive coefficients of each output's noise; the empty tuple where all are white.
-    t : (n_samples,) array, optional
-        Instants from zero [s], where they are not uniform.
-    delays : (n_outputs, n_inputs) array, optional
-        How late every input reaches every output [s].
-    start : int
-        The sample at which a free initial state begins to act; outputs before it are ``nan``.
-    """
-
-    u: Array
-    y: Array
-    dt: float
-    intersample: str
-    free: bool
-    offset: bool
-    drift: bool
-    noise: tuple[Array, ...] = ()
-    t: Array | None = None
-    delays: Array | None = None
-    start: int = 0
-
-    @property
-    def n_samples(self) -> int:
-        """Number of samples."""
-        return int(self.u.shape[0])
-
-    def reduced(self, bank: Cascade) -> Regression | None:
-        """The triangle on a bank, where it is known without the samples."""
-        return None
-
-    @property
-    def duration(self) -> float:
-        """Length of the record [s]."""
-        return (self.n_samples - 1) * self.dt if self.t is None else float(self.t[-1])
-
-    @cached_property
-    def instants(self) -> Array:
-        """(n_samples,) from zero [s]."""
-        if self.t is not None:
-            return self.t
-        return np.asarray(np.arange(self.n_samples) * self.dt, dtype=np.float64)
-
-    def instant(self, sample: int) -> float:
-        """When one sample was taken, from zero [s]."""
-        return sample * self.dt if self.t is None else float(self.t[sample])
-
-    @cached_property
-    def ramp(self) -> Array:
-        """(n_samples,) from 0 at the first sample to 1 at the last."""
-        if self.t is None:
-            return np.asarray(np.arange(self.n_samples) / (self.n_samples - 1))
-        return np.asarray(self.t / self.t[-1])
-
-    @cached_property
-    def sampled(self) -> tuple[Sampled, ...]:
-        """The inputs as each output sees them; the same object where the delays are the same."""
-        n_outputs = int(self.y.shape[1])
-        if self.delays is None or not np.any(self.delays):
-            return (Sampled(self.u, self.dt, self.intersample, self.t),) * n_outputs
-        known: dict[tuple[float, ...], Sampled] = {}
-        found: list[Sampled] = []
-        for row in self.delays:
-            key = tuple(float(delay) for delay in row)
-            if key not in known:
-                known[key] = Sampled(self.u, self.dt, self.intersample, self.t, key)
-            found.append(known[key])
-        return tuple(found)
-
-    @cached_property
-    def runs(self) -> tuple[OutputRun, ...]:
-        """Outputs in groups that one run over the samples serves."""
-        seen = ~np.isnan(self.y)
-        complete = bool(seen.all())
-        groups: dict[object, list[int]] = {}
-        for i, signal in enumerate(self.sampled):
-            key: object = id(signal)
-            if not self.is_coloured and not complete:
-                key = (id(signal), seen[:, i].tobytes())
-            groups.setdefault(key, []).append(i)
-        found = []
-        for outputs in groups.values():
-            own = tuple(int(n) for n in seen[:, outputs].sum(axis=0))
-            y = self.y if len(outputs) == self.y.shape[1] else self.y[:, outputs]
-            y = y if complete else np.where(seen[:, outputs], y, 0.0)
-            weight = None if min(own) == self.n_samples else seen[:, outputs[0]].astype(np.float64)
-            found.append(OutputRun(tuple(outputs), seen[:, outputs], own, y, weight))
-        return tuple(found)
-
-    @cached_property
-    def is_coloured(self) -> bool:
-        """Whether the noise of any output has a model."""
-        return any(a.size for a in self.noise)
-
-    @cached_property
-    def leads(self) -> Array | None:
-        """(n_outputs, n_inputs) how long before ``start`` each input begins to act [s]."""
-        if self.delays is None and not self.start:
-            return None
-        delays = 0.0 if self.delays is None else self.delays
-        begin = self.instant(self.start)
-        return np.asarray(np.broadcast_to(begin - delays, (self.y.shape[1], self.u.shape[1])))
-
-
-@dataclass(frozen=True, eq=False)
-class OutputRun:
-    """Outputs with the same delays and, where their noise is white, the same samples.
-
-    Attributes
-    ----------
-    outputs : tuple of int
-    seen : (n_samples, n) bool array
-        Where each has a sample.
-    counts : tuple of int
-        How many samples each has.
-    y : (n_samples, n) array
-        The outputs, zero where missing.
-    weight : (n_samples,) array, optional
-        One where the first has a sample, else zero; None where all have all.
-    """
-
-    outputs: tuple[int, ...]
-    seen: NDArray[np.bool_]
-    counts: tuple[int, ...]
-    y: Array
-    weight: Array | None
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Where things stand among the columns of a triangle."""
-
-    order: int
-    n_inputs: int
-    free: bool
-    offset: bool
-    drift: bool
-
-    @property
-    def states(self) -> int:
-        """Number of impulse and input states."""
-        return self.order * (self.n_inputs + self.free)
-
-    @property
-    def n_signals(self) -> int:
-        """Columns before the outputs."""
-        return self.states + self.n_inputs + self.offset + self.drift
-
-    def input_states(self, j: int) -> slice:
-        """Columns of the states driven by input ``j``."""
-        first = self.order * (j + self.free)
-        return slice(first, first + self.order)
-
-    def direct(self, j: int) -> int:
-        """Column of input ``j`` itself."""
-        return self.states + j
-
-    @property
-    def nuisance(self) -> slice:
-        """Columns of the constant and the ramp."""
-        return slice(self.states + self.n_inputs, self.n_signals)
-
-
-@dataclass(frozen=True, eq=False)
-class Regression:
-    """The triangle of one experiment on one bank.
-
-    Attributes
-    ----------
-    layout : Layout
-    signals : tuple of (r, n_signals) arrays
-        One per output (the same array when all outputs have the same samples).
-    targets : tuple of (r,) arrays
-        The outputs in the same coordinates.
-    counts : tuple of int
-        Output samples used.
-    log_scale : tuple of float
-        Per output the log determinant of the noise's covariance, for innovations of variance
-        one; empty where all are white.
-    leads : (n_outputs, n_inputs) array, optional
-        How long before the impulse each input begins to act [s]; None where it never does.
-    """
-
-    layout: Layout
-    signals: tuple[Array, ...]
-    targets: tuple[Array, ...]
-    counts: tuple[int, ...]
-    log_scale: tuple[float, ...] = ()
-    leads: Array | None = None
-
-    def input_signal(self, output: int, channel: int, row: Array, direct: float = 0.0) -> Array:
-        """``(row X + direct) u_channel`` of ``output``; ``row`` (q,) or (q, k)."""
-        s = self.signals[output]
-        value = s[:, self.layout.input_states(channel)] @ row
-        if direct:
-            value = value + direct * s[:, self.layout.direct(channel)]
-        return np.asarray(value)
-
-    def impulse_signal(self, output: int, row: Array) -> Array:
-        """``row X delta`` in the coordinates of ``output``; ``row`` (q,) or (q, k)."""
-        return np.asarray(self.signals[output][:, : self.layout.order] @ row)
-
-    def nuisance_signals(self, output: int) -> Array:
-        """The constant and the ramp (r, 0 to 2)."""
-        return self.signals[output][:, self.layout.nuisance]
 
 
 def restricted(
@@ -354,6 +148,9 @@ def regress(experiment: Experiment, bank: Cascade) -> Regression:
     known = experiment.reduced(bank)
     if known is not None:
         return known
+    if experiment.charts is not None:
+        stacks = stacks_on(experiment, bank.a[None], bank.b[None], bank.poles[None])
+        return regression_at(experiment, bank.order, stacks, 0)
     layout = _layout(experiment, bank)
     found: dict[int, tuple[Array, Array, int, float]] = {}
     for run in experiment.runs:
@@ -364,15 +161,80 @@ def regress(experiment: Experiment, bank: Cascade) -> Regression:
         s = r[:, : layout.n_signals]
         for k, i in enumerate(run.outputs):
             found[i] = (s, r[:, layout.n_signals + k], run.counts[k], 0.0)
-    signals, targets, counts, scales = zip(*(found[i] for i in sorted(found)), strict=True)
-    return Regression(
-        layout,
-        signals,
-        targets,
-        counts,
-        scales if experiment.is_coloured else (),
-        experiment.leads,
+    return _joined(experiment, layout, found)
+
+
+class Stack(NamedTuple):
+    """Triangles of some outputs of one experiment on several banks of the same order.
+
+    Attributes
+    ----------
+    outputs, counts : tuples of int
+        Which they are, and how many samples each has.
+    log_scale : float
+        As of `Regression`.
+    rows : (n_banks, r, n_signals + n_outputs) array
+        The targets behind the signals.
+    """
+
+    outputs: tuple[int, ...]
+    counts: tuple[int, ...]
+    log_scale: float
+    rows: Array
+
+
+def stacks_on(experiment: Experiment, a: Array, b: Array, poles: Complex) -> list[Stack]:
+    """`regress` on several banks of the same order at once.
+
+    Parameters
+    ----------
+    experiment : Experiment
+    a : (n_banks, q, q) array
+        Each lower triangular but for pairs on the diagonal.
+    b : (n_banks, q) array
+    poles : (n_banks, q) complex array
+    """
+    if experiment.charts is not None:
+        from tridentify.models.compiled_regression import triangles_of
+
+        return [Stack(*chart[:3], triangles_of(a, b, *chart.given)) for chart in experiment.charts]
+    found = [regress(experiment, Cascade(*one)) for one in zip(a, b, poles, strict=True)]
+    first, groups = found[0], dict[int, list[int]]()
+    for i, signals in enumerate(first.signals):
+        groups.setdefault(id(signals), []).append(i)
+    stacks = []
+    for own in groups.values():
+        rows = [np.column_stack([r.signals[own[0]], *(r.targets[i] for i in own)]) for r in found]
+        scale = first.log_scale[own[0]] if first.log_scale else 0.0
+        counts = tuple(first.counts[i] for i in own)
+        stacks.append(Stack(tuple(own), counts, scale, np.stack(rows)))
+    return stacks
+
+
+def regression_at(
+    experiment: Experiment, order: int, stacks: Sequence[Stack], k: int
+) -> Regression:
+    """What is stacked, of bank ``k``."""
+    layout = Layout(
+        order, experiment.u.shape[1], experiment.free, experiment.offset, experiment.drift
     )
+    n = layout.n_signals
+    found: dict[int, tuple[Array, Array, int, float]] = {}
+    for stack in stacks:
+        r = stack.rows[k]
+        signals = r[:, :n]
+        for at, i in enumerate(stack.outputs):
+            found[i] = (signals, r[:, n + at], stack.counts[at], stack.log_scale)
+    return _joined(experiment, layout, found)
+
+
+def _joined(
+    experiment: Experiment, layout: Layout, found: dict[int, tuple[Array, Array, int, float]]
+) -> Regression:
+    """Output by output: signals, target, count, log scale."""
+    signals, targets, counts, scales = zip(*(found[i] for i in sorted(found)), strict=True)
+    own = scales if experiment.is_coloured else ()
+    return Regression(layout, signals, targets, counts, own, experiment.leads)
 
 
 def response_of(

@@ -133,58 +133,6 @@ def _gains(a: Array, seen: Flags, state: Array, run: int, gain: Array, scale: Ar
     return run
 
 
-def _innovate(
-    a: Array, seen: Flags, gain: Array, scale: Array, rows: Array, past: Array, out: Array
-) -> None:
-    """Innovations of every row over a block; ``past`` (n_rows, p), oldest first, is carried on."""
-    p, count = a.size, seen.size
-    line, total = np.empty(p + count), np.empty(count)
-    steady = gain[:, 0] == -1.0
-    for c in range(rows.shape[0]):
-        line[:p] = past[c]
-        line[p:] = rows[c, :count]
-        t = 0
-        while t < count:
-            stop = t
-            while stop < count and steady[stop]:
-                stop += 1
-            # views from zero on: no index can be negative, so that several samples go at once
-            own = total[t:stop]
-            own[:] = line[p + t : p + stop]
-            k = 1
-            # four coefficients at a time: the sums are the same, each is loaded and stored once
-            while k + 3 <= p:
-                a0, a1, a2, a3 = a[k - 1], a[k], a[k + 1], a[k + 2]
-                l0, l1 = line[p + t - k :], line[p + t - k - 1 :]
-                l2, l3 = line[p + t - k - 2 :], line[p + t - k - 3 :]
-                for i in range(own.size):
-                    own[i] = (((own[i] + a0 * l0[i]) + a1 * l1[i]) + a2 * l2[i]) + a3 * l3[i]
-                k += 4
-            while k <= p:
-                a0, l0 = a[k - 1], line[p + t - k :]
-                for i in range(own.size):
-                    own[i] += a0 * l0[i]
-                k += 1
-            t = stop
-            if t == count:
-                break
-            expected = 0.0
-            for k in range(1, p + 1):
-                expected -= a[k - 1] * line[p + t - k]
-            if seen[t]:
-                surprise = line[p + t] - expected
-                total[t] = surprise / np.sqrt(scale[t])
-                line[p + t] = expected
-                for k in range(p):
-                    line[p + t - k] += gain[t, k] * surprise
-            else:
-                total[t] = 0.0
-                line[p + t] = expected
-            t += 1
-        out[c, :count] = total
-        past[c] = line[count:]
-
-
 def _burg(forward: Array, gaps: Places, stretches: Places, found: Array, power: Array) -> int:
     """Burg's recursion; gives the number of orders. ``forward`` is used up.
 
@@ -224,17 +172,15 @@ def _compiled() -> tuple[Callable[..., Any], ...]:
     import numba
 
     vector, table = numba.float64[::1], numba.float64[:, ::1]
-    strided, flags = numba.float64[:, :], numba.boolean[::1]
-    places = numba.int64[::1]
+    flags, places = numba.boolean[::1], numba.int64[::1]
     signatures = (
         numba.int64(vector, flags, table, numba.int64, table, vector),
-        numba.void(vector, flags, table, vector, strided, table, strided),
         numba.int64(vector, places, places, vector, vector),
     )
     found: list[Any] = []
     # sums may be taken in any order, which lets the processor take several samples at once
     order = {"reassoc", "nsz", "contract"}
-    for signature, loop in zip(signatures, (_gains, _innovate, _burg), strict=True):
+    for signature, loop in zip(signatures, (_gains, _burg), strict=True):
         try:
             found.append(numba.njit(signature, cache=True, fastmath=order)(loop))
         except RuntimeError:  # no folder on this machine can hold the cache
@@ -264,6 +210,28 @@ def _gains_from(a: Array, seen: Flags, state: Array, run: int) -> Gains:
 
 _first_gains = recent(FEW_GAINS)(_gains_from)
 """From the start of a series: residual, derivatives and added columns ask one after the other."""
+
+
+def gains(a: Array, seen: Flags) -> tuple[Array, Array, float]:
+    """What `kernels.whitening.innovate` is given for a whole series.
+
+    Parameters
+    ----------
+    a : (p,) array
+        Not empty.
+    seen : (n_samples,) bool array
+
+    Returns
+    -------
+    gain, scale : arrays
+        Kalman gains and variances of the innovations.
+    log_scale : float
+        As of `Whitener`.
+    """
+    own = np.array(a, dtype=np.float64)
+    mask = np.ascontiguousarray(seen)
+    gain, scale, _, _, log_scale = _first_gains(own, mask, _stationary(own.tobytes()), 0)
+    return gain, scale, log_scale
 
 
 class Whitener:
@@ -313,6 +281,8 @@ class Whitener:
         -------
         (n_columns, count) array
         """
+        from tridentify.numerics.kernels.whitening import innovate
+
         count, p = seen.size, self._a.size
         found = np.empty((rows.shape[0], count)) if out is None else out
         if p == 0:
@@ -323,7 +293,7 @@ class Whitener:
         gain, scale, self._state, self._run, log_scale = told(self._a, mask, self._state, self._run)
         self._begun = True
         self.log_scale += log_scale
-        _compiled()[1](self._a, mask, gain, scale, rows, self._past, found)
+        innovate(self._a, mask, gain, scale, rows, self._past, found)
         return found
 
 
@@ -384,7 +354,7 @@ def burg(series: Sequence[Array], most: int) -> tuple[Array, Array]:
     power[0] = float(filled @ filled) / max(int(seen.sum()), 1)
     gaps = np.flatnonzero(~seen)
     stretches = np.diff(np.concatenate([[-1], gaps, [seen.size]])) - 1
-    reached = int(_compiled()[2](filled, gaps, stretches, found, power))
+    reached = int(_compiled()[1](filled, gaps, stretches, found, power))
     return found[:reached], power[: reached + 1]
 
 

@@ -32,7 +32,12 @@ def read_only(dimensions: int, kind: Any = numba.float64) -> Any:
 
 
 def compiled(
-    signature: Any, *, inline: bool = False, wide: bool = False, free: bool = False
+    signature: Any,
+    *,
+    inline: bool = False,
+    wide: bool = False,
+    free: bool = False,
+    any_order: bool = False,
 ) -> Callable[[Function], Function]:
     """Decorator: machine code for a signature, kept on disk where that is possible.
 
@@ -52,12 +57,15 @@ def compiled(
         these are slower.
     free : bool
         Whether other threads may run meanwhile (the interpreter's lock is released).
+    any_order : bool
+        Whether sums may be taken in any order, which lets the processor take several terms at once.
     """
     # a test for a division by zero keeps a loop from being vectorised
     options: dict[str, Any] = {
         "forceinline": inline,
         "error_model": "numpy" if wide else "python",
         "nogil": free,
+        "fastmath": {"reassoc", "nsz", "contract"} if any_order else False,
     }
 
     def wrap(function: Function) -> Function:

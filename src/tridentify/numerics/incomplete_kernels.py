@@ -160,7 +160,8 @@ def levinson(k: Array, a: Array, slopes: Array) -> None:
     a[0] = 1.0
     old, turned = np.empty(p + 1), np.empty((p, p))
     for m in range(1, p + 1):
-        old[:m] = a[:m]
+        for i in range(m):
+            old[i] = a[i]
         old[m] = 0.0
         for i in range(1, m + 1):
             a[i] = old[i] + k[m - 1] * old[m - i]

@@ -48,6 +48,11 @@ class Seen(Experiment):
     seconds: float = 0.0
     summary: Summary | None = None
 
+    @property
+    def at_hand(self) -> bool:
+        """Whether its samples are there: they are gone."""
+        return False
+
     def reduced(self, bank: Cascade) -> Regression | None:
         """What was seen, on a bank."""
         return None if self.summary is None else self.summary.on(bank)

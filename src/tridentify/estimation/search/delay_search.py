@@ -47,7 +47,7 @@ from tridentify.estimation.likelihood.problem import Problem
 from tridentify.estimation.likelihood.thresholds import EQUAL, HELPED, NEAR, PLAUSIBLE
 from tridentify.estimation.search.search import Search
 from tridentify.estimation.search.stand_ins import SMALL, free_variant, is_large, is_usable, window
-from tridentify.estimation.search.starts import parallel_criterion, rate_limits
+from tridentify.estimation.search.starts import parallel_criteria, rate_limits
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.slices import drain
@@ -372,7 +372,7 @@ def _profile(
 
     def cost(delays: Array, rates: Array) -> Array:
         late = problem.delayed(delays).freed(None)
-        return np.array([parallel_criterion(late, rate, FUNCTIONS) for rate in rates])
+        return parallel_criteria(late, rates, FUNCTIONS)
 
     common_delays = [np.full(count, delay) for delay in grid]
     kept = tried

@@ -35,16 +35,18 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.problem import Group, Problem, Variant
+from tridentify.estimation.search.banks import Banks
+from tridentify.models.columns import Regression
 from tridentify.models.parallel import ParallelFit, fit_parallel
-from tridentify.models.regression import Regression, regress, restricted
+from tridentify.models.regression import restricted
 from tridentify.models.response import Response
 from tridentify.models.series_parallel import Filtering, fit_denominators
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.information import aicc_price
 from tridentify.numerics.least_squares import solve, triangle
 from tridentify.numerics.realization import Cascade, cascade, sort_poles
 from tridentify.numerics.slices import Slices, drain
 
+TOGETHER = 4_000  # samples filtered through a bank each; more take some milliseconds at once
 PER_DECADE = 3.0
 """Rates of Laguerre functions in a decade: neighbours are a factor of two apart."""
 MOST_FUNCTIONS = 12
@@ -74,10 +76,8 @@ class ParallelStart:
 
     Attributes
     ----------
-    name : str
-        In words.
-    problem : Problem
-        With the nuisance terms that were estimated along; its experiments are those of the base.
+    label : str
+        The operators in words.
     base : Problem
         The problem whose experiments are filtered.
     variant : Variant
@@ -91,21 +91,40 @@ class ParallelStart:
     filters : tuple of (k,) complex arrays
         The filter ``c`` of Step 2 for each denominator, whose poles follow the operators in the
         bank (empty: no Step 2).
-    bank : Cascade
-    regressions : tuple of Regression
-        On ``bank``.
+    banks : Banks
+    place : int
+        Which of them.
     """
 
-    name: str
-    problem: Problem
+    label: str
     base: Problem
     variant: Variant
     order: int
     criterion: float
     rate: float
     filters: tuple[Complex, ...]
-    bank: Cascade
-    regressions: tuple[Regression, ...]
+    banks: Banks
+    place: int
+
+    @property
+    def name(self) -> str:
+        """In words."""
+        return f"{self.label}, order {self.order}"
+
+    @property
+    def problem(self) -> Problem:
+        """With the nuisance terms that are estimated along; its experiments are the base's."""
+        return self.variant.problem(self.base)
+
+    @property
+    def bank(self) -> Cascade:
+        """The operators, and the poles of the filters."""
+        return self.banks.bank(self.place)
+
+    @cached_property
+    def regressions(self) -> tuple[Regression, ...]:
+        """The triangles on ``bank``."""
+        return self.variant.regressions(self.banks.regressions(self.place), self.bank)
 
     @cached_property
     def fit(self) -> ParallelFit:
@@ -300,11 +319,13 @@ def laguerre_starts(base: Problem, variants: Sequence[Variant]) -> list[Parallel
 
 
 def laguerre_slices(base: Problem, variants: Sequence[Variant]) -> Slices[list[ParallelStart]]:
-    """`laguerre_starts` in slices, one a grid point."""
+    """`laguerre_starts` in slices, some grid points in each."""
     found: list[ParallelStart] = []
-    for rate in _rates(base):
+    rates = _rates(base)
+    together = max(1, TOGETHER // max(1, sum(e.n_samples for e in base.experiments)))
+    for first in range(0, rates.size, together):
         yield
-        found += _laguerre(base, variants, rate)
+        found += _laguerre(base, variants, rates[first : first + together])
     return sorted(found, key=lambda start: start.criterion)
 
 
@@ -323,11 +344,14 @@ def best_laguerre(base: Problem, variant: Variant) -> ParallelStart:
         To be reduced by balanced truncation: its bank has no filters for Step 2.
     """
     rates = _rates(base)
-    found = {k: _laguerre(base, [variant], rates[k], False)[0] for k in range(0, len(rates), 2)}
+
+    def at(places: list[int]) -> dict[int, ParallelStart]:
+        models = _laguerre(base, [variant], rates[places], False)
+        return dict(zip(places, models, strict=True))
+
+    found = at(list(range(0, rates.size, 2)))
     best = min(found, key=lambda k: found[k].criterion)
-    for k in (best - 1, best + 1):
-        if 0 <= k < len(rates):
-            found[k] = _laguerre(base, [variant], rates[k], False)[0]
+    found |= at([k for k in (best - 1, best + 1) if 0 <= k < rates.size])
     return min(found.values(), key=lambda start: start.criterion)
 
 
@@ -339,13 +363,15 @@ def _rates(base: Problem) -> Array:
 
 
 def _laguerre(
-    base: Problem, variants: Sequence[Variant], gamma: float, filtered: bool = True
+    base: Problem, variants: Sequence[Variant], rates: Array, filtered: bool = True
 ) -> list[ParallelStart]:
-    """One point of the grid, with the filters of Step 2 or without."""
-    poles = np.full(_most(base, MOST_FUNCTIONS), -gamma, dtype=np.complex128)
+    """Points of the grid, with the filters of Step 2 or without."""
+    gammas = -rates.astype(np.complex128)
+    poles = np.repeat(gammas[:, None], _most(base, MOST_FUNCTIONS), axis=1)
     groups = base.groups if filtered else ()
-    filters = tuple(np.full(g.order + 1, -gamma, dtype=np.complex128) for g in groups)
-    return _starts(f"Laguerre {gamma:.3g} rad/s", base, variants, poles, filters, gamma)
+    filters = [tuple(np.full(g.order + 1, gamma) for g in groups) for gamma in gammas]
+    labels = [f"Laguerre {rate:.3g} rad/s" for rate in rates]
+    return _starts(base, variants, poles, filters, rates.tolist(), labels)
 
 
 def spread_starts(base: Problem, variants: Sequence[Variant]) -> list[ParallelStart]:
@@ -362,9 +388,10 @@ def spread_slices(base: Problem, variants: Sequence[Variant]) -> Slices[list[Par
     found: list[ParallelStart] = []
     for damping in SPREAD_DAMPING:
         yield
-        poles = spread_poles(base, damping, _most(base, MOST_SPREAD))
-        name = f"poles spread over the band, damping {damping:g}"
-        found += _starts(name, base, variants, poles, (), float(np.sqrt(low * high)), whole=True)
+        poles = spread_poles(base, damping, _most(base, MOST_SPREAD))[None]
+        labels = [f"poles spread over the band, damping {damping:g}"]
+        rates = [float(np.sqrt(low * high))]
+        found += _starts(base, variants, poles, [()], rates, labels, whole=True)
     return sorted(found, key=lambda start: start.criterion)
 
 
@@ -388,22 +415,24 @@ def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> Slices[l
     """
     low, high = rate_limits(base)
     found: list[ParallelStart] = []
+    rate, filters = float(np.sqrt(low * high)), base.split(poles)
     for damping in SPREAD_DAMPING:
         yield
         spread = spread_poles(base, damping, _most(base, MOST_SPREAD) // 2)
-        operators = np.concatenate([poles, poles, spread])
-        name = f"the poles so far and a spread, damping {damping:g}"
-        rate = float(np.sqrt(low * high))
-        filters = base.split(poles)
-        found += _starts(name, base, [variant], operators, filters, rate, whole=True)
+        operators = np.concatenate([poles, poles, spread])[None]
+        labels = [f"the poles so far and a spread, damping {damping:g}"]
+        found += _starts(base, [variant], operators, [filters], [rate], labels, whole=True)
     return sorted(found, key=lambda start: start.criterion)
 
 
-def parallel_criterion(problem: Problem, rate: float, most: int) -> float:
-    """AICc of the best parallel model on up to ``most`` Laguerre functions of one rate."""
-    bank = cascade(np.full(_most(problem, most), -rate, dtype=np.complex128))
-    regressions = tuple(regress(e, bank) for e in problem.experiments)
-    return _order(problem, regressions, bank.order, None)[1]
+def parallel_criteria(problem: Problem, rates: Array, most: int) -> Array:
+    """AICc of the best parallel model on up to ``most`` Laguerre functions of each rate."""
+    most = _most(problem, most)
+    fewest = min(max(group.order for group in problem.groups) + 1, most)
+    poles = np.repeat(-rates.astype(np.complex128)[:, None], most, axis=1)
+    e = problem.experiments[0]
+    same = Variant(e.free, e.offset, e.drift, (None,) * len(problem.experiments))
+    return Banks.of(problem, poles).orders([same], most, fewest)[1][:, 0]
 
 
 def spread_poles(base: Problem, damping: float, count: int) -> Complex:
@@ -423,38 +452,36 @@ def _most(base: Problem, limit: int) -> int:
 
 
 def _starts(
-    name: str,
     base: Problem,
     variants: Sequence[Variant],
     poles: Complex,
-    filters: tuple[Complex, ...],
-    rate: float,
+    filters: Sequence[tuple[Complex, ...]],
+    rates: Sequence[float],
+    labels: Sequence[str],
     *,
     whole: bool = False,
 ) -> list[ParallelStart]:
-    """One bank, every choice of nuisance terms."""
-    bank = cascade(np.concatenate([poles, _covering(filters)]))
-    regressions = tuple(regress(e, bank) for e in base.experiments)
-    found = []
-    for variant in variants:
-        problem = variant.problem(base)
-        own = variant.regressions(regressions, bank)
-        order, criterion = _order(problem, own, poles.size, poles.size if whole else None)
-        found.append(
-            ParallelStart(
-                f"{name}, order {order}",
-                problem,
-                base,
-                variant,
-                order,
-                criterion,
-                rate,
-                filters,
-                bank,
-                own,
-            )
+    """Several banks with as many operators each, every choice of nuisance terms."""
+    most = poles.shape[1]
+    covering = [_covering(own) for own in filters]
+    banks = Banks.of(base, np.column_stack([poles, np.stack(covering)]))
+    fewest = most if whole else min(max(group.order for group in base.groups) + 1, most)
+    orders, criteria = banks.orders(variants, most, fewest)
+    return [
+        ParallelStart(
+            label,
+            base,
+            variant,
+            int(orders[k, v]),
+            float(criteria[k, v]),
+            rates[k],
+            filters[k],
+            banks,
+            k,
         )
-    return found
+        for k, label in enumerate(labels)
+        for v, variant in enumerate(variants)
+    ]
 
 
 def _covering(filters: Sequence[Complex]) -> Complex:
@@ -465,56 +492,3 @@ def _covering(filters: Sequence[Complex]) -> Complex:
     if all(np.array_equal(longest[: own.size], own) for own in filters):
         return longest
     return np.concatenate(filters)
-
-
-def _order(
-    problem: Problem, regressions: Sequence[Regression], most: int, only: int | None
-) -> tuple[int, float]:
-    """Number of functions by AICc, summed over the outputs, and its value."""
-    highest = max(group.order for group in problem.groups)
-    fewest = min(highest + 1, most) if only is None else only
-    total = np.zeros(most)
-    samples = 0.0
-    for i in range(problem.n_outputs):
-        count = float(sum(r.counts[i] for r in regressions))
-        rss = _nested(regressions, i, most, problem.biproper)
-        total += count * np.log(rss / count + 1e-30 * problem.size[i])
-        samples += count
-    layout = regressions[0].layout
-    per_order = problem.n_outputs * (layout.n_inputs + layout.free * len(regressions))
-    shared = problem.n_outputs * (1 + (layout.offset + layout.drift) * len(regressions))
-    shared += problem.n_outputs * layout.n_inputs * problem.biproper
-    k = per_order * np.arange(1, most + 1) + shared
-    criterion = total + aicc_price(k.astype(np.float64), samples)
-    best = int(np.argmin(criterion[fewest - 1 :])) + fewest
-    return best, float(criterion[best - 1])
-
-
-def _nested(regressions: Sequence[Regression], output: int, most: int, biproper: bool) -> Array:
-    """(most,) residual sums of squares with the first 1, 2, ... functions of every channel.
-
-    The weights of the input functions are common to the experiments, all else is their own.
-    """
-    layout = regressions[0].layout
-    n_e = len(regressions)
-    own = layout.nuisance.stop - layout.nuisance.start
-    direct = [layout.direct(j) for j in range(layout.n_inputs)] if biproper else []
-    fixed = own * n_e + len(direct)
-    per_order = layout.n_inputs + layout.free * n_e
-    rows = []
-    for e, regression in enumerate(regressions):
-        s = regression.signals[output]
-        block = np.zeros((s.shape[0], fixed + per_order * most + 1))
-        block[:, own * e : own * (e + 1)] = s[:, layout.nuisance]
-        block[:, own * n_e : fixed] = s[:, direct]
-        for j in range(layout.n_inputs):
-            first = layout.input_states(j).start
-            block[:, fixed + j : -1 : per_order] = s[:, first : first + most]
-        if layout.free:
-            block[:, fixed + layout.n_inputs + e : -1 : per_order] = s[:, :most]
-        block[:, -1] = regression.targets[output]
-        rows.append(block)
-    last = triangle(rows[0] if n_e == 1 else np.vstack(rows))[:, -1]
-    last = np.pad(last, (0, max(0, fixed + per_order * most + 1 - last.size)))
-    tail = np.append(np.cumsum(last[::-1] ** 2)[::-1], 0.0)
-    return np.asarray(tail[fixed + per_order * np.arange(1, most + 1)])

@@ -128,7 +128,8 @@ def by_fours(
                     own, forced = first + i, known[i]
                     now, after = from_current[own], from_next[own]
                     x[i] = state[j, own]
-                    f[i, :width] = transition[own, first : first + width]
+                    for m in range(width):
+                        f[i, m] = transition[own, first + m]
                     for k in range(count):
                         forced[k] = now * here[k]
                     if after:
@@ -155,5 +156,6 @@ def by_fours(
                 x[0], x[1], x[2], x[3] = x0, x1, x2, x3
                 for i in range(width):
                     state[j, first + i] = x[i]
-                    out[j * q + first + i, place : place + count] = known[i]
+                    for k in range(count):
+                        out[j * q + first + i, place + k] = known[i, k]
                 first += width

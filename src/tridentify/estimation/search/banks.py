@@ -1,0 +1,130 @@
+"""Several banks of the same order, the records seen through each, and what AICc makes of them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tridentify.estimation.likelihood.cost import FLOOR
+from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.models.columns import Layout, Regression
+from tridentify.models.regression import Stack, regression_at, stacks_on
+from tridentify.numerics.arrays import Array, Complex, Indices
+from tridentify.numerics.information import aicc_price
+from tridentify.numerics.realization import Cascade
+
+
+@dataclass(frozen=True, eq=False)
+class Banks:
+    """Cascades of several sets of poles, and every experiment's triangles on them.
+
+    Attributes
+    ----------
+    base : Problem
+        Whose experiments are filtered.
+    poles : (n_banks, q) complex array
+    a, b : (n_banks, q, q), (n_banks, q) arrays
+    stacks : tuple of lists of Stack
+        For each experiment.
+    """
+
+    base: Problem
+    poles: Complex
+    a: Array
+    b: Array
+    stacks: tuple[list[Stack], ...]
+
+    @classmethod
+    def of(cls, base: Problem, poles: Complex) -> Banks:
+        """The banks of poles (n_banks, q): pairs side by side, real parts negative."""
+        from tridentify.models.compiled_regression import cascades
+
+        poles = np.ascontiguousarray(poles, dtype=np.complex128)
+        a, b = cascades(poles)
+        return cls(base, poles, a, b, tuple(stacks_on(e, a, b, poles) for e in base.experiments))
+
+    def bank(self, k: int) -> Cascade:
+        """One of them."""
+        return Cascade(self.a[k], self.b[k], self.poles[k])
+
+    def regressions(self, k: int) -> tuple[Regression, ...]:
+        """The triangles on one of them."""
+        order = self.b.shape[1]
+        pairs = zip(self.base.experiments, self.stacks, strict=True)
+        return tuple(regression_at(e, order, stacks, k) for e, stacks in pairs)
+
+    @property
+    def layout(self) -> Layout:
+        """Where things stand among the columns."""
+        e = self.base.experiments[0]
+        return Layout(self.b.shape[1], self.base.n_inputs, e.free, e.offset, e.drift)
+
+    @cached_property
+    def together(self) -> tuple[Array, Indices, Array, Array]:
+        """All triangles of all banks, the place of each, the targets, and the counts by output."""
+        every = [one for stacks in self.stacks for one in stacks]
+        n, height = self.layout.n_signals, max(one.rows.shape[1] for one in every)
+        size = (len(self.stacks), self.base.n_outputs)
+        stack = np.zeros((len(self.b), len(every), height, n))
+        targets = np.zeros((len(self.b), *size, height))
+        which, counts, t = np.zeros(size, dtype=np.int64), np.zeros(size[1]), 0
+        for e, stacks in enumerate(self.stacks):
+            for one in stacks:
+                rows = one.rows.shape[1]
+                stack[:, t, :rows] = one.rows[:, :, :n]
+                for at, i in enumerate(one.outputs):
+                    which[e, i] = t
+                    targets[:, e, i, :rows] = one.rows[:, :, n + at]
+                    counts[i] += one.counts[at]
+                t += 1
+        return stack, which, targets, counts
+
+    def orders(self, variants: Sequence[Variant], most: int, fewest: int) -> tuple[Indices, Array]:
+        """Number of functions by AICc, summed over the outputs, and its value.
+
+        Parameters
+        ----------
+        variants : sequence of Variant
+        most : int
+            Of the bank's states, the first so many are functions of the model.
+        fewest : int
+
+        Returns
+        -------
+        orders, criteria : (n_banks, n_variants) arrays
+        """
+        from tridentify.estimation.search.compiled_starts import orders_of
+
+        base, layout = self.base, self.layout
+        stack, which, targets, counts = self.together
+        n_experiments, n_outputs, n_inputs = len(self.stacks), base.n_outputs, base.n_inputs
+        constants = np.zeros((len(variants), n_experiments, n_inputs))
+        nuisance = np.full((len(variants), 2), -1, dtype=np.int64)
+        prices = np.empty((len(variants), most))
+        one = layout.nuisance.start
+        for v, variant in enumerate(variants):
+            kept = [one] * variant.offset
+            kept += [one + layout.offset] * (variant.drift and layout.drift)
+            nuisance[v, : len(kept)] = kept
+            for e, constant in enumerate(variant.constants):
+                if constant is not None:
+                    constants[v, e] = constant
+            per_order = n_inputs + variant.free * n_experiments
+            shared = 1 + len(kept) * n_experiments + n_inputs * base.biproper
+            k = n_outputs * (per_order * np.arange(1.0, most + 1.0) + shared)
+            prices[v] = aicc_price(k, float(counts.sum()))
+        if constants.any() and not (layout.free and layout.offset):
+            raise ValueError("constants need the impulse states and the constant among the columns")
+        leads = np.zeros((n_experiments, n_outputs, n_inputs))
+        for e, experiment in enumerate(base.experiments):
+            if experiment.leads is not None:
+                leads[e] = experiment.leads
+        free = np.array([variant.free for variant in variants])
+        floors = FLOOR * np.asarray(base.size, dtype=np.float64)
+        return orders_of(
+            stack, which, targets, self.a, self.b, free, nuisance, base.biproper, most, fewest,
+            constants, leads, one, int(layout.free), counts, floors, prices,
+        )  # fmt: skip

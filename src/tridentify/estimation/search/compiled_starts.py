@@ -1,0 +1,161 @@
+"""Orders of parallel models in machine code: all banks of a grid, all choices of nuisance terms.
+
+Functions are nested, so that the residuals of all orders follow from one triangle: its columns are
+those that every order has (nuisance terms, inputs), then the first function of every channel, the
+second of every channel, and so on. Columns of the triangles are those of `compiled_cost`.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tridentify.numerics.arrays import Array, Flags, Indices
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.kernels.exponentials import exponential, solve_lower
+from tridentify.numerics.kernels.triangles import triangularise
+
+
+@compiled("float64[:,::1](float64[:,::1], float64[::1], float64[:,::1], int64, float64)")
+def held_states(a: Array, b: Array, s: Array, one: int, lead: float) -> Array:
+    """(q, r) answer of the states to a constant that began ``lead`` before the impulse.
+
+    As of `models.regression.restricted`; ``one`` is the column of the constant.
+    """
+    q, height = b.size, s.shape[0]
+    found, moved = np.zeros((q, height)), exponential(a * lead)
+    for i in range(q):
+        for r in range(height):
+            if lead != 0.0:
+                for j in range(q):
+                    found[i, r] += moved[i, j] * s[r, j]
+            else:
+                found[i, r] = s[r, i]
+            found[i, r] -= s[r, one] * b[i]
+    solve_lower(a, found)
+    return found
+
+
+@compiled(
+    "void(float64[:,::1], float64[:,::1], float64[::1], int64, int64, boolean, int64[::1],"
+    " boolean, int64, float64[::1], float64[::1], int64, int64, int64, float64[:,::1])"
+)
+def fill_nested(
+    s: Array, a: Array, b: Array, experiment: int, n_experiments: int, free: bool,
+    nuisance: Indices, biproper: bool, most: int, constants: Array, leads: Array, one: int,
+    first_input: int, top: int, columns: Array,
+) -> None:  # fmt: skip
+    """Columns of one experiment, a row each, into zeros; arguments as of `orders_of`."""
+    q, n_inputs, own, height = b.size, constants.size, nuisance.size, s.shape[0]
+    fixed = own * n_experiments + (n_inputs if biproper else 0)
+    step = n_inputs + (n_experiments if free else 0)
+    direct = q * (n_inputs + first_input)
+    for c in range(own):
+        for r in range(height):
+            columns[own * experiment + c, top + r] = s[r, nuisance[c]]
+    for j in range(n_inputs):
+        first, value = q * (j + first_input), constants[j]
+        for d in range(most):
+            for r in range(height):
+                columns[fixed + d * step + j, top + r] = s[r, first + d]
+        if biproper:
+            for r in range(height):
+                columns[own * n_experiments + j, top + r] = s[r, direct + j]
+        if value != 0.0:
+            held = held_states(a, b, s, one, leads[j])
+            for d in range(most):
+                for r in range(height):
+                    columns[fixed + d * step + j, top + r] += value * held[d, r]
+            if biproper:
+                for r in range(height):
+                    columns[own * n_experiments + j, top + r] += value * s[r, one]
+    if free:
+        for d in range(most):
+            for r in range(height):
+                columns[fixed + d * step + n_inputs + experiment, top + r] = s[r, d]
+
+
+@compiled(
+    "(float64[:,:,:,::1], int64[:,::1], float64[:,:,:,::1], float64[:,:,::1], float64[:,::1],"
+    " boolean[::1], int64[:,::1], boolean, int64, int64, float64[:,:,::1], float64[:,:,::1], int64,"
+    " int64, float64[::1], float64[::1], float64[:,::1])",
+    free=True,
+)
+def orders_of(
+    stack: Array, which: Indices, targets: Array, a: Array, b: Array, free: Flags,
+    nuisance: Indices, biproper: bool, most: int, fewest: int, constants: Array, leads: Array,
+    one: int, first_input: int, counts: Array, floors: Array, prices: Array,
+) -> tuple[Indices, Array]:  # fmt: skip
+    """Number of functions of lowest AICc, and that AICc.
+
+    Parameters
+    ----------
+    stack : (n_banks, n_triangles, r, n_columns) array
+    which : (n_experiments, n_outputs) int array
+        The triangle of each.
+    targets : (n_banks, n_experiments, n_outputs, r) array
+    a, b : (n_banks, q, q), (n_banks, q) arrays
+    free : (n_variants,) bool array
+        Whether each choice of nuisance terms has a free initial state.
+    nuisance : (n_variants, 2) int array
+        Columns of constant and ramp that each keeps, and -1 for none, behind them.
+    biproper : bool
+    most, fewest : int
+        Numbers of functions.
+    constants : (n_variants, n_experiments, n_inputs) array
+        What is put back on the inputs.
+    leads : (n_experiments, n_outputs, n_inputs) array
+        How long before the impulse each input begins to act [s].
+    one : int
+        Column of the constant.
+    first_input : int
+        One where the first states of a triangle are those of an impulse, else zero.
+    counts, floors : (n_outputs,) arrays
+        Samples, and what is added to a mean square.
+    prices : (n_variants, most) array
+        Of the unknowns.
+
+    Returns
+    -------
+    orders : (n_banks, n_variants) int array
+    criteria : (n_banks, n_variants) array
+    """
+    n_banks, n_variants = stack.shape[0], free.size
+    n_experiments, n_outputs, height = targets.shape[1], targets.shape[2], targets.shape[3]
+    n_inputs, tall = constants.shape[2], n_experiments * targets.shape[3]
+    orders, criteria = np.zeros((n_banks, n_variants), np.int64), np.zeros((n_banks, n_variants))
+    total = np.empty(most)
+    for v in range(n_variants):
+        own = 0
+        for c in range(nuisance.shape[1]):
+            own += nuisance[v, c] >= 0
+        fixed = own * n_experiments + (n_inputs if biproper else 0)
+        step = n_inputs + (n_experiments if free[v] else 0)
+        width = fixed + step * most + 1
+        r = np.empty((width, width))
+        for k in range(n_banks):
+            for d in range(most):
+                total[d] = prices[v, d]
+            for i in range(n_outputs):
+                columns = np.zeros((width, tall))
+                for e in range(n_experiments):
+                    fill_nested(
+                        stack[k, which[e, i]], a[k], b[k], e, n_experiments, free[v],
+                        nuisance[v, :own], biproper, most, constants[v, e], leads[e, i], one,
+                        first_input, e * height, columns,
+                    )  # fmt: skip
+                    for t in range(height):
+                        columns[-1, e * height + t] = targets[k, e, i, t]
+                triangularise(columns, tall, 0, 0, r)
+                rss, last = 0.0, width
+                for d in range(most - 1, -1, -1):
+                    first = fixed + step * (d + 1)
+                    for t in range(first, last):
+                        rss += r[t, -1] * r[t, -1]
+                    last = first
+                    total[d] += counts[i] * np.log(rss / counts[i] + floors[i])
+            best = fewest - 1
+            for d in range(fewest, most):
+                if total[d] < total[best]:
+                    best = d
+            orders[k, v], criteria[k, v] = best + 1, total[best]
+    return orders, criteria

@@ -1,0 +1,260 @@
+"""Experiments filtered through banks and reduced to triangles, in machine code.
+
+What `models.regression` derives, for uniform time and inputs that are held or ramp between the
+samples: discretisation, states and triangle of many banks in one call. The states follow one
+another section by section along the whole record: what the sections before contribute is added up
+along time, where the processor takes several samples at once, and only the section itself is a
+recursion.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tridentify.numerics.arrays import Array, Complex, Flags, Indices
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.kernels.cascades import fill_cascade
+from tridentify.numerics.kernels.exponentials import discrete
+from tridentify.numerics.kernels.triangles import add_scaled, triangularise
+from tridentify.numerics.kernels.whitening import innovate
+
+PIECE = 64
+"""Samples of a free response after which is looked whether it has died out."""
+NEGLIGIBLE = 1e-30
+"""As in `models.regression`."""
+
+
+@compiled("(complex128[:,::1],)", free=True)
+def cascades(poles: Complex) -> tuple[Array, Array]:
+    """``A`` (n_banks, q, q) and ``B`` (n_banks, q) of several sets of poles."""
+    count, q = poles.shape
+    a, b = np.zeros((count, q, q)), np.zeros((count, q))
+    for k in range(count):
+        fill_cascade(poles[k], 1, a[k], b[k])
+    return a, b
+
+
+@compiled(
+    "void(float64[:,::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[:,::1],"
+    " int64, int64)",
+    wide=True,
+)
+def drive(
+    step: Array, now: Array, after: Array, w: Array, x: Array, rows: Array, begin: int, end: int
+) -> None:
+    """States at samples ``begin .. end - 1`` into ``rows`` (q, n); ``x`` is carried on.
+
+    ``x_{k+1} = F x_k + G0 w_k + G1 w_{k+1}``, without the input where ``w`` is empty.
+    """
+    q, count, last = x.size, end - begin, w.size - 1
+    forced = np.empty((2, count))
+    i = 0
+    while i < q:
+        width = 2 if i + 1 < q and step[i, i + 1] != 0.0 else 1
+        for r in range(width):
+            own, first, second = forced[r], now[i + r], after[i + r]
+            if last < 0:
+                for k in range(count):
+                    own[k] = 0.0
+            else:
+                for k in range(count):
+                    own[k] = first * w[begin + k]
+                if second != 0.0:
+                    for k in range(min(count, last - begin)):
+                        own[k] += second * w[begin + k + 1]
+            for m in range(i):
+                weight = step[i + r, m]
+                if weight != 0.0:
+                    add_scaled(own, weight, rows[m, begin:end])
+        if width == 1:
+            f, state, own, out = step[i, i], x[i], forced[0], rows[i, begin:end]
+            for k in range(count):
+                out[k] = state
+                state = f * state + own[k]
+            x[i] = state
+        else:
+            f00, f01, f10, f11 = step[i, i], step[i, i + 1], step[i + 1, i], step[i + 1, i + 1]
+            s0, s1, o0, o1 = x[i], x[i + 1], forced[0], forced[1]
+            r0, r1 = rows[i, begin:end], rows[i + 1, begin:end]
+            for k in range(count):
+                r0[k], r1[k] = s0, s1
+                s0, s1 = f00 * s0 + (f01 * s1 + o0[k]), f11 * s1 + (f10 * s0 + o1[k])
+            x[i], x[i + 1] = s0, s1
+        i += width
+
+
+@compiled("int64(float64[:,::1], float64[::1], int64, float64[:,::1])")
+def die_away(step: Array, b: Array, begin: int, rows: Array) -> int:
+    """The response to an impulse at sample ``begin`` into zeros; from where on it is nothing."""
+    q, n = rows.shape
+    x, nothing, least, at = b.copy(), np.zeros(0), 0.0, begin
+    for i in range(q):
+        least = max(least, NEGLIGIBLE * abs(b[i]))
+    while at < n:
+        end, largest = min(at + PIECE, n), 0.0
+        drive(step, nothing, nothing, nothing, x, rows, at, end)
+        at = end
+        for i in range(q):
+            largest = max(largest, abs(x[i]))
+        if largest < least:
+            break
+    return at
+
+
+@compiled(
+    "void(float64[:,::1], float64[::1], float64, boolean, float64, float64[:,::1], float64[::1],"
+    " float64[::1], float64[:,::1], int64)"
+)
+def drive_late(
+    a: Array, b: Array, dt: float, ramps: bool, part: float, step: Array, first_two: Array,
+    w: Array, rows: Array, first: int,
+) -> None:  # fmt: skip
+    """States of an input that comes late by ``part`` of an interval, from its first sample on.
+
+    `numerics.sampled` derives it; ``first_two`` are the input's own first samples, and the states
+    before sample ``first`` are zeros already.
+    """
+    q, n = rows.shape
+    _, one_now, one_after = discrete(a, b, part * dt, ramps)
+    two_step, two_now, two_after = discrete(a, b, (1.0 - part) * dt, ramps)
+    now, after, last = np.zeros(q), np.zeros(q), np.zeros(q)
+    x = np.empty(q)
+    for i in range(q):
+        if ramps:
+            last[i] = (1.0 - part) * two_after[i]
+    for i in range(q):
+        if ramps:
+            after[i] = two_now[i] + part * two_after[i]
+            for m in range(q):
+                now[i] += part * two_step[i, m] * one_now[m]
+                after[i] += two_step[i, m] * ((1.0 - part) * one_now[m] + one_after[m])
+                after[i] += step[i, m] * last[m]
+        else:
+            after[i] = two_now[i]
+            for m in range(q):
+                now[i] += two_step[i, m] * one_now[m]
+        arrived = part * first_two[0] + (1.0 - part) * first_two[1] if ramps else first_two[1]
+        x[i] = first_two[0] * two_now[i] + arrived * two_after[i] - first_two[1] * last[i]
+    if first >= n:
+        return
+    drive(step, now, after, w, x, rows, first, n)
+    for i in range(q):
+        if last[i] != 0.0:
+            for k in range(first, n):
+                rows[i, k] += last[i] * w[k + 1]
+
+
+@compiled(
+    "int64(float64[:,::1], float64[::1], float64, boolean, float64[:,::1], int64[::1],"
+    " float64[::1], float64[:,::1], boolean, int64, float64[:,::1])"
+)
+def fill_states(
+    a: Array, b: Array, dt: float, ramps: bool, w: Array, firsts: Indices, parts: Array,
+    first_two: Array, free: bool, start: int, columns: Array,
+) -> int:  # fmt: skip
+    """Impulse states and the states of every input; from where on the impulse is nothing."""
+    q, n, length = b.size, columns.shape[1], 0
+    step, now, after = discrete(a, b, dt, ramps)
+    at = q if free else 0
+    columns[: at + q * w.shape[0]] = 0.0
+    if free:
+        length = die_away(step, b, start, columns[:q])
+    for j in range(w.shape[0]):
+        rows = columns[at : at + q]
+        if firsts[j]:
+            drive_late(
+                a, b, dt, ramps, parts[j], step, first_two[j], w[j], rows, firsts[j]
+            )  # fmt: skip
+        else:
+            drive(step, now, after, w[j, :n], np.zeros(q), rows, 0, n)
+        at += q
+    return length
+
+
+@compiled(
+    "float64[:,:,::1](float64[:,:,::1], float64[:,::1], float64, boolean, float64[:,::1],"
+    " int64[::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1], float64[::1],"
+    " boolean, int64, float64[::1], boolean[::1], float64[:,::1], float64[::1])",
+    free=True,
+)
+def triangles_of(
+    a: Array,
+    b: Array,
+    dt: float,
+    ramps: bool,
+    w: Array,
+    firsts: Indices,
+    parts: Array,
+    first_two: Array,
+    known: Array,
+    y: Array,
+    weight: Array,
+    free: bool,
+    start: int,
+    noise: Array,
+    seen: Flags,
+    gain: Array,
+    scale: Array,
+) -> Array:
+    """The triangles of some outputs of one experiment on several banks.
+
+    Parameters
+    ----------
+    a : (n_banks, q, q) array
+        Lower triangular with pairs.
+    b : (n_banks, q) array
+    dt : float
+    ramps : bool
+        Whether the inputs ramp between samples, or are held.
+    w : (n_inputs, n_samples + 1) array
+        What acts from sample to sample.
+    firsts : (n_inputs,) int array
+        The first sample that a delayed input reaches; 0 without a delay.
+    parts : (n_inputs,) array
+        The delay's part of an interval.
+    first_two : (n_inputs, 2) array
+        First samples of each input.
+    known : (n_known, n_samples) array
+        Inputs, constant and ramp.
+    y : (n_outputs, n_samples) array
+        Zero where missing.
+    weight : (n_samples,) array
+        Of the rows; empty where it is one.
+    free : bool
+        Whether the impulse states are among the columns.
+    start : int
+        Where the impulse acts.
+    noise, seen, gain, scale
+        Of a noise model (`numerics.autoregression`); ``noise`` is empty where it is white.
+
+    Returns
+    -------
+    (n_banks, n_columns, n_columns) array
+        Impulse states, states of every input, ``known``, outputs.
+    """
+    count, q, n = b.shape[0], b.shape[1], y.shape[1]
+    states = q * (w.shape[0] + free)
+    width = states + known.shape[0] + y.shape[0]
+    found, columns = np.empty((count, width, width)), np.empty((width, n))
+    whitened = np.empty((width if noise.size else 0, n))
+    for k in range(count):
+        length = fill_states(
+            a[k], b[k], dt, ramps, w, firsts, parts, first_two, free, start, columns
+        )  # fmt: skip
+        for i in range(known.shape[0]):
+            for t in range(n):
+                columns[states + i, t] = known[i, t]
+        for i in range(y.shape[0]):
+            for t in range(n):
+                columns[states + known.shape[0] + i, t] = y[i, t]
+        if noise.size:
+            past = np.zeros((width, noise.size))
+            innovate(noise, seen, gain, scale, columns, past, whitened)
+            triangularise(whitened, n, 0, n, found[k])
+            continue
+        if weight.size:
+            for i in range(width):
+                for t in range(n):
+                    columns[i, t] *= weight[t]
+        triangularise(columns, n, q if free else 0, length, found[k])
+    return found

@@ -1,0 +1,245 @@
+"""One record as the estimators see it, and what of it the filters are given."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tridentify.models.columns import Regression
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.autoregression import gains
+from tridentify.numerics.realization import Cascade
+from tridentify.numerics.sampled import Sampled
+
+MIDDLING = 4_096
+"""Samples up to which an experiment is filtered along time, column by column: the columns of a few
+dozen states stay in the processor's near memory."""
+
+
+@dataclass(frozen=True, eq=False)
+class Experiment:
+    """One record as the estimators see it.
+
+    Attributes
+    ----------
+    u : (n_samples, n_inputs) array
+        Input minus its reference, C-contiguous.
+    y : (n_samples, n_outputs) array
+        Output; ``nan`` marks a missing sample.
+    dt : float
+        Sampling interval [s]; where ``t`` is given, one of the shorter intervals.
+    intersample : str
+        ``"zoh"`` or ``"foh"``.
+    free, offset, drift : bool
+        Which nuisance terms are estimated along.
+    noise : tuple of (p_i,) arrays
+        Autoregressive coefficients of each output's noise; the empty tuple where all are white.
+    t : (n_samples,) array, optional
+        Instants from zero [s], where they are not uniform.
+    delays : (n_outputs, n_inputs) array, optional
+        How late every input reaches every output [s].
+    start : int
+        The sample at which a free initial state begins to act; outputs before it are ``nan``.
+    """
+
+    u: Array
+    y: Array
+    dt: float
+    intersample: str
+    free: bool
+    offset: bool
+    drift: bool
+    noise: tuple[Array, ...] = ()
+    t: Array | None = None
+    delays: Array | None = None
+    start: int = 0
+
+    @property
+    def n_samples(self) -> int:
+        """Number of samples."""
+        return int(self.u.shape[0])
+
+    @property
+    def at_hand(self) -> bool:
+        """Whether its samples are there."""
+        return True
+
+    def reduced(self, bank: Cascade) -> Regression | None:
+        """The triangle on a bank, where it is known without the samples."""
+        return None
+
+    @property
+    def duration(self) -> float:
+        """Length of the record [s]."""
+        return (self.n_samples - 1) * self.dt if self.t is None else float(self.t[-1])
+
+    @cached_property
+    def instants(self) -> Array:
+        """(n_samples,) from zero [s]."""
+        if self.t is not None:
+            return self.t
+        return np.asarray(np.arange(self.n_samples) * self.dt, dtype=np.float64)
+
+    def instant(self, sample: int) -> float:
+        """When one sample was taken, from zero [s]."""
+        return sample * self.dt if self.t is None else float(self.t[sample])
+
+    @cached_property
+    def ramp(self) -> Array:
+        """(n_samples,) from 0 at the first sample to 1 at the last."""
+        if self.t is None:
+            return np.asarray(np.arange(self.n_samples) / (self.n_samples - 1))
+        return np.asarray(self.t / self.t[-1])
+
+    @cached_property
+    def sampled(self) -> tuple[Sampled, ...]:
+        """The inputs as each output sees them; the same object where the delays are the same."""
+        n_outputs = int(self.y.shape[1])
+        if self.delays is None or not np.any(self.delays):
+            return (Sampled(self.u, self.dt, self.intersample, self.t),) * n_outputs
+        known: dict[tuple[float, ...], Sampled] = {}
+        found: list[Sampled] = []
+        for row in self.delays:
+            key = tuple(float(delay) for delay in row)
+            if key not in known:
+                known[key] = Sampled(self.u, self.dt, self.intersample, self.t, key)
+            found.append(known[key])
+        return tuple(found)
+
+    @cached_property
+    def runs(self) -> tuple[OutputRun, ...]:
+        """Outputs in groups that one run over the samples serves."""
+        seen = ~np.isnan(self.y)
+        complete = bool(seen.all())
+        groups: dict[object, list[int]] = {}
+        for i, signal in enumerate(self.sampled):
+            key: object = id(signal)
+            if not self.is_coloured and not complete:
+                key = (id(signal), seen[:, i].tobytes())
+            groups.setdefault(key, []).append(i)
+        found = []
+        for outputs in groups.values():
+            own = tuple(int(n) for n in seen[:, outputs].sum(axis=0))
+            y = self.y if len(outputs) == self.y.shape[1] else self.y[:, outputs]
+            y = y if complete else np.where(seen[:, outputs], y, 0.0)
+            weight = None if min(own) == self.n_samples else seen[:, outputs[0]].astype(np.float64)
+            found.append(OutputRun(tuple(outputs), seen[:, outputs], own, y, weight))
+        return tuple(found)
+
+    @cached_property
+    def charts(self) -> tuple[Chart, ...] | None:
+        """What the filters in machine code are given; None where they do not serve.
+
+        They do on uniform time, for inputs that are held or ramp, up to ``MIDDLING`` samples.
+        """
+        uniform = self.t is None and self.intersample in ("zoh", "foh")
+        if not (uniform and self.at_hand and 2 <= self.n_samples <= MIDDLING):
+            return None
+        found = []
+        for run in self.runs:
+            if not self.is_coloured:
+                found.append(self._chart(run, run.outputs, run.y, run.weight))
+                continue
+            for k, i in enumerate(run.outputs):
+                found.append(self._chart(run, (i,), run.y[:, k : k + 1], None))
+        return tuple(found)
+
+    def _chart(
+        self, run: OutputRun, outputs: tuple[int, ...], y: Array, weight: Array | None
+    ) -> Chart:
+        signal, n = self.sampled[outputs[0]], self.n_samples
+        w = np.zeros((self.u.shape[1], n + 1))
+        firsts, parts = np.zeros(len(w), dtype=np.int64), np.zeros(len(w))
+        if any(signal.delays):
+            for (first, part, own), (delay, channels) in zip(
+                signal.shifted, signal.groups, strict=True
+            ):
+                for column, j in enumerate(channels):
+                    w[j] = own[:, column]
+                    firsts[j], parts[j] = (min(first, n), part) if delay else (0, 0.0)
+                    if not delay:
+                        w[j, :n] = self.u[:, j]
+        else:
+            w[:, :n] = self.u.T
+        known = [*signal.direct.T]
+        known += [np.ones(n)] * self.offset + [self.ramp] * self.drift
+        noise = self.noise[outputs[0]] if self.is_coloured else np.zeros(0)
+        seen, log_scale = run.seen[:, run.outputs.index(outputs[0])], 0.0
+        gain, scale = np.zeros((0, 1)), np.zeros(0)
+        if noise.size:
+            gain, scale, log_scale = gains(noise, seen)
+        elif self.is_coloured and not seen.all():
+            weight = seen.astype(np.float64)
+        given = (
+            self.dt,
+            self.intersample == "foh",
+            w,
+            firsts,
+            parts,
+            np.array(self.u[:2].T, order="C"),
+            np.array(known).reshape(len(known), n),
+            np.array(y.T, order="C"),
+            np.zeros(0) if weight is None else weight,
+            self.free,
+            self.start,
+            np.array(noise, dtype=np.float64),
+            np.array(seen),
+            gain,
+            scale,
+        )
+        counts = tuple(run.counts[run.outputs.index(i)] for i in outputs)
+        return Chart(outputs, counts, log_scale, given)
+
+    @cached_property
+    def is_coloured(self) -> bool:
+        """Whether the noise of any output has a model."""
+        return any(a.size for a in self.noise)
+
+    @cached_property
+    def leads(self) -> Array | None:
+        """(n_outputs, n_inputs) how long before ``start`` each input begins to act [s]."""
+        if self.delays is None and not self.start:
+            return None
+        delays = 0.0 if self.delays is None else self.delays
+        begin = self.instant(self.start)
+        return np.asarray(np.broadcast_to(begin - delays, (self.y.shape[1], self.u.shape[1])))
+
+
+@dataclass(frozen=True, eq=False)
+class OutputRun:
+    """Outputs with the same delays and, where their noise is white, the same samples.
+
+    Attributes
+    ----------
+    outputs : tuple of int
+    seen : (n_samples, n) bool array
+        Where each has a sample.
+    counts : tuple of int
+        How many samples each has.
+    y : (n_samples, n) array
+        The outputs, zero where missing.
+    weight : (n_samples,) array, optional
+        One where the first has a sample, else zero; None where all have all.
+    """
+
+    outputs: tuple[int, ...]
+    seen: NDArray[np.bool_]
+    counts: tuple[int, ...]
+    y: Array
+    weight: Array | None
+
+
+class Chart(NamedTuple):
+    """Outputs of an experiment, and what `compiled_regression.triangles_of` is given of it.
+
+    ``log_scale`` as of `Regression`; ``given``: all arguments behind the banks.
+    """
+
+    outputs: tuple[int, ...]
+    counts: tuple[int, ...]
+    log_scale: float
+    given: tuple[Any, ...]

@@ -1,0 +1,168 @@
+"""Exact discretisation of cascades in machine code: what `numerics.discretize` derives.
+
+``A`` of a bank is lower triangular but for the pairs on its diagonal. With the input's own
+differential equation *before* the states,
+
+    d/dt [u; x] = [0, 0; B, A] [u; x],    d/dt [u'; u; x] = [0, 0, 0; 1, 0, 0; 0, B, A] [u'; u; x],
+
+the augmented matrix is so too, and so are all of its powers and its exponential: a product costs a
+sixth. The exponential is the diagonal Pade approximant of degree 13 with scaling and squaring
+(Higham, SIAM J. Matrix Analysis 26 (2005) 1179-1193).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.compiled import compiled
+
+LARGEST = 5.371920351148152
+"""Norm up to which the approximant of degree 13 is exact to rounding (Higham 2005, table 2.3)."""
+LARGER = 1024.0
+"""As in `numerics.discretize`."""
+
+
+@compiled("void(float64[:,::1], float64[:,::1], float64[:,::1])")
+def multiply(a: Array, b: Array, out: Array) -> None:
+    """``out = a b`` of lower triangular matrices with pairs."""
+    n = a.shape[0]
+    for i in range(n):
+        for j in range(n):
+            out[i, j] = 0.0
+        for m in range(min(i + 2, n)):
+            weight = a[i, m]
+            if weight != 0.0:
+                for j in range(min(m + 2, n)):
+                    out[i, j] += weight * b[m, j]
+
+
+@compiled("void(float64[:,::1], float64[:,::1])")
+def solve_lower(matrix: Array, sides: Array) -> None:
+    """Solve with a lower triangular matrix with pairs; ``sides`` (n, k) become the solutions."""
+    n, k = sides.shape
+    i = 0
+    while i < n:
+        width = 2 if i + 1 < n and matrix[i, i + 1] != 0.0 else 1
+        for r in range(i, i + width):
+            for m in range(i):
+                weight = matrix[r, m]
+                if weight != 0.0:
+                    for j in range(k):
+                        sides[r, j] -= weight * sides[m, j]
+        if width == 1:
+            for j in range(k):
+                sides[i, j] /= matrix[i, i]
+        else:
+            a, b, c, d = matrix[i, i], matrix[i, i + 1], matrix[i + 1, i], matrix[i + 1, i + 1]
+            determinant = a * d - b * c
+            for j in range(k):
+                one, other = sides[i, j], sides[i + 1, j]
+                sides[i, j] = (d * one - b * other) / determinant
+                sides[i + 1, j] = (a * other - c * one) / determinant
+        i += width
+
+
+@compiled("float64(float64[:,::1])")
+def size_of(matrix: Array) -> float:
+    """The smaller of the largest absolute sums over rows and over columns."""
+    n = matrix.shape[0]
+    by_rows, by_columns = 0.0, 0.0
+    for i in range(n):
+        along, across = 0.0, 0.0
+        for j in range(n):
+            along += abs(matrix[i, j])
+            across += abs(matrix[j, i])
+        by_rows, by_columns = max(by_rows, along), max(by_columns, across)
+    return min(by_rows, by_columns)
+
+
+@compiled("float64[:,::1](float64[:,::1])")
+def exponential(matrix: Array) -> Array:
+    """``e^A`` of a lower triangular matrix with pairs; ``nan`` where it is not finite."""
+    n, size, doublings = matrix.shape[0], size_of(matrix), 0
+    found, even = np.empty((n, n)), np.empty((n, n))
+    if not np.isfinite(size):
+        found[:, :] = np.nan
+        return found
+    while size > LARGEST:
+        size *= 0.5
+        doublings += 1
+    x, inner, odd = matrix * 0.5**doublings, np.empty((n, n)), np.empty((n, n))
+    x2, x4, x6 = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
+    multiply(x, x, x2)
+    multiply(x2, x2, x4)
+    multiply(x2, x4, x6)
+    for i in range(n):
+        for j in range(n):
+            inner[i, j] = x6[i, j] + 16380.0 * x4[i, j] + 40840800.0 * x2[i, j]
+    multiply(x6, inner, found)
+    for i in range(n):
+        for j in range(n):
+            found[i, j] += 33522128640.0 * x6[i, j] + 10559470521600.0 * x4[i, j]
+            found[i, j] += 1187353796428800.0 * x2[i, j]
+        found[i, i] += 32382376266240000.0
+    multiply(x, found, odd)
+    for i in range(n):
+        for j in range(n):
+            inner[i, j] = 182.0 * x6[i, j] + 960960.0 * x4[i, j] + 1323241920.0 * x2[i, j]
+    multiply(x6, inner, even)
+    for i in range(n):
+        for j in range(n):
+            even[i, j] += 670442572800.0 * x6[i, j] + 129060195264000.0 * x4[i, j]
+            even[i, j] += 7771770303897600.0 * x2[i, j]
+        even[i, i] += 64764752532480000.0
+    for i in range(n):
+        for j in range(n):
+            found[i, j] = even[i, j] + odd[i, j]
+            inner[i, j] = even[i, j] - odd[i, j]
+    solve_lower(inner, found)
+    for _ in range(doublings):
+        multiply(found, found, inner)
+        found, inner = inner, found
+    return found
+
+
+@compiled("(float64[:,::1], float64[::1], float64, boolean)")
+def discrete(a: Array, b: Array, dt: float, ramps: bool) -> tuple[Array, Array, Array]:
+    """``x_{k+1} = F x_k + G0 u_k + G1 u_{k+1}`` over a step, for an input that is held or ramps.
+
+    Parameters
+    ----------
+    a : (q, q) array
+        Lower triangular with pairs.
+    b : (q,) array
+    dt : float
+    ramps : bool
+        First-order hold.
+
+    Returns
+    -------
+    F : (q, q) array
+    G0, G1 : (q,) arrays
+    """
+    q = b.size
+    own, other = 1.0, 0.0
+    for i in range(q):
+        other = max(other, abs(b[i] * dt))
+        for j in range(q):
+            own = max(own, abs(a[i, j] * dt))
+    weight = 2.0 ** np.floor(np.log2(other / own) + 0.5) if other > LARGER * own else 1.0
+    at = 2 if ramps else 1
+    matrix = np.zeros((q + at, q + at))
+    if ramps:
+        matrix[1, 0] = 1.0
+    for i in range(q):
+        matrix[at + i, at - 1] = b[i] * dt / weight
+        for j in range(q):
+            matrix[at + i, at + j] = a[i, j] * dt
+    whole = exponential(matrix)
+    step, now, after = np.empty((q, q)), np.empty(q), np.zeros(q)
+    for i in range(q):
+        now[i] = whole[at + i, at - 1] * weight
+        if ramps:
+            after[i] = whole[at + i, 0] * weight
+            now[i] -= after[i]
+        for j in range(q):
+            step[i, j] = whole[at + i, at + j]
+    return step, now, after
