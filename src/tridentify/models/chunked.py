@@ -157,7 +157,7 @@ class _Sweep:
         delays = delays if any(delays) else ()
         self._signal = Sampled(experiment.u, experiment.dt, experiment.intersample, None, delays)
         upper = int(np.any(bank.poles.imag != 0))
-        self._states = States(self._signal, bank.a, bank.b, upper=upper, branches=bank.branches)
+        self._states = States(self._signal, bank.a, bank.b, upper=upper)
         self._impulse = self._states.impulse(experiment.start)
         self._least, self._first = NEGLIGIBLE * np.abs(bank.b).max(), 0
         self.before = 1 + max(split_delay(delay, experiment.dt)[0] for delay in (*delays, 0.0))

@@ -338,8 +338,7 @@ def _signals(
     """
     q, n = bank.order, experiment.n_samples
     signal = experiment.sampled[output]
-    upper, branches = int(np.any(bank.poles.imag != 0)), bank.branches
-    states = States(signal, bank.a, bank.b, upper=upper, branches=branches)
+    states = States(signal, bank.a, bank.b, upper=int(np.any(bank.poles.imag != 0)))
     impulse = states.impulse(experiment.start)  # nothing is computed before it advances
     block = _block(experiment)
     after_impulse = q if layout.free else 0

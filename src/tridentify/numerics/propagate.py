@@ -15,8 +15,6 @@ are recursive, and they fit its registers. The sums are the same, in another ord
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from tridentify.numerics.arrays import Array
@@ -37,7 +35,6 @@ def propagate(
     stop: int | None = None,
     column: int = 0,
     upper: int | None = None,
-    branches: tuple[int, int] = (0, 0),
 ) -> None:
     """Run one bank of states over samples ``start .. stop-1`` of every input channel.
 
@@ -60,11 +57,11 @@ def propagate(
     upper : int, optional
         Number of non-zero diagonals of ``transition`` above the main one (default: all).
     """
-    from tridentify.numerics.kernels.recursions import branched, by_fours, recursion
+    from tridentify.numerics.kernels.recursions import by_fours, recursion
 
     q = transition.shape[0]
     end = u.shape[0] if stop is None else stop
-    few = upper is not None and upper <= 1 and not branches[1] and q <= MOST_BY_FOURS
+    few = upper is not None and upper <= 1 and q <= MOST_BY_FOURS
     if few and u.shape[0] > LONG_INPUT and out.flags.c_contiguous:
         by_fours(
             np.ascontiguousarray(transition),
@@ -78,9 +75,7 @@ def propagate(
             column,
         )
         return
-    more = branches if branches[1] else ()
-    run: Callable[..., None] = branched if more else recursion
-    run(
+    recursion(
         np.ascontiguousarray(transition),
         np.ascontiguousarray(from_current),
         np.ascontiguousarray(from_next),
@@ -91,5 +86,4 @@ def propagate(
         end,
         out,
         column,
-        *more,
     )

@@ -55,7 +55,6 @@ class Cascade(NamedTuple):
     a: Array
     b: Array
     poles: Complex
-    branches: tuple[int, int] = (0, 0)
 
     @property
     def order(self) -> int:

@@ -242,8 +242,6 @@ class States:
     b : (q,) array
     upper : int
         Non-zero diagonals of ``a`` above the main one.
-    branches : (int, int)
-        As in `numerics.propagate`.
 
     Examples
     --------
@@ -261,12 +259,11 @@ class States:
         b: Array,
         *,
         upper: int,
-        branches: tuple[int, int] = (0, 0),
     ) -> None:
         self._groups: list[tuple[slice, _Runner]] = []
         self._free: _Impulse | None = None
         self._signal, self._a, self._b = signal, a, b
-        self._upper, self._branches = upper, branches
+        self._upper = upper
         q = b.size
         if signal.intersample == "band-limited":
             transition, weights = interpolation.moments(a, b, signal.dt)
@@ -285,7 +282,7 @@ class States:
             if signal.t is not None:
                 runner = Crossing(signal.plans[g], a, b, upper=upper)
             else:
-                runner = _Uniform(signal, g, delay, self._whole, a, b, upper, branches)
+                runner = _Uniform(signal, g, delay, self._whole, a, b, upper)
             self._groups.append((rows, runner))
 
     def advance(self, start: int, stop: int, out: Array) -> None:
@@ -346,7 +343,6 @@ class States:
         if signal.t is None:
             self._free = _Impulse(
                 self._whole.transition, self._b, begin, signal.n_samples, self._upper,
-                self._branches,
             )  # fmt: skip
             return self._free
         chart = signal.free_plan(begin)
@@ -398,9 +394,8 @@ class _Uniform:
         a: Array,
         b: Array,
         upper: int,
-        branches: tuple[int, int],
     ) -> None:
-        self._upper, self._branches = upper, branches
+        self._upper = upper
         self._after = np.zeros(b.size)
         self._first, self._origin = 0, 0
         one = b[:, None]
@@ -432,7 +427,7 @@ class _Uniform:
         here, there = begin - self._origin, stop - self._origin
         propagate(
             *self._step, self._w, self.state, out, start=here, stop=there, column=begin - start,
-            upper=self._upper, branches=self._branches,
+            upper=self._upper,
         )  # fmt: skip
         if self._first and np.any(self._after):
             for j in range(self.state.shape[0]):
@@ -473,13 +468,12 @@ class _Impulse:
         begin: int,
         n_samples: int,
         upper: int,
-        branches: tuple[int, int],
     ) -> None:
         self._transition, self._none = transition, np.zeros(b.size)
         self._nothing = np.zeros((n_samples, 1))
         self._origin = 0
         self.state = b[None, :].copy()
-        self._begin, self._upper, self._branches = begin, upper, branches
+        self._begin, self._upper = begin, upper
 
     def advance(self, start: int, stop: int, out: Array) -> None:
         begin = min(max(start, self._begin), stop)
@@ -488,7 +482,7 @@ class _Impulse:
             propagate(
                 self._transition, self._none, self._none, self._nothing, self.state, out,
                 start=begin - self._origin, stop=stop - self._origin, column=begin - start,
-                upper=self._upper, branches=self._branches,
+                upper=self._upper,
             )  # fmt: skip
 
     def go_on(self, origin: int, count: int) -> None:

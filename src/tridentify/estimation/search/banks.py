@@ -43,7 +43,11 @@ class Banks:
         from tridentify.models.compiled_regression import cascades
 
         poles = np.ascontiguousarray(poles, dtype=np.complex128)
-        a, b = cascades(poles)
+        return cls.made(base, poles, *cascades(poles))
+
+    @classmethod
+    def made(cls, base: Problem, poles: Complex, a: Array, b: Array) -> Banks:
+        """The banks that are made already."""
         return cls(base, poles, a, b, tuple(stacks_on(e, a, b, poles) for e in base.experiments))
 
     def bank(self, k: int) -> Cascade:
@@ -82,6 +86,14 @@ class Banks:
                 t += 1
         return stack, which, targets, counts
 
+    def leads(self) -> Array:
+        """(n_experiments, n_outputs, n_inputs) how long before an impulse inputs begin to act."""
+        found = np.zeros((len(self.stacks), self.base.n_outputs, self.base.n_inputs))
+        for e, experiment in enumerate(self.base.experiments):
+            if experiment.leads is not None:
+                found[e] = experiment.leads
+        return found
+
     def orders(self, variants: Sequence[Variant], most: int, fewest: int) -> tuple[Indices, Array]:
         """Number of functions by AICc, summed over the outputs, and its value.
 
@@ -118,13 +130,51 @@ class Banks:
             prices[v] = aicc_price(k, float(counts.sum()))
         if constants.any() and not (layout.free and layout.offset):
             raise ValueError("constants need the impulse states and the constant among the columns")
-        leads = np.zeros((n_experiments, n_outputs, n_inputs))
-        for e, experiment in enumerate(base.experiments):
-            if experiment.leads is not None:
-                leads[e] = experiment.leads
+        leads = self.leads()
         free = np.array([variant.free for variant in variants])
         floors = FLOOR * np.asarray(base.size, dtype=np.float64)
         return orders_of(
             stack, which, targets, self.a, self.b, free, nuisance, base.biproper, most, fewest,
             constants, leads, one, int(layout.free), counts, floors, prices,
         )  # fmt: skip
+
+
+def costs(base: Problem, variant: Variant, poles: Complex) -> Array:
+    """Minus two log likelihood at several denominators, as of `likelihood.cost`.
+
+    Parameters
+    ----------
+    base : Problem
+        Whose experiments are filtered.
+    variant : Variant
+        The nuisance terms that are kept.
+    poles : (n_places, n_poles) complex array
+        At every place, of each denominator in turn; pairs side by side.
+
+    Returns
+    -------
+    (n_places,) array
+    """
+    from tridentify.estimation.search.compiled_starts import banks_at, costs_at, put_back
+
+    pattern = base.pattern
+    poles = np.ascontiguousarray(poles, dtype=np.complex128)
+    a, b, bases = banks_at(poles, pattern.orders, max(pattern.orders.tolist()))
+    banks = Banks.made(base, poles, a, b)
+    stack, which, targets, counts = banks.together
+    layout, one = banks.layout, banks.layout.nuisance.start
+    kept = [one] * variant.offset + [one + layout.offset] * (variant.drift and layout.drift)
+    if any(constant is not None and constant.any() for constant in variant.constants):
+        constants, leads = np.zeros((stack.shape[1], base.n_inputs)), banks.leads()
+        late = np.zeros_like(constants)
+        for e, constant in enumerate(variant.constants):
+            for i in range(base.n_outputs):
+                constants[which[e, i]] = 0.0 if constant is None else constant
+                late[which[e, i]] = leads[e, i]
+        put_back(stack, a, b, constants, late, one)
+    nuisance = np.array(kept, dtype=np.int64)
+    floors = FLOOR * np.asarray(base.power, dtype=np.float64)
+    return costs_at(
+        stack, which, targets, int(layout.free), variant.free, nuisance, *pattern, bases, counts,
+        floors,
+    )  # fmt: skip

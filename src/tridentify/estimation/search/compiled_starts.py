@@ -1,16 +1,22 @@
-"""Orders of parallel models in machine code: all banks of a grid, all choices of nuisance terms.
+"""Many banks at once in machine code: orders of parallel models, and costs at many places.
 
-Functions are nested, so that the residuals of all orders follow from one triangle: its columns are
-those that every order has (nuisance terms, inputs), then the first function of every channel, the
-second of every channel, and so on. Columns of the triangles are those of `compiled_cost`.
+*Orders.* Functions are nested, so that the residuals of all orders follow from one triangle: its
+columns are those that every order has (nuisance terms, inputs), then the first function of every
+channel, the second of every channel, and so on.
+
+*Places.* The output-error cost at several denominators, and nothing but the cost.
+
+Columns of the triangles are those of `compiled_cost`.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from tridentify.numerics.arrays import Array, Flags, Indices
+from tridentify.estimation.likelihood.compiled_cost import fill_columns, unknowns
+from tridentify.numerics.arrays import Array, Complex, Flags, Indices
 from tridentify.numerics.compiled import compiled
+from tridentify.numerics.kernels.cascades import fill_basis, fill_cascade
 from tridentify.numerics.kernels.exponentials import exponential, solve_lower
 from tridentify.numerics.kernels.triangles import triangularise
 
@@ -159,3 +165,113 @@ def orders_of(
                     best = d
             orders[k, v], criteria[k, v] = best + 1, total[best]
     return orders, criteria
+
+
+@compiled("(complex128[:,::1], int64[::1], int64)", free=True)
+def banks_at(poles: Complex, orders: Indices, most: int) -> tuple[Array, Array, Array]:
+    """The banks of several denominators, each pole once.
+
+    Parameters
+    ----------
+    poles : (n_banks, n_poles) complex array
+        Of every bank group by group, pairs side by side.
+    orders : (n_groups,) int array
+    most : int
+        The largest order.
+
+    Returns
+    -------
+    a, b : (n_banks, n_poles, n_poles), (n_banks, n_poles) arrays
+    bases : (n_banks, n_poles, most) array
+        Degree bases (`numerics.kernels.cascades.bank_parts`).
+    """
+    count, q = poles.shape
+    a, b = np.zeros((count, q, q)), np.zeros((count, q))
+    bases, leading = np.zeros((count, q, most)), np.zeros(q)
+    for k in range(count):
+        at = 0
+        for g in range(orders.size):
+            end = at + orders[g]
+            block, drive = a[k, at:end, at:end], b[k, at:end]
+            fill_cascade(poles[k, at:end], 1, block, drive)
+            fill_basis(block, drive, bases[k, at:end, : orders[g]], leading[at:end])
+            at = end
+    return a, b, bases
+
+
+@compiled(
+    "void(float64[:,:,:,::1], float64[:,:,::1], float64[:,::1], float64[:,::1], float64[:,::1],"
+    " int64)",
+    free=True,
+)
+def put_back(stack: Array, a: Array, b: Array, constants: Array, leads: Array, one: int) -> None:
+    """Put constants back on the inputs, in place.
+
+    Parameters
+    ----------
+    stack : (n_banks, n_triangles, r, n_columns) array
+        With impulse states and the constant among the columns.
+    a, b : (n_banks, q, q), (n_banks, q) arrays
+    constants, leads : (n_triangles, n_inputs) arrays
+        As of `orders_of`.
+    one : int
+        Column of the constant.
+    """
+    q, n_inputs = b.shape[1], constants.shape[1]
+    for k in range(stack.shape[0]):
+        for t in range(stack.shape[1]):
+            s = stack[k, t]
+            for j in range(n_inputs):
+                value = constants[t, j]
+                if value != 0.0:
+                    held = held_states(a[k], b[k], s, one, leads[t, j])
+                    for r in range(s.shape[0]):
+                        for d in range(q):
+                            s[r, q * (j + 1) + d] += value * held[d, r]
+                        s[r, q * (n_inputs + 1) + j] += value * s[r, one]
+
+
+@compiled(
+    "float64[::1](float64[:,:,:,::1], int64[:,::1], float64[:,:,:,::1], int64, boolean, int64[::1],"
+    " int64[::1], int64[::1], int64[:,::1], int64[:,::1], float64[:,:,::1], float64[::1],"
+    " float64[::1])",
+    free=True,
+)
+def costs_at(
+    stack: Array, which: Indices, targets: Array, first_input: int, free: bool, nuisance: Indices,
+    orders: Indices, firsts: Indices, group: Indices, zeros: Indices, bases: Array, counts: Array,
+    floors: Array,
+) -> Array:  # fmt: skip
+    """Minus two log likelihood on every bank, as of `likelihood.cost`.
+
+    Parameters
+    ----------
+    stack : (n_banks, n_triangles, r, n_columns) array
+    targets : (n_banks, n_experiments, n_outputs, r) array
+    bases : (n_banks, n_poles, most) array
+    counts, floors : (n_outputs,) arrays
+        Samples, and what is added to a mean square.
+    which, first_input, free, nuisance, orders, firsts, group, zeros
+        As of `compiled_cost.fit_outputs`.
+    """
+    n_experiments, n_outputs = which.shape
+    tall = n_experiments * targets.shape[3]
+    sizes = unknowns(free, nuisance.size, n_experiments, orders, group, zeros)
+    found = np.zeros(stack.shape[0])
+    for k in range(stack.shape[0]):
+        for i in range(n_outputs):
+            m = sizes[i]
+            matrix, target = np.zeros((tall, m)), np.zeros(tall)
+            fill_columns(
+                i, stack[k], which, targets[k], first_input, free, nuisance, orders, firsts, group,
+                zeros, 1, bases[k], matrix, target,
+            )  # fmt: skip
+            columns, r = np.empty((m + 1, tall)), np.empty((m + 1, m + 1))
+            for t in range(tall):
+                for c in range(m):
+                    columns[c, t] = matrix[t, c]
+                columns[m, t] = target[t]
+            triangularise(columns, tall, 0, 0, r)
+            rss = r[m, m] * r[m, m]
+            found[k] += counts[i] * np.log(rss / counts[i] + floors[i])
+    return found

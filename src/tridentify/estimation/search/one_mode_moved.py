@@ -12,13 +12,7 @@ line is exact, and its local minima that come near the best cost are the starts 
 The step of the grid is twice the half-power bandwidth, ``w (1 + 4 zeta)`` from ``w``: a mode
 between two places is within ``2 zeta w`` of one.
 
-All places share one pass over the samples. With ``(A_1, B_1)`` the cascade of the poles that stay
-and ``(A_s, B_s)`` the section of place ``s``, both driven as in a cascade, the bank
-
-    A = [A_1, 0; -[B_s] B_1', blockdiag(A_s)],  B = [B_1; [B_s]]
-
-branches after ``A_1``; the states of ``A_1`` and of one branch are the orthonormal cascade of that
-place. The least-squares problems of all places are then solved as one stack.
+Every place is a small bank of its own; those of one line are filtered and solved in one call.
 """
 
 from __future__ import annotations
@@ -28,14 +22,12 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from tridentify.estimation.likelihood.cost import FLOOR
 from tridentify.estimation.likelihood.problem import Problem, Variant
+from tridentify.estimation.search.banks import costs
 from tridentify.estimation.search.starts import rate_limits
-from tridentify.models.regression import Regression, regress
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.realization import Cascade, cascade, side_by_side, sort_poles
+from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.slices import Slices, drain
 
 DAMPINGS = (0.1, 0.5)
@@ -44,7 +36,8 @@ REAL_STEP = 2.2
 """Ratio of neighbouring real poles: within a factor of 1.5 of one lies every rate."""
 FARTHER = 3.0
 """How far beyond the band's fast edge places are tried: to two thirds of the Nyquist frequency."""
-TOGETHER = 16  # places; more take some milliseconds at once
+TOGETHER = 16  # places of a record of as many samples as follow; more take milliseconds at once
+SAMPLES = 1_000
 
 
 class Move(NamedTuple):
@@ -77,7 +70,9 @@ def moved_poles(base: Problem, variant: Variant, poles: Complex) -> list[Move]:
 
 
 def moving_poles(base: Problem, variant: Variant, poles: Complex) -> Slices[list[Move]]:
-    """`moved_poles` in slices, ``TOGETHER`` places in each."""
+    """`moved_poles` in slices, some places in each."""
+    samples = sum(e.n_samples for e in base.experiments)
+    together = TOGETHER * max(1, SAMPLES // max(samples, 1))
     low, high = rate_limits(base)
     found: list[Move] = []
     for k, denominator in enumerate(base.groups):
@@ -87,9 +82,9 @@ def moving_poles(base: Problem, variant: Variant, poles: Complex) -> Slices[list
             lines = _lines(len(group), low, FARTHER * high)
             for line in lines:
                 parts = []
-                for first in range(0, len(line), TOGETHER):
+                for first in range(0, len(line), together):
                     yield
-                    some = line[first : first + TOGETHER]
+                    some = line[first : first + together]
                     parts.append(place_costs(base, variant, kept, some, (k, poles)))
                 along = np.concatenate(parts)
                 around = np.concatenate([[np.inf], along, [np.inf]])
@@ -121,126 +116,11 @@ def place_costs(
         Which denominator moves, and the poles of all (default: there is only one).
     """
     moving, poles = (0, kept) if whole_poles is None else whole_poles
-    held = [cascade(poles[g.poles]) for k, g in enumerate(base.groups) if k != moving]
-    bank, states = _branches(kept, places, held)
-    whole = tuple(regress(e, bank) for e in base.experiments)
-    problem = variant.problem(base)
-    regressions = variant.regressions(whole, bank)
-    still = iter(_held(held))
-    moved = _Spanned(
-        states, _krylov(bank.a[states[:, :, None], states[:, None, :]], bank.b[states])
-    )
-    spanned = [moved if k == moving else next(still) for k in range(len(base.groups))]
-    total = np.zeros(len(places))
-    for i in range(problem.n_outputs):
-        matrix, target = _stacked(problem, regressions, i, spanned, len(places))
-        q = np.linalg.qr(matrix)[0]
-        rest = target - np.einsum("sij,sj->si", q, np.einsum("sij,i->sj", q, target))
-        count = float(sum(r.counts[i] for r in regressions))
-        rss = np.einsum("si,si->s", rest, rest)
-        total += count * np.log(rss / count + FLOOR * problem.power[i])
-    return total
-
-
-class _Spanned(NamedTuple):
-    """One denominator's states and Krylov vectors: of each place, or (1, ...) where it is held."""
-
-    states: NDArray[np.intp]
-    krylov: Array
-
-
-def _held(held: list[Cascade]) -> list[_Spanned]:
-    """Of the denominators that do not move, which stand first in the bank."""
-    found, first = [], 0
-    for one in held:
-        states = np.arange(first, first + one.order)[None]
-        found.append(_Spanned(states, _krylov(one.a[None], one.b[None])))
-        first += one.order
-    return found
-
-
-def _branches(
-    kept: Complex, places: list[Complex], held: list[Cascade]
-) -> tuple[Cascade, NDArray[np.intp]]:
-    """The bank that branches after the kept poles; (n_places, n) states of each place.
-
-    Other denominators stand beside it, at the front.
-    """
-    trunk = side_by_side([*held, cascade(kept)])
-    before = sum(one.order for one in held)
-    n, width = trunk.order, places[0].size
-    q = n + width * len(places)
-    a, b = np.zeros((q, q)), np.zeros(q)
-    a[:n, :n], b[:n] = trunk.a, trunk.b
-    upper = np.array([place[0] for place in places])
-    first = n + width * np.arange(len(places))
-    a[first, first] = width * upper.real
-    b[first] = np.sqrt(-2.0 * width * upper.real)
-    if width == 2:
-        a[first, first + 1], a[first + 1, first] = -np.abs(upper), np.abs(upper)
-    a[n:, before:n] = -np.outer(b[n:], trunk.b[before:])
-    own = n + np.arange(q - n).reshape(len(places), width)
-    shared = np.tile(np.arange(before, n), (len(places), 1))
-    poles = np.concatenate([trunk.poles, *places])
-    return Cascade(a, b, poles, (n, width)), np.hstack([shared, own])
-
-
-def _krylov(a: Array, b: Array) -> Array:
-    """(n_places, n, n) orthonormal Krylov vectors of each place, one a row (Arnoldi)."""
-    count, n = b.shape
-    found = np.zeros((count, n, n))
-    vector = b
-    for k in range(n):
-        for _ in range(2):
-            shares = np.einsum("skj,sj->sk", found[:, :k], vector)
-            vector = vector - np.einsum("sk,skj->sj", shares, found[:, :k])
-        found[:, k] = vector / np.linalg.norm(vector, axis=1)[:, None]
-        vector = np.einsum("sij,sj->si", a, found[:, k])
-    return found
-
-
-def _stacked(
-    problem: Problem,
-    regressions: tuple[Regression, ...],
-    output: int,
-    spanned: list[_Spanned],
-    count: int,
-) -> tuple[Array, Array]:
-    """(n_places, rows, unknowns) columns of one output, and its (rows,) target."""
-    used = [g.of_output(output) for g in problem.groups]
-    parts = []
-    for e, regression in enumerate(regressions):
-        signals, layout = regression.signals[output], regression.layout
-        blocks = []
-        for j, m in enumerate(problem.n_zeros[output]):
-            g = next(k for k, g in enumerate(problem.groups) if (output, j) in g.channels)
-            states, krylov = spanned[g]
-            n = states.shape[1]
-            first = layout.input_states(j).start
-            own = signals[:, first + states].transpose(1, 0, 2)
-            block = own @ krylov[:, n - 1 - min(m, n - 1) :].transpose(0, 2, 1)
-            blocks.append(_each(block, count))
-            if m == n:
-                blocks.append(_each(signals[:, [layout.direct(j)]], count))
-        for other, one in enumerate(regressions):
-            local = []
-            if layout.free:
-                local = [
-                    _each(signals[:, states].transpose(1, 0, 2), count)
-                    for (states, _), has in zip(spanned, used, strict=True)
-                    if has
-                ]
-            if one.layout.nuisance.stop > one.layout.nuisance.start:
-                local.append(_each(regression.nuisance_signals(output), count))
-            blocks += [block if other == e else np.zeros_like(block) for block in local]
-        parts.append(np.concatenate(blocks, axis=2))
-    target = np.concatenate([r.targets[output] for r in regressions])
-    return np.concatenate(parts, axis=1), target
-
-
-def _each(block: Array, count: int) -> Array:
-    """The same columns for every place."""
-    return np.broadcast_to(block, (count, *block.shape[-2:]))
+    before, after = base.groups[moving].first, base.groups[moving].poles.stop
+    rest = kept if whole_poles is None else np.concatenate([poles[:before], kept])
+    beyond = poles[after:] if whole_poles is not None else kept[:0]
+    sets = [np.concatenate([rest, place, beyond]) for place in places]
+    return costs(base, variant, np.stack(sets))
 
 
 def _groups(poles: Complex) -> list[tuple[int, ...]]:

@@ -51,48 +51,6 @@ def recursion(
                 state[j, i] = new[i]
 
 
-@compiled(void(read, one, one, whole, read, state, whole, whole, out, whole, whole, whole))
-def branched(
-    transition: Array,
-    from_current: Array,
-    from_next: Array,
-    upper: int,
-    u: Array,
-    state: Array,
-    start: int,
-    stop: int,
-    out: Array,
-    column: int,
-    trunk: int,
-    width: int,
-) -> None:
-    """The same for branches of ``width`` states that share the first ``trunk`` states."""
-    q = transition.shape[0]
-    channels = state.shape[0]
-    last = u.shape[0] - 1
-    new = np.empty(q)
-    for j in range(channels):
-        for k in range(start, stop):
-            position = column + k - start
-            for i in range(q):
-                out[j * q + i, position] = state[j, i]
-            now = u[k, j]
-            after = u[min(k + 1, last), j]
-            for i in range(q):
-                total = from_current[i] * now + from_next[i] * after
-                begin, end = 0, min(i + 1 + upper, q)
-                if i >= trunk:
-                    for m in range(trunk):
-                        total += transition[i, m] * state[j, m]
-                    begin = i - (i - trunk) % width
-                    end = min(end, begin + width)
-                for m in range(begin, end):
-                    total += transition[i, m] * state[j, m]
-                new[i] = total
-            for i in range(q):
-                state[j, i] = new[i]
-
-
 @compiled(void(read, one, one, read, state, whole, whole, state, whole))
 def by_fours(
     transition: Array,
