@@ -101,47 +101,46 @@ def die_away(step: Array, b: Array, begin: int, rows: Array) -> int:
     return at
 
 
-@compiled(
-    "void(float64[:,::1], float64[::1], float64, boolean, float64, float64[:,::1], float64[::1],"
-    " float64[::1], float64[:,::1], int64)"
-)
-def drive_late(
-    a: Array, b: Array, dt: float, ramps: bool, part: float, step: Array, first_two: Array,
-    w: Array, rows: Array, first: int,
-) -> None:  # fmt: skip
-    """States of an input that comes late by ``part`` of an interval, from its first sample on.
+@compiled("(float64[:,::1], float64[::1], float64, boolean, float64, float64[:,::1], float64[::1])")
+def late_taps(
+    a: Array, b: Array, dt: float, ramps: bool, part: float, step: Array, first_two: Array
+) -> tuple[Array, Array, Array, Array]:
+    """How an input that comes late by ``part`` of an interval acts (`numerics.sampled`).
 
-    `numerics.sampled` derives it; ``first_two`` are the input's own first samples, and the states
-    before sample ``first`` are zeros already.
+    ``first_two`` are the input's own first samples.
+
+    Returns
+    -------
+    now, after : (q,) arrays
+        Weights of what acts in this step and the next one.
+    last : (q,) array
+        Weight that is added to the states at the end.
+    x : (q,) array
+        States, less that, at the first sample that the input reaches.
     """
-    q, n = rows.shape
-    _, one_now, one_after = discrete(a, b, part * dt, ramps)
-    two_step, two_now, two_after = discrete(a, b, (1.0 - part) * dt, ramps)
-    now, after, last = np.zeros(q), np.zeros(q), np.zeros(q)
-    x = np.empty(q)
-    for i in range(q):
-        if ramps:
-            last[i] = (1.0 - part) * two_after[i]
-    for i in range(q):
-        if ramps:
-            after[i] = two_now[i] + part * two_after[i]
+    q = b.size
+    steps, first, second = np.empty((2, q, q)), np.empty((2, q)), np.empty((2, q))
+    for s in range(2):
+        f, g, h = discrete(a, b, (part if s == 0 else 1.0 - part) * dt, ramps)
+        for i in range(q):
+            first[s, i], second[s, i] = g[i], h[i]
             for m in range(q):
-                now[i] += part * two_step[i, m] * one_now[m]
-                after[i] += two_step[i, m] * ((1.0 - part) * one_now[m] + one_after[m])
+                steps[s, i, m] = f[i, m]
+    now, after, last, x = np.zeros(q), np.zeros(q), np.zeros(q), np.empty(q)
+    for i in range(q):
+        if ramps:
+            last[i] = (1.0 - part) * second[1, i]
+    old = part if ramps else 1.0
+    arrived = part * first_two[0] + (1.0 - part) * first_two[1] if ramps else first_two[1]
+    for i in range(q):
+        after[i] = first[1, i] + (part * second[1, i] if ramps else 0.0)
+        for m in range(q):
+            now[i] += old * steps[1, i, m] * first[0, m]
+            if ramps:
+                after[i] += steps[1, i, m] * ((1.0 - part) * first[0, m] + second[0, m])
                 after[i] += step[i, m] * last[m]
-        else:
-            after[i] = two_now[i]
-            for m in range(q):
-                now[i] += two_step[i, m] * one_now[m]
-        arrived = part * first_two[0] + (1.0 - part) * first_two[1] if ramps else first_two[1]
-        x[i] = first_two[0] * two_now[i] + arrived * two_after[i] - first_two[1] * last[i]
-    if first >= n:
-        return
-    drive(step, now, after, w, x, rows, first, n)
-    for i in range(q):
-        if last[i] != 0.0:
-            for k in range(first, n):
-                rows[i, k] += last[i] * w[k + 1]
+        x[i] = first_two[0] * first[1, i] + arrived * second[1, i] - first_two[1] * last[i]
+    return now, after, last, x
 
 
 @compiled(
@@ -154,19 +153,23 @@ def fill_states(
 ) -> int:  # fmt: skip
     """Impulse states and the states of every input; from where on the impulse is nothing."""
     q, n, length = b.size, columns.shape[1], 0
-    step, now, after = discrete(a, b, dt, ramps)
+    step, whole_now, whole_after = discrete(a, b, dt, ramps)
     at = q if free else 0
     columns[: at + q * w.shape[0]] = 0.0
     if free:
         length = die_away(step, b, start, columns[:q])
     for j in range(w.shape[0]):
+        now, after, last, x = whole_now, whole_after, np.zeros(q), np.zeros(q)
+        first, count = firsts[j], n if firsts[j] == 0 else n + 1
+        if first:
+            now, after, last, x = late_taps(a, b, dt, ramps, parts[j], step, first_two[j])
         rows = columns[at : at + q]
-        if firsts[j]:
-            drive_late(
-                a, b, dt, ramps, parts[j], step, first_two[j], w[j], rows, firsts[j]
-            )  # fmt: skip
-        else:
-            drive(step, now, after, w[j, :n], np.zeros(q), rows, 0, n)
+        if first < n:
+            drive(step, now, after, w[j, :count], x, rows, first, n)
+        for i in range(q):
+            if last[i] != 0.0:
+                for k in range(first, n):
+                    rows[i, k] += last[i] * w[j, k + 1]
         at += q
     return length
 
@@ -230,12 +233,14 @@ def triangles_of(
     Returns
     -------
     (n_banks, n_columns, n_columns) array
-        Impulse states, states of every input, ``known``, outputs.
+        Impulse states, states of every input, ``known``, outputs. Without outputs it is (n_banks,
+        n_columns, n_samples), the columns themselves.
     """
     count, q, n = b.shape[0], b.shape[1], y.shape[1]
     states = q * (w.shape[0] + free)
     width = states + known.shape[0] + y.shape[0]
-    found, columns = np.empty((count, width, width)), np.empty((width, n))
+    height = width if y.shape[0] else n
+    found, columns = np.empty((count, width, height)), np.empty((width, n))
     whitened = np.empty((width if noise.size else 0, n))
     for k in range(count):
         length = fill_states(
@@ -247,6 +252,11 @@ def triangles_of(
         for i in range(y.shape[0]):
             for t in range(n):
                 columns[states + known.shape[0] + i, t] = y[i, t]
+        if not y.shape[0]:
+            for i in range(width):
+                for t in range(n):
+                    found[k, i, t] = columns[i, t]
+            continue
         if noise.size:
             past = np.zeros((width, noise.size))
             innovate(noise, seen, gain, scale, columns, past, whitened)

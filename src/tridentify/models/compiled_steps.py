@@ -250,3 +250,51 @@ def adapted_steps(
                 row[firsts[g] + d] += x[firsts[g] + c] * basis[firsts[g] + c, d]
     numerators = expanded_numerators(x, orders, firsts, group, zeros, poles, basis, n_b)
     return beta, costs, condition, row, numerators, cost, own_condition
+
+
+@compiled(
+    "float64[::1](complex128[::1], float64[:,:,::1], float64[:,::1], int64[::1], int64[::1],"
+    " int64[:,::1], int64[:,::1], int64)"
+)
+def coefficients_of(
+    poles: Complex,
+    rows: Array,
+    direct: Array,
+    orders: Indices,
+    firsts: Indices,
+    group: Indices,
+    zeros: Indices,
+    repeats: int,
+) -> Array:
+    """Coefficients of all denominators and numerators, in the order of `Structure.names`.
+
+    Parameters
+    ----------
+    poles : (n_poles,) complex array
+    rows, direct : (n_outputs, n_inputs, q), (n_outputs, n_inputs) arrays
+        Outputs on the first states of every denominator's part of the bank.
+    """
+    size, place = firsts[-1] + orders[-1], 0
+    for i in range(group.shape[0]):
+        for j in range(group.shape[1]):
+            size += zeros[i, j] + 1
+    found, told = np.zeros(size), np.zeros(orders.size, dtype=np.int64)
+    for i in range(group.shape[0]):
+        for j in range(group.shape[1]):
+            g = group[i, j]
+            n, pole, m = orders[g], firsts[g], zeros[i, j]
+            own = poles[pole : pole + n]
+            whole, table = expanded(own), numerator_table(own)
+            if not told[g]:
+                told[g] = 1
+                for k in range(n):
+                    found[place + k] = whole[k + 1]
+                place += n
+            for k in range(n - m, n + 1):
+                value = direct[i, j] * whole[k]
+                if k > 0:
+                    for d in range(n):
+                        value += rows[i, j, pole * repeats + d] * table[d, k - 1]
+                found[place] = value
+                place += 1
+    return found

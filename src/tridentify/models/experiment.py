@@ -243,3 +243,9 @@ class Chart(NamedTuple):
     counts: tuple[int, ...]
     log_scale: float
     given: tuple[Any, ...]
+
+    @property
+    def without_outputs(self) -> tuple[Any, ...]:
+        """The same for the columns themselves."""
+        nothing, white = np.zeros((0, self.given[7].shape[1])), np.zeros(0)
+        return (*self.given[:7], nothing, white, *self.given[9:11], white, *self.given[12:])

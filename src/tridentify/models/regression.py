@@ -36,7 +36,7 @@ import numpy as np
 import scipy.linalg
 
 from tridentify.models.columns import Layout, Regression
-from tridentify.models.experiment import Experiment, OutputRun
+from tridentify.models.experiment import Chart, Experiment, OutputRun
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.least_squares import Accumulator
@@ -262,6 +262,8 @@ def response_of(
     -------
     (n_samples, k) array
     """
+    if experiment.charts is not None:
+        return _response_of(experiment, experiment.charts, bank, rows, most, outputs)
     layout = _layout(experiment, bank)
     buffer = np.zeros((layout.n_signals, _block(experiment)))
     count = experiment.n_samples if most is None else min(most, experiment.n_samples)
@@ -276,6 +278,30 @@ def response_of(
                 break
             stop = min(stop, count)
             found[start:stop, mine] = (rows[mine] @ buffer[:, : stop - start]).T
+    return found
+
+
+def _response_of(
+    experiment: Experiment,
+    charts: tuple[Chart, ...],
+    bank: Cascade,
+    rows: Array,
+    most: int | None,
+    outputs: Sequence[int] | None,
+) -> Array:
+    """`response_of` where there are charts."""
+    from tridentify.models.compiled_regression import triangles_of
+
+    count = experiment.n_samples if most is None else min(most, experiment.n_samples)
+    found = np.empty((count, rows.shape[0]))
+    sampled = experiment.sampled
+    last = len(sampled) - 1
+    owners = [min(k, last) for k in range(rows.shape[0])] if outputs is None else list(outputs)
+    for signal in dict.fromkeys(sampled[i] for i in owners):
+        mine = [k for k, i in enumerate(owners) if sampled[i] is signal]
+        chart = next(one for one in charts if sampled[one.outputs[0]] is signal)
+        (columns,) = triangles_of(bank.a[None], bank.b[None], *chart.without_outputs)
+        found[:, mine] = (rows[mine] @ columns[:, :count]).T
     return found
 
 

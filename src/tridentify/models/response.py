@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.models.regression import Regression
-from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.realization import Cascade, DegreeBasis, cascade, degree_basis
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.realization import Cascade, DegreeBasis
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,21 +47,6 @@ class Branch:
     states: slice
     poles: slice
     channels: NDArray[np.bool_]
-
-    @classmethod
-    def of(
-        cls, poles: Complex, repeats: int, state: int, pole: int, channels: NDArray[np.bool_]
-    ) -> Branch:
-        """A branch of given poles that begins at a state and at a pole."""
-        inner, bank = cascade(poles), cascade(np.tile(poles, repeats))
-        return cls(
-            inner,
-            bank,
-            degree_basis(inner),
-            slice(state, state + bank.order),
-            slice(pole, pole + inner.order),
-            channels,
-        )
 
     @property
     def own(self) -> slice:

@@ -10,7 +10,7 @@ import numpy as np
 from tridentify.estimation.likelihood.problem import Pattern
 from tridentify.models.response import Branch
 from tridentify.numerics.arrays import Array, Complex
-from tridentify.numerics.realization import Cascade
+from tridentify.numerics.realization import Cascade, DegreeBasis
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,6 +27,8 @@ class Bank:
         All states (q).
     basis : (n_poles, largest order) array
         Each group's numerators sorted by degree.
+    leading : (n_poles,) array
+        Leading coefficients of the basis.
     maps : flat array
         How the filter of each group answers to the states of its bank.
     """
@@ -36,6 +38,7 @@ class Bank:
     repeats: int
     cascade: Cascade
     basis: Array
+    leading: Array
     maps: Array
 
     @classmethod
@@ -51,30 +54,34 @@ class Bank:
 
         poles = np.ascontiguousarray(poles, dtype=np.complex128)
         orders = pattern.orders
-        a, b, basis, _, maps = bank_parts(poles, orders, repeats, max(orders.tolist()))
+        a, b, basis, leading, maps = bank_parts(poles, orders, repeats, max(orders.tolist()))
         if orders.size == 1:
             every = np.concatenate([poles] * repeats)
         else:
             starts = zip(pattern.firsts.tolist(), orders.tolist(), strict=True)
             every = np.concatenate([np.tile(poles[at : at + n], repeats) for at, n in starts])
-        return cls(pattern, poles, repeats, Cascade(a, b, every), basis, maps)
+        return cls(pattern, poles, repeats, Cascade(a, b, every), basis, leading, maps)
 
     @cached_property
     def branches(self) -> tuple[Branch, ...]:
         """The part of the bank that belongs to each denominator."""
-        pattern = self.pattern
+        pattern, found = self.pattern, []
         starts = zip(
             pattern.firsts.tolist(), pattern.orders.tolist(), pattern.channels, strict=True
         )
-        return tuple(
-            Branch.of(self.poles[at : at + n], self.repeats, self.repeats * at, at, channels)
-            for at, n, channels in starts
-        )
+        for g, (at, n, channels) in enumerate(starts):
+            poles = slice(at, at + n)
+            states = slice(at * self.repeats, (at + n) * self.repeats)
+            a, b, every = self.cascade
+            own = Cascade(np.ascontiguousarray(a[states, states]), b[states], every[states])
+            basis = DegreeBasis(self.basis[poles, :n], self.leading[poles])
+            found.append(Branch(self.inner(g), own, basis, states, poles, channels))
+        return tuple(found)
 
     def inner(self, g: int) -> Cascade:
         """The poles of one denominator once: the first states of its part of the bank."""
         n = int(self.pattern.orders[g])
         first = int(self.pattern.firsts[g])
         at = first * self.repeats
-        a, b = self.cascade.a[at : at + n, at : at + n], self.cascade.b[at : at + n]
-        return Cascade(a, b, self.poles[first : first + n])
+        a = np.ascontiguousarray(self.cascade.a[at : at + n, at : at + n])
+        return Cascade(a, self.cascade.b[at : at + n], self.poles[first : first + n])

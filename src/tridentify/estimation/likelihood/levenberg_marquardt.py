@@ -25,7 +25,6 @@ from tridentify.estimation.likelihood.thresholds import (
 )
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.information import aicc_price
-from tridentify.numerics.realization import denominator, numerators
 from tridentify.numerics.slices import Slices, drain
 
 LONG = 50_000
@@ -87,20 +86,12 @@ class Recorder:
 
 def coefficients(point: Point) -> Array:
     """Physical coefficients in the order of `Structure.names`."""
-    problem = point.problem
-    found = np.zeros(problem.n_coefficients)
-    a_places, b_places = problem.places()
-    for place, branch in zip(a_places, point.branches, strict=True):
-        n, a = branch.inner.order, denominator(branch.inner.poles)
-        table = numerators(branch.inner.poles)
-        found[place] = a[1:]
-        for i, j in np.argwhere(branch.channels).tolist():
-            proper = point.response.rows[i, j, branch.own] @ table
-            full = np.concatenate([[0.0], proper]) + point.response.direct[i, j] * a
-            found[b_places[i, j]] = full[n - problem.n_zeros[i][j] :]
-    if problem.n_delays:
-        found[-problem.n_delays :] = problem.delays
-    return found
+    from tridentify.models.compiled_steps import coefficients_of
+
+    problem, bank, response = point.problem, point.triangles.bank, point.response
+    rows, direct = np.ascontiguousarray(response.rows), np.ascontiguousarray(response.direct)
+    found = coefficients_of(bank.poles, rows, direct, *problem.pattern, bank.repeats)
+    return np.append(found, problem.delays) if problem.n_delays else found
 
 
 def mean_square(point: Point) -> float:

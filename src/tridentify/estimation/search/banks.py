@@ -86,14 +86,6 @@ class Banks:
                 t += 1
         return stack, which, targets, counts
 
-    def leads(self) -> Array:
-        """(n_experiments, n_outputs, n_inputs) how long before an impulse inputs begin to act."""
-        found = np.zeros((len(self.stacks), self.base.n_outputs, self.base.n_inputs))
-        for e, experiment in enumerate(self.base.experiments):
-            if experiment.leads is not None:
-                found[e] = experiment.leads
-        return found
-
     def orders(self, variants: Sequence[Variant], most: int, fewest: int) -> tuple[Indices, Array]:
         """Number of functions by AICc, summed over the outputs, and its value.
 
@@ -112,31 +104,57 @@ class Banks:
 
         base, layout = self.base, self.layout
         stack, which, targets, counts = self.together
-        n_experiments, n_outputs, n_inputs = len(self.stacks), base.n_outputs, base.n_inputs
-        constants = np.zeros((len(variants), n_experiments, n_inputs))
+        n_experiments, n_inputs = len(self.stacks), base.n_inputs
         nuisance = np.full((len(variants), 2), -1, dtype=np.int64)
         prices = np.empty((len(variants), most))
-        one = layout.nuisance.start
         for v, variant in enumerate(variants):
-            kept = [one] * variant.offset
-            kept += [one + layout.offset] * (variant.drift and layout.drift)
+            kept = kept_columns(layout, variant)
             nuisance[v, : len(kept)] = kept
-            for e, constant in enumerate(variant.constants):
-                if constant is not None:
-                    constants[v, e] = constant
             per_order = n_inputs + variant.free * n_experiments
             shared = 1 + len(kept) * n_experiments + n_inputs * base.biproper
-            k = n_outputs * (per_order * np.arange(1.0, most + 1.0) + shared)
+            k = base.n_outputs * (per_order * np.arange(1.0, most + 1.0) + shared)
             prices[v] = aicc_price(k, float(counts.sum()))
-        if constants.any() and not (layout.free and layout.offset):
-            raise ValueError("constants need the impulse states and the constant among the columns")
-        leads = self.leads()
         free = np.array([variant.free for variant in variants])
         floors = FLOOR * np.asarray(base.size, dtype=np.float64)
-        return orders_of(
-            stack, which, targets, self.a, self.b, free, nuisance, base.biproper, most, fewest,
-            constants, leads, one, int(layout.free), counts, floors, prices,
-        )  # fmt: skip
+        orders = np.zeros((len(self.b), len(variants)), dtype=np.int64)
+        criteria = np.zeros(orders.shape)
+        alone = [v for v, variant in enumerate(variants) if shifts(variant)]
+        plain = [v for v in range(len(variants)) if v not in alone]
+        for some in [plain] * bool(plain) + [[v] for v in alone]:
+            seen = stack if some is plain else self.shifted(variants[some[0]])
+            orders[:, some], criteria[:, some] = orders_of(
+                seen, which, targets, free[some], nuisance[some], base.biproper, n_inputs,
+                layout.order, most, fewest, int(layout.free), counts, floors, prices[some],
+            )  # fmt: skip
+        return orders, criteria
+
+    def shifted(self, variant: Variant) -> Array:
+        """The stack of `together` with a choice's constants put back on the inputs."""
+        from tridentify.estimation.search.compiled_starts import put_back
+
+        stack, which, _, _ = self.together
+        layout, base = self.layout, self.base
+        if not (layout.free and layout.offset):
+            raise ValueError("constants need the impulse states and the constant among the columns")
+        constants, leads = np.zeros((2, stack.shape[1], base.n_inputs))
+        for e, (constant, one) in enumerate(zip(variant.constants, base.experiments, strict=True)):
+            for i in range(base.n_outputs):
+                constants[which[e, i]] = 0.0 if constant is None else constant
+                leads[which[e, i]] = 0.0 if one.leads is None else one.leads[i]
+        found = stack.copy()
+        put_back(found, self.a, self.b, constants, leads, layout.nuisance.start)
+        return found
+
+
+def shifts(variant: Variant) -> bool:
+    """Whether a choice puts constants back on the inputs."""
+    return any(constant is not None and constant.any() for constant in variant.constants)
+
+
+def kept_columns(layout: Layout, variant: Variant) -> list[int]:
+    """The columns of constant and ramp that a choice keeps."""
+    one = layout.nuisance.start
+    return [one] * variant.offset + [one + layout.offset] * (variant.drift and layout.drift)
 
 
 def costs(base: Problem, variant: Variant, poles: Complex) -> Array:
@@ -155,26 +173,16 @@ def costs(base: Problem, variant: Variant, poles: Complex) -> Array:
     -------
     (n_places,) array
     """
-    from tridentify.estimation.search.compiled_starts import banks_at, costs_at, put_back
+    from tridentify.estimation.search.compiled_starts import banks_at, costs_at
 
     pattern = base.pattern
     poles = np.ascontiguousarray(poles, dtype=np.complex128)
     a, b, bases = banks_at(poles, pattern.orders, max(pattern.orders.tolist()))
     banks = Banks.made(base, poles, a, b)
     stack, which, targets, counts = banks.together
-    layout, one = banks.layout, banks.layout.nuisance.start
-    kept = [one] * variant.offset + [one + layout.offset] * (variant.drift and layout.drift)
-    if any(constant is not None and constant.any() for constant in variant.constants):
-        constants, leads = np.zeros((stack.shape[1], base.n_inputs)), banks.leads()
-        late = np.zeros_like(constants)
-        for e, constant in enumerate(variant.constants):
-            for i in range(base.n_outputs):
-                constants[which[e, i]] = 0.0 if constant is None else constant
-                late[which[e, i]] = leads[e, i]
-        put_back(stack, a, b, constants, late, one)
-    nuisance = np.array(kept, dtype=np.int64)
+    nuisance = np.array(kept_columns(banks.layout, variant), dtype=np.int64)
     floors = FLOOR * np.asarray(base.power, dtype=np.float64)
     return costs_at(
-        stack, which, targets, int(layout.free), variant.free, nuisance, *pattern, bases, counts,
-        floors,
+        banks.shifted(variant) if shifts(variant) else stack, which, targets,
+        int(banks.layout.free), variant.free, nuisance, *pattern, bases, counts, floors,
     )  # fmt: skip

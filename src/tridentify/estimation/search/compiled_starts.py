@@ -42,54 +42,14 @@ def held_states(a: Array, b: Array, s: Array, one: int, lead: float) -> Array:
 
 
 @compiled(
-    "void(float64[:,::1], float64[:,::1], float64[::1], int64, int64, boolean, int64[::1],"
-    " boolean, int64, float64[::1], float64[::1], int64, int64, int64, float64[:,::1])"
-)
-def fill_nested(
-    s: Array, a: Array, b: Array, experiment: int, n_experiments: int, free: bool,
-    nuisance: Indices, biproper: bool, most: int, constants: Array, leads: Array, one: int,
-    first_input: int, top: int, columns: Array,
-) -> None:  # fmt: skip
-    """Columns of one experiment, a row each, into zeros; arguments as of `orders_of`."""
-    q, n_inputs, own, height = b.size, constants.size, nuisance.size, s.shape[0]
-    fixed = own * n_experiments + (n_inputs if biproper else 0)
-    step = n_inputs + (n_experiments if free else 0)
-    direct = q * (n_inputs + first_input)
-    for c in range(own):
-        for r in range(height):
-            columns[own * experiment + c, top + r] = s[r, nuisance[c]]
-    for j in range(n_inputs):
-        first, value = q * (j + first_input), constants[j]
-        for d in range(most):
-            for r in range(height):
-                columns[fixed + d * step + j, top + r] = s[r, first + d]
-        if biproper:
-            for r in range(height):
-                columns[own * n_experiments + j, top + r] = s[r, direct + j]
-        if value != 0.0:
-            held = held_states(a, b, s, one, leads[j])
-            for d in range(most):
-                for r in range(height):
-                    columns[fixed + d * step + j, top + r] += value * held[d, r]
-            if biproper:
-                for r in range(height):
-                    columns[own * n_experiments + j, top + r] += value * s[r, one]
-    if free:
-        for d in range(most):
-            for r in range(height):
-                columns[fixed + d * step + n_inputs + experiment, top + r] = s[r, d]
-
-
-@compiled(
-    "(float64[:,:,:,::1], int64[:,::1], float64[:,:,:,::1], float64[:,:,::1], float64[:,::1],"
-    " boolean[::1], int64[:,::1], boolean, int64, int64, float64[:,:,::1], float64[:,:,::1], int64,"
-    " int64, float64[::1], float64[::1], float64[:,::1])",
+    "(float64[:,:,:,::1], int64[:,::1], float64[:,:,:,::1], boolean[::1], int64[:,::1], boolean,"
+    " int64, int64, int64, int64, int64, float64[::1], float64[::1], float64[:,::1])",
     free=True,
 )
 def orders_of(
-    stack: Array, which: Indices, targets: Array, a: Array, b: Array, free: Flags,
-    nuisance: Indices, biproper: bool, most: int, fewest: int, constants: Array, leads: Array,
-    one: int, first_input: int, counts: Array, floors: Array, prices: Array,
+    stack: Array, which: Indices, targets: Array, free: Flags, nuisance: Indices, biproper: bool,
+    n_inputs: int, order: int, most: int, fewest: int, first_input: int, counts: Array,
+    floors: Array, prices: Array,
 ) -> tuple[Indices, Array]:  # fmt: skip
     """Number of functions of lowest AICc, and that AICc.
 
@@ -99,20 +59,15 @@ def orders_of(
     which : (n_experiments, n_outputs) int array
         The triangle of each.
     targets : (n_banks, n_experiments, n_outputs, r) array
-    a, b : (n_banks, q, q), (n_banks, q) arrays
     free : (n_variants,) bool array
         Whether each choice of nuisance terms has a free initial state.
     nuisance : (n_variants, 2) int array
         Columns of constant and ramp that each keeps, and -1 for none, behind them.
     biproper : bool
+    n_inputs, order : int
+        Inputs, and states of a bank.
     most, fewest : int
         Numbers of functions.
-    constants : (n_variants, n_experiments, n_inputs) array
-        What is put back on the inputs.
-    leads : (n_experiments, n_outputs, n_inputs) array
-        How long before the impulse each input begins to act [s].
-    one : int
-        Column of the constant.
     first_input : int
         One where the first states of a triangle are those of an impulse, else zero.
     counts, floors : (n_outputs,) arrays
@@ -127,7 +82,6 @@ def orders_of(
     """
     n_banks, n_variants = stack.shape[0], free.size
     n_experiments, n_outputs, height = targets.shape[1], targets.shape[2], targets.shape[3]
-    n_inputs, tall = constants.shape[2], n_experiments * targets.shape[3]
     orders, criteria = np.zeros((n_banks, n_variants), np.int64), np.zeros((n_banks, n_variants))
     total = np.empty(most)
     for v in range(n_variants):
@@ -142,16 +96,25 @@ def orders_of(
             for d in range(most):
                 total[d] = prices[v, d]
             for i in range(n_outputs):
-                columns = np.zeros((width, tall))
+                columns = np.zeros((width, n_experiments * height))
                 for e in range(n_experiments):
-                    fill_nested(
-                        stack[k, which[e, i]], a[k], b[k], e, n_experiments, free[v],
-                        nuisance[v, :own], biproper, most, constants[v, e], leads[e, i], one,
-                        first_input, e * height, columns,
-                    )  # fmt: skip
+                    s = stack[k, which[e, i]]
                     for t in range(height):
-                        columns[-1, e * height + t] = targets[k, e, i, t]
-                triangularise(columns, tall, 0, 0, r)
+                        top = e * height + t
+                        columns[-1, top] = targets[k, e, i, t]
+                        for c in range(own):
+                            columns[own * e + c, top] = s[t, nuisance[v, c]]
+                        for j in range(n_inputs):
+                            if biproper:
+                                direct = order * (n_inputs + first_input) + j
+                                columns[own * n_experiments + j, top] = s[t, direct]
+                            for d in range(most):
+                                place = fixed + d * step + j
+                                columns[place, top] = s[t, order * (j + first_input) + d]
+                        if free[v]:
+                            for d in range(most):
+                                columns[fixed + d * step + n_inputs + e, top] = s[t, d]
+                triangularise(columns, n_experiments * height, 0, 0, r)
                 rss, last = 0.0, width
                 for d in range(most - 1, -1, -1):
                     first = fixed + step * (d + 1)
@@ -213,7 +176,7 @@ def put_back(stack: Array, a: Array, b: Array, constants: Array, leads: Array, o
         With impulse states and the constant among the columns.
     a, b : (n_banks, q, q), (n_banks, q) arrays
     constants, leads : (n_triangles, n_inputs) arrays
-        As of `orders_of`.
+        What is put back, and how long before the impulse each input begins to act [s].
     one : int
         Column of the constant.
     """

@@ -36,8 +36,7 @@ REAL_STEP = 2.2
 """Ratio of neighbouring real poles: within a factor of 1.5 of one lies every rate."""
 FARTHER = 3.0
 """How far beyond the band's fast edge places are tried: to two thirds of the Nyquist frequency."""
-TOGETHER = 16  # places of a record of as many samples as follow; more take milliseconds at once
-SAMPLES = 1_000
+TOGETHER = 16  # places; of long records more take some milliseconds at once
 
 
 class Move(NamedTuple):
@@ -70,9 +69,7 @@ def moved_poles(base: Problem, variant: Variant, poles: Complex) -> list[Move]:
 
 
 def moving_poles(base: Problem, variant: Variant, poles: Complex) -> Slices[list[Move]]:
-    """`moved_poles` in slices, some places in each."""
-    samples = sum(e.n_samples for e in base.experiments)
-    together = TOGETHER * max(1, SAMPLES // max(samples, 1))
+    """`moved_poles` in slices, ``TOGETHER`` places in each."""
     low, high = rate_limits(base)
     found: list[Move] = []
     for k, denominator in enumerate(base.groups):
@@ -82,9 +79,9 @@ def moving_poles(base: Problem, variant: Variant, poles: Complex) -> Slices[list
             lines = _lines(len(group), low, FARTHER * high)
             for line in lines:
                 parts = []
-                for first in range(0, len(line), together):
+                for first in range(0, len(line), TOGETHER):
                     yield
-                    some = line[first : first + together]
+                    some = line[first : first + TOGETHER]
                     parts.append(place_costs(base, variant, kept, some, (k, poles)))
                 along = np.concatenate(parts)
                 around = np.concatenate([[np.inf], along, [np.inf]])

@@ -319,13 +319,14 @@ def laguerre_starts(base: Problem, variants: Sequence[Variant]) -> list[Parallel
 
 
 def laguerre_slices(base: Problem, variants: Sequence[Variant]) -> Slices[list[ParallelStart]]:
-    """`laguerre_starts` in slices, some grid points in each."""
+    """`laguerre_starts` in slices, as many as there are grid points."""
     found: list[ParallelStart] = []
     rates = _rates(base)
     together = max(1, TOGETHER // max(1, sum(e.n_samples for e in base.experiments)))
     for first in range(0, rates.size, together):
-        yield
-        found += _laguerre(base, variants, rates[first : first + together])
+        some = rates[first : first + together]
+        yield from (None for _ in some)
+        found += _laguerre(base, variants, some)
     return sorted(found, key=lambda start: start.criterion)
 
 
@@ -416,12 +417,16 @@ def enriched_starts(base: Problem, variant: Variant, poles: Complex) -> Slices[l
     low, high = rate_limits(base)
     found: list[ParallelStart] = []
     rate, filters = float(np.sqrt(low * high)), base.split(poles)
+    sets: dict[int, list[tuple[float, Complex]]] = {}
     for damping in SPREAD_DAMPING:
-        yield
         spread = spread_poles(base, damping, _most(base, MOST_SPREAD) // 2)
-        operators = np.concatenate([poles, poles, spread])[None]
-        labels = [f"the poles so far and a spread, damping {damping:g}"]
-        found += _starts(base, [variant], operators, [filters], [rate], labels, whole=True)
+        sets.setdefault(spread.size, []).append((damping, spread))
+    for alike in sets.values():
+        yield from (None for _ in alike)
+        operators = np.stack([np.concatenate([poles, poles, spread]) for _, spread in alike])
+        labels = [f"the poles so far and a spread, damping {damping:g}" for damping, _ in alike]
+        n = len(alike)
+        found += _starts(base, [variant], operators, [filters] * n, [rate] * n, labels, whole=True)
     return sorted(found, key=lambda start: start.criterion)
 
 
