@@ -52,6 +52,7 @@ __all__ = [
     "Layout",
     "Regression",
     "Stack",
+    "held_states",
     "regress",
     "regression_at",
     "response_of",
@@ -114,18 +115,35 @@ def restricted(
                 one = s[:, old.nuisance.start]
                 for j, value in enumerate(constants):
                     lead = 0.0 if regression.leads is None else float(regression.leads[i, j])
-                    kept[:, new.input_states(j)] += value * _held(bank, s[:, :q], one, lead)
+                    kept[:, new.input_states(j)] += value * held_states(
+                        bank.a, bank.b, s[:, :q], one, lead
+                    )
                     kept[:, new.direct(j)] += value * one
             done[id(s)] = kept
         signals.append(done[id(s)])
     return replace(regression, layout=new, signals=tuple(signals))
 
 
-def _held(bank: Cascade, impulse: Array, one: Array, lead: float) -> Array:
-    """States' response to a constant that began to act ``lead`` seconds before the impulse."""
+def held_states(a: Array, b: Array, impulse: Array, one: Array, lead: float) -> Array:
+    """States' response to a constant that began to act some time before the impulse.
+
+    Parameters
+    ----------
+    a, b : (..., q, q), (..., q) arrays
+        Of one bank, or of a stack of them.
+    impulse, one : (..., r, q), (..., r) arrays
+        Columns of the impulse states and of the constant.
+    lead : float
+        How long before [s].
+
+    Returns
+    -------
+    (..., r, q) array
+    """
     if lead:
-        impulse = impulse @ scipy.linalg.expm(bank.a * lead).T
-    return np.asarray(np.linalg.solve(bank.a, (impulse - np.outer(one, bank.b)).T).T)
+        impulse = impulse @ scipy.linalg.expm(a * lead).swapaxes(-1, -2)
+    sides = impulse - one[..., :, None] * b[..., None, :]
+    return np.asarray(np.linalg.solve(a, sides.swapaxes(-1, -2)).swapaxes(-1, -2))
 
 
 def regress(experiment: Experiment, bank: Cascade) -> Regression:

@@ -11,7 +11,7 @@ import numpy as np
 from tridentify.estimation.likelihood.cost import FLOOR
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.models.columns import Layout, Regression
-from tridentify.models.regression import Stack, regression_at, stacks_on
+from tridentify.models.regression import Stack, held_states, regression_at, stacks_on
 from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.information import aicc_price
 from tridentify.numerics.realization import Cascade
@@ -130,19 +130,24 @@ class Banks:
 
     def shifted(self, variant: Variant) -> Array:
         """The stack of `together` with a choice's constants put back on the inputs."""
-        from tridentify.estimation.search.compiled_starts import put_back
-
         stack, which, _, _ = self.together
-        layout, base = self.layout, self.base
+        layout, q = self.layout, self.b.shape[1]
         if not (layout.free and layout.offset):
             raise ValueError("constants need the impulse states and the constant among the columns")
-        constants, leads = np.zeros((2, stack.shape[1], base.n_inputs))
-        for e, (constant, one) in enumerate(zip(variant.constants, base.experiments, strict=True)):
-            for i in range(base.n_outputs):
-                constants[which[e, i]] = 0.0 if constant is None else constant
-                leads[which[e, i]] = 0.0 if one.leads is None else one.leads[i]
-        found = stack.copy()
-        put_back(found, self.a, self.b, constants, leads, layout.nuisance.start)
+        found, done = stack.copy(), set[int]()
+        for e, (constants, experiment) in enumerate(
+            zip(variant.constants, self.base.experiments, strict=True)
+        ):
+            for i, t in enumerate(which[e].tolist()):
+                if constants is None or t in done:
+                    continue
+                done.add(t)
+                one, impulse = stack[:, t, :, layout.nuisance.start], stack[:, t, :, :q]
+                for j, value in enumerate(constants.tolist()):
+                    lead = 0.0 if experiment.leads is None else float(experiment.leads[i, j])
+                    held = held_states(self.a, self.b, impulse, one, lead)
+                    found[:, t, :, layout.input_states(j)] += value * held
+                    found[:, t, :, layout.direct(j)] += value * one
         return found
 
 

@@ -17,28 +17,7 @@ from tridentify.estimation.likelihood.compiled_cost import fill_columns, unknown
 from tridentify.numerics.arrays import Array, Complex, Flags, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.kernels.cascades import fill_basis, fill_cascade
-from tridentify.numerics.kernels.exponentials import exponential, solve_lower
 from tridentify.numerics.kernels.triangles import triangularise
-
-
-@compiled("float64[:,::1](float64[:,::1], float64[::1], float64[:,::1], int64, float64)")
-def held_states(a: Array, b: Array, s: Array, one: int, lead: float) -> Array:
-    """(q, r) answer of the states to a constant that began ``lead`` before the impulse.
-
-    As of `models.regression.restricted`; ``one`` is the column of the constant.
-    """
-    q, height = b.size, s.shape[0]
-    found, moved = np.zeros((q, height)), exponential(a * lead)
-    for i in range(q):
-        for r in range(height):
-            if lead != 0.0:
-                for j in range(q):
-                    found[i, r] += moved[i, j] * s[r, j]
-            else:
-                found[i, r] = s[r, i]
-            found[i, r] -= s[r, one] * b[i]
-    solve_lower(a, found)
-    return found
 
 
 @compiled(
@@ -160,38 +139,6 @@ def banks_at(poles: Complex, orders: Indices, most: int) -> tuple[Array, Array, 
             fill_basis(block, drive, bases[k, at:end, : orders[g]], leading[at:end])
             at = end
     return a, b, bases
-
-
-@compiled(
-    "void(float64[:,:,:,::1], float64[:,:,::1], float64[:,::1], float64[:,::1], float64[:,::1],"
-    " int64)",
-    free=True,
-)
-def put_back(stack: Array, a: Array, b: Array, constants: Array, leads: Array, one: int) -> None:
-    """Put constants back on the inputs, in place.
-
-    Parameters
-    ----------
-    stack : (n_banks, n_triangles, r, n_columns) array
-        With impulse states and the constant among the columns.
-    a, b : (n_banks, q, q), (n_banks, q) arrays
-    constants, leads : (n_triangles, n_inputs) arrays
-        What is put back, and how long before the impulse each input begins to act [s].
-    one : int
-        Column of the constant.
-    """
-    q, n_inputs = b.shape[1], constants.shape[1]
-    for k in range(stack.shape[0]):
-        for t in range(stack.shape[1]):
-            s = stack[k, t]
-            for j in range(n_inputs):
-                value = constants[t, j]
-                if value != 0.0:
-                    held = held_states(a[k], b[k], s, one, leads[t, j])
-                    for r in range(s.shape[0]):
-                        for d in range(q):
-                            s[r, q * (j + 1) + d] += value * held[d, r]
-                        s[r, q * (n_inputs + 1) + j] += value * s[r, one]
 
 
 @compiled(
