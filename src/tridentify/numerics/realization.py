@@ -34,6 +34,7 @@ gives its roots without ever being expanded (`roots_of`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -270,7 +271,28 @@ def roots_of(bank: Cascade, row: Array) -> Complex:
     >>> roots_of(bank, np.zeros(2)).tolist()
     [(-1+0j), (-2+0j)]
     """
+    if bank.order <= 2:
+        found = _eigenvalues((bank.a - bank.b[:, None] * row).tolist())
+        if found is not None:
+            return sort_poles(np.array(found, dtype=np.complex128))
     return sort_poles(np.linalg.eigvals(bank.a - np.outer(bank.b, row)).astype(np.complex128))
+
+
+def _eigenvalues(matrix: list[list[float]]) -> list[complex] | None:
+    """Of one or two rows, without the checks that take longer; None where they are not finite."""
+    if len(matrix) == 1:
+        return [complex(matrix[0][0])] if math.isfinite(matrix[0][0]) else None
+    (a, b), (c, d) = matrix
+    half, product = 0.5 * (a - d), b * c
+    square = half * half + product
+    if not (math.isfinite(square) and math.isfinite(a + d)):
+        return None
+    if square < 0.0:
+        mean, turn = 0.5 * (a + d), math.sqrt(-square)
+        return [complex(mean, turn), complex(mean, -turn)]
+    # the larger of two roots first: the other one without a difference of near equals
+    large = half + math.copysign(math.sqrt(square), half)
+    return [complex(d + large), complex(d - product / large if large else d)]
 
 
 def row_of(bank: Cascade, roots: Complex) -> Array | None:

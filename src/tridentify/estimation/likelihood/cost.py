@@ -29,6 +29,7 @@ are those of its innovations (`regression`), and so are ``RSS`` and everything m
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -283,8 +284,10 @@ class Point:
     def gradient(self) -> float:
         """The residual's share along the scores: 0 at a stationary point, at most 1."""
         found = self._decomposition
-        kept = found.projection[found.s > 1e-13 * found.s[0]]
-        return float(np.sqrt(kept @ kept)) / found.total if found.total else 0.0
+        s = found.s.tolist()
+        pairs = zip(found.projection.tolist(), s, strict=True)
+        kept = math.fsum(part * part for part, size in pairs if size > 1e-13 * s[0])
+        return math.sqrt(kept) / found.total if found.total else 0.0
 
     def along(self, change: Array) -> Array:
         """(rows,) minus what a step changes of the outputs, to first order."""
@@ -350,8 +353,10 @@ class Point:
         return self.decrease() > FAR * float(self.counts.sum())
 
     def _promised(self, found: Decomposition, damping: float) -> float:
-        shrink = found.s * found.gain(damping)
-        share = float(np.sum(found.projection**2 * shrink * (2.0 - shrink)))
+        # one by one: they are few
+        shrink, share = (found.s * found.gain(damping)).tolist(), 0.0
+        for part, s in zip(found.projection.tolist(), shrink, strict=True):
+            share += part * part * s * (2.0 - s)
         return self._fall(share / found.total**2 if found.total else 0.0)
 
     @property

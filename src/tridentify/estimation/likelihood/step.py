@@ -62,9 +62,9 @@ class Decomposition(NamedTuple):
     def gain(self, damping: float) -> Array:
         """Of every singular value."""
         # what is so small that its square is none moves nothing
-        kept = (self.s > 1e-13 * self.s[0]) & (self.s * self.s > 0.0)
-        s = np.where(kept, self.s, 1.0)
-        return np.where(kept, s / (s**2 + damping), 0.0)
+        s = self.s.tolist()
+        least = 1e-13 * s[0]
+        return np.array([v / (v * v + damping) if v > least and v * v > 0.0 else 0.0 for v in s])
 
     def step(self, damping: float) -> Array:
         """(n_scores,) change of ``alpha`` and the delays."""

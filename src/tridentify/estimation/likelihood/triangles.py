@@ -99,7 +99,10 @@ class Triangles:
 
 def _stacked(whole: Sequence[Regression]) -> tuple[Array, Indices, Array]:
     """Different triangles, which of them each output of each experiment has, and the targets."""
-    n_outputs = len(whole[0].targets)
+    n_outputs, first = len(whole[0].targets), whole[0].signals[0]
+    if len(whole) == 1 and all(one is first for one in whole[0].signals):
+        which = np.zeros((1, n_outputs), dtype=np.int64)
+        return np.array(first, order="C")[None], which, np.array(whole[0].targets)[None]
     places: dict[int, int] = {}
     different: list[Array] = []
     which = np.zeros((len(whole), n_outputs), dtype=np.int64)
