@@ -8,7 +8,7 @@ from tridentify.numerics.arrays import Array, Indices
 from tridentify.numerics.compiled import compiled
 
 
-@compiled("boolean(int64[:,::1], int64, int64)")
+@compiled("boolean(int64[:,::1], int64, int64)", inner=True)
 def leads_to(group: Indices, output: int, g: int) -> bool:
     """Whether any channel of a denominator leads to an output; ``group`` (n_outputs, n_inputs)."""
     found = False
@@ -17,7 +17,9 @@ def leads_to(group: Indices, output: int, g: int) -> bool:
     return found
 
 
-@compiled("void(float64[:,::1], int64, float64[:,:], float64, float64[:,:], int64, int64)")
+@compiled(
+    "void(float64[:,::1], int64, float64[:,:], float64, float64[:,:], int64, int64)", inner=True
+)
 def add_combined(
     s: Array, column: int, rows: Array, sign: float, out: Array, top: int, first: int
 ) -> None:
@@ -44,7 +46,7 @@ def add_combined(
             out[top + r, first + c] += sign * value
 
 
-@compiled("void(float64[:], float64[:,:,:], float64[:,:])")
+@compiled("void(float64[:], float64[:,:,:], float64[:,:])", inner=True)
 def through(weights: Array, map_: Array, found: Array) -> None:
     """States of a filter driven by a combination of a bank's states.
 
@@ -70,7 +72,8 @@ def through(weights: Array, map_: Array, found: Array) -> None:
 @compiled(
     "void(float64[:,::1], int64, int64, boolean, int64, int64, int64[::1], int64[::1],"
     " int64[:,::1], int64, float64[::1], float64[::1], float64[:,:,::1], float64[:,::1],"
-    " float64[:,:,::1], float64[:,:], int64)"
+    " float64[:,:,::1], float64[:,:], int64)",
+    inner=True,
 )
 def add_filtered(
     s: Array,

@@ -38,6 +38,7 @@ def cascades(poles: Complex) -> tuple[Array, Array]:
     "void(float64[:,::1], float64[::1], float64[::1], float64[::1], float64[::1], float64[:,::1],"
     " int64, int64)",
     wide=True,
+    inner=True,
 )
 def drive(
     step: Array, now: Array, after: Array, w: Array, x: Array, rows: Array, begin: int, end: int
@@ -83,7 +84,7 @@ def drive(
         i += width
 
 
-@compiled("int64(float64[:,::1], float64[::1], int64, float64[:,::1])")
+@compiled("int64(float64[:,::1], float64[::1], int64, float64[:,::1])", inner=True)
 def die_away(step: Array, b: Array, begin: int, rows: Array) -> int:
     """The response to an impulse at sample ``begin`` into zeros; from where on it is nothing."""
     q, n = rows.shape
@@ -101,7 +102,10 @@ def die_away(step: Array, b: Array, begin: int, rows: Array) -> int:
     return at
 
 
-@compiled("(float64[:,::1], float64[::1], float64, boolean, float64, float64[:,::1], float64[::1])")
+@compiled(
+    "(float64[:,::1], float64[::1], float64, boolean, float64, float64[:,::1], float64[::1])",
+    inner=True,
+)
 def late_taps(
     a: Array, b: Array, dt: float, ramps: bool, part: float, step: Array, first_two: Array
 ) -> tuple[Array, Array, Array, Array]:
@@ -145,7 +149,8 @@ def late_taps(
 
 @compiled(
     "int64(float64[:,::1], float64[::1], float64, boolean, float64[:,::1], int64[::1],"
-    " float64[::1], float64[:,::1], boolean, int64, float64[:,::1])"
+    " float64[::1], float64[:,::1], boolean, int64, float64[:,::1])",
+    inner=True,
 )
 def fill_states(
     a: Array, b: Array, dt: float, ramps: bool, w: Array, firsts: Indices, parts: Array,

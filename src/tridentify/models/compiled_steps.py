@@ -22,7 +22,8 @@ from tridentify.numerics.kernels.small_least_squares import solve_small
 
 @compiled(
     "(float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1], int64[::1],"
-    " int64[::1], int64[:,::1], int64, int64, boolean)"
+    " int64[::1], int64[:,::1], int64, int64, boolean)",
+    inner=True,
 )
 def parallel_fit(
     stack: Array,
@@ -112,7 +113,8 @@ def parallel_fit(
 
 @compiled(
     "float64[::1](float64[::1], int64[::1], int64[::1], int64[:,::1], int64[:,::1],"
-    " complex128[::1], float64[:,::1], int64)"
+    " complex128[::1], float64[:,::1], int64)",
+    inner=True,
 )
 def expanded_numerators(
     x: Array,

@@ -29,7 +29,8 @@ Linear = tuple[Array, Array, Array, Array, Array, Array, Indices, Array, Array, 
 @compiled(
     "void(int64, float64[:,:,::1], int64[:,::1], float64[:,:,::1], int64, boolean, int64[::1],"
     " int64[::1], int64[::1], int64[:,::1], int64[:,::1], int64, float64[:,::1], float64[:,::1],"
-    " float64[::1])"
+    " float64[::1])",
+    inner=True,
 )
 def fill_columns(
     output: int,
@@ -85,7 +86,8 @@ def fill_columns(
 
 @compiled(
     "void(int64, float64[::1], boolean, int64, int64[::1], int64[::1], int64[:,::1],"
-    " int64[:,::1], int64, float64[:,::1], float64[:,:,::1], float64[:,::1], float64[:,:,::1])"
+    " int64[:,::1], int64, float64[:,::1], float64[:,:,::1], float64[:,::1], float64[:,:,::1])",
+    inner=True,
 )
 def put_in_place(
     output: int,
@@ -122,7 +124,7 @@ def put_in_place(
             place += n_nuisance
 
 
-@compiled("int64[::1](boolean, int64, int64, int64[::1], int64[:,::1], int64[:,::1])")
+@compiled("int64[::1](boolean, int64, int64, int64[::1], int64[:,::1], int64[:,::1])", inner=True)
 def unknowns(
     free: bool, n_nuisance: int, n_experiments: int, orders: Indices, group: Indices, zeros: Indices
 ) -> Indices:

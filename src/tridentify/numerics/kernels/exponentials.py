@@ -23,7 +23,7 @@ LARGER = 1024.0
 """As in `numerics.discretize`."""
 
 
-@compiled("void(float64[:,::1], float64[:,::1], float64[:,::1])")
+@compiled("void(float64[:,::1], float64[:,::1], float64[:,::1])", inner=True)
 def multiply(a: Array, b: Array, out: Array) -> None:
     """``out = a b`` of lower triangular matrices with pairs."""
     n = a.shape[0]
@@ -37,7 +37,7 @@ def multiply(a: Array, b: Array, out: Array) -> None:
                     out[i, j] += weight * b[m, j]
 
 
-@compiled("void(float64[:,::1], float64[:,::1])")
+@compiled("void(float64[:,::1], float64[:,::1])", inner=True)
 def solve_lower(matrix: Array, sides: Array) -> None:
     """Solve with a lower triangular matrix with pairs; ``sides`` (n, k) become the solutions."""
     n, k = sides.shape
@@ -63,7 +63,7 @@ def solve_lower(matrix: Array, sides: Array) -> None:
         i += width
 
 
-@compiled("float64(float64[:,::1])")
+@compiled("float64(float64[:,::1])", inner=True)
 def size_of(matrix: Array) -> float:
     """The smaller of the largest absolute sums over rows and over columns."""
     n = matrix.shape[0]

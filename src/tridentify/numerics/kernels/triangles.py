@@ -13,7 +13,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.numerics.compiled import compiled
 
 
-@compiled("float64(float64[::1], float64[::1])", inline=True, wide=True, any_order=True)
+@compiled("float64(float64[::1], float64[::1])", inline=True, wide=True, any_order=True, inner=True)
 def product(one: Array, other: Array) -> float:
     """Inner product."""
     total = 0.0
@@ -22,7 +22,9 @@ def product(one: Array, other: Array) -> float:
     return total
 
 
-@compiled("void(float64[::1], float64, float64[::1])", inline=True, wide=True, any_order=True)
+@compiled(
+    "void(float64[::1], float64, float64[::1])", inline=True, wide=True, any_order=True, inner=True
+)
 def add_scaled(total: Array, weight: float, one: Array) -> None:
     """``total += weight one``."""
     for i in range(one.size):
