@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tridentify.numerics.discretize import discretize
-from tridentify.numerics.kernels.recursions import PART
+from tridentify.numerics.kernels.long_recursions import PART
 from tridentify.numerics.propagate import LONG_INPUT, propagate
 from tridentify.numerics.realization import cascade
 

@@ -25,13 +25,18 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
     """
     tell = say or (lambda what: None)
     tell("filters")
-    from tridentify.numerics.kernels import crossing, driven, recursions
+    from tridentify.numerics.kernels import crossing, driven, long_recursions, recursions
 
     tell("noise")
     from tridentify.numerics import incomplete_kernels
 
     tell("models")
-    from tridentify.models import compiled_columns, compiled_regression, compiled_steps
+    from tridentify.models import (
+        compiled_columns,
+        compiled_regression,
+        compiled_steps,
+        compiled_whitening,
+    )
     from tridentify.numerics.kernels import (
         cascades,
         exponentials,
@@ -47,7 +52,14 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
     tell("starts")
     from tridentify.estimation.search import compiled_starts
 
-    numerics = crossing, driven, recursions, incomplete_kernels, small_least_squares
+    numerics = (
+        crossing,
+        driven,
+        recursions,
+        long_recursions,
+        incomplete_kernels,
+        small_least_squares,
+    )
     banks = cascades, exponentials, triangles, whitening, polynomials
-    models = compiled_columns, compiled_regression, compiled_steps
+    models = compiled_columns, compiled_regression, compiled_steps, compiled_whitening
     return *numerics, *banks, *models, compiled_cost, compiled_starts

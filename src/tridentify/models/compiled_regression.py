@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.numerics.arrays import Array, Complex, Flags, Indices
+from tridentify.numerics.arrays import Array, Complex, Indices
 from tridentify.numerics.compiled import compiled
 from tridentify.numerics.kernels.cascades import fill_cascade
 from tridentify.numerics.kernels.exponentials import discrete
 from tridentify.numerics.kernels.triangles import add_scaled, triangularise
-from tridentify.numerics.kernels.whitening import innovate
 
 PIECE = 64
 """Samples of a free response after which is looked whether it has died out."""
@@ -182,7 +181,7 @@ def fill_states(
 @compiled(
     "float64[:,:,::1](float64[:,:,::1], float64[:,::1], float64, boolean, float64[:,::1],"
     " int64[::1], float64[::1], float64[:,::1], float64[:,::1], float64[:,::1], float64[::1],"
-    " boolean, int64, float64[::1], boolean[::1], float64[:,::1], float64[::1])",
+    " boolean, int64)",
     free=True,
 )
 def triangles_of(
@@ -199,10 +198,6 @@ def triangles_of(
     weight: Array,
     free: bool,
     start: int,
-    noise: Array,
-    seen: Flags,
-    gain: Array,
-    scale: Array,
 ) -> Array:
     """The triangles of some outputs of one experiment on several banks.
 
@@ -232,8 +227,6 @@ def triangles_of(
         Whether the impulse states are among the columns.
     start : int
         Where the impulse acts.
-    noise, seen, gain, scale
-        Of a noise model (`numerics.autoregression`); ``noise`` is empty where it is white.
 
     Returns
     -------
@@ -246,7 +239,6 @@ def triangles_of(
     width = states + known.shape[0] + y.shape[0]
     height = width if y.shape[0] else n
     found, columns = np.empty((count, width, height)), np.empty((width, n))
-    whitened = np.empty((width if noise.size else 0, n))
     for k in range(count):
         length = fill_states(
             a[k], b[k], dt, ramps, w, firsts, parts, first_two, free, start, columns
@@ -261,11 +253,6 @@ def triangles_of(
             for i in range(width):
                 for t in range(n):
                     found[k, i, t] = columns[i, t]
-            continue
-        if noise.size:
-            past = np.zeros((width, noise.size))
-            innovate(noise, seen, gain, scale, columns, past, whitened)
-            triangularise(whitened, n, 0, n, found[k])
             continue
         if weight.size:
             for i in range(width):

@@ -186,13 +186,10 @@ class Experiment:
             np.zeros(0) if weight is None else weight,
             self.free,
             self.start,
-            np.array(noise, dtype=np.float64),
-            np.array(seen),
-            gain,
-            scale,
         )
+        colour = (np.array(noise, dtype=np.float64), np.array(seen), gain, scale)
         counts = tuple(run.counts[run.outputs.index(i)] for i in outputs)
-        return Chart(outputs, counts, log_scale, given)
+        return Chart(outputs, counts, log_scale, given, colour if noise.size else None)
 
     @cached_property
     def is_coloured(self) -> bool:
@@ -236,16 +233,18 @@ class OutputRun:
 class Chart(NamedTuple):
     """Outputs of an experiment, and what `compiled_regression.triangles_of` is given of it.
 
-    ``log_scale`` as of `Regression`; ``given``: all arguments behind the banks.
+    ``log_scale`` as of `Regression`; ``given``: all arguments behind the banks; ``colour``: what
+    `compiled_whitening.whitened_triangles` is given of a noise that is not white.
     """
 
     outputs: tuple[int, ...]
     counts: tuple[int, ...]
     log_scale: float
     given: tuple[Any, ...]
+    colour: tuple[Any, ...] | None
 
     @property
     def without_outputs(self) -> tuple[Any, ...]:
         """The same for the columns themselves."""
-        nothing, white = np.zeros((0, self.given[7].shape[1])), np.zeros(0)
-        return (*self.given[:7], nothing, white, *self.given[9:11], white, *self.given[12:])
+        nothing = np.zeros((0, self.given[7].shape[1]))
+        return (*self.given[:7], nothing, np.zeros(0), *self.given[9:])

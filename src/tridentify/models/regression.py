@@ -213,9 +213,7 @@ def stacks_on(experiment: Experiment, a: Array, b: Array, poles: Complex) -> lis
     poles : (n_banks, q) complex array
     """
     if experiment.charts is not None:
-        from tridentify.models.compiled_regression import triangles_of
-
-        return [Stack(*chart[:3], triangles_of(a, b, *chart.given)) for chart in experiment.charts]
+        return [Stack(*chart[:3], _triangles(a, b, chart)) for chart in experiment.charts]
     found = [regress(experiment, Cascade(*one)) for one in zip(a, b, poles, strict=True)]
     first, groups = found[0], dict[int, list[int]]()
     for i, signals in enumerate(first.signals):
@@ -227,6 +225,18 @@ def stacks_on(experiment: Experiment, a: Array, b: Array, poles: Complex) -> lis
         counts = tuple(first.counts[i] for i in own)
         stacks.append(Stack(tuple(own), counts, scale, np.stack(rows)))
     return stacks
+
+
+def _triangles(a: Array, b: Array, chart: Chart) -> Array:
+    """Of the columns of a chart, or of their innovations."""
+    from tridentify.models.compiled_regression import triangles_of
+
+    if chart.colour is None:
+        return triangles_of(a, b, *chart.given)
+    from tridentify.models.compiled_whitening import whitened_triangles
+
+    columns = triangles_of(a, b, *chart.without_outputs)
+    return whitened_triangles(columns, chart.given[7], *chart.colour)
 
 
 def regression_at(

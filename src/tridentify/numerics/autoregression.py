@@ -281,13 +281,13 @@ class Whitener:
         -------
         (n_columns, count) array
         """
-        from tridentify.numerics.kernels.whitening import innovate
-
         count, p = seen.size, self._a.size
         found = np.empty((rows.shape[0], count)) if out is None else out
         if p == 0:
             np.multiply(rows[:, :count], seen, out=found[:, :count])
             return found
+        from tridentify.numerics.kernels.whitening import innovate
+
         mask = np.ascontiguousarray(seen)
         told = _gains_from if self._begun else _first_gains
         gain, scale, self._state, self._run, log_scale = told(self._a, mask, self._state, self._run)

@@ -57,12 +57,12 @@ def propagate(
     upper : int, optional
         Number of non-zero diagonals of ``transition`` above the main one (default: all).
     """
-    from tridentify.numerics.kernels.recursions import by_fours, recursion
-
     q = transition.shape[0]
     end = u.shape[0] if stop is None else stop
     few = upper is not None and upper <= 1 and q <= MOST_BY_FOURS
     if few and u.shape[0] > LONG_INPUT and out.flags.c_contiguous:
+        from tridentify.numerics.kernels.long_recursions import by_fours
+
         by_fours(
             np.ascontiguousarray(transition),
             np.ascontiguousarray(from_current),
@@ -75,6 +75,8 @@ def propagate(
             column,
         )
         return
+    from tridentify.numerics.kernels.recursions import recursion
+
     recursion(
         np.ascontiguousarray(transition),
         np.ascontiguousarray(from_current),

@@ -1,0 +1,45 @@
+"""Triangles of columns in coloured noise, in machine code: of their innovations."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tridentify.numerics.arrays import Array, Flags
+from tridentify.numerics.compiled import compiled
+from tridentify.numerics.kernels.triangles import triangularise
+from tridentify.numerics.kernels.whitening import innovate
+
+
+@compiled(
+    "float64[:,:,::1](float64[:,:,::1], float64[:,::1], float64[::1], boolean[::1],"
+    " float64[:,::1], float64[::1])",
+    free=True,
+)
+def whitened_triangles(
+    columns: Array, y: Array, noise: Array, seen: Flags, gain: Array, scale: Array
+) -> Array:
+    """The triangles of some outputs of one experiment on several banks.
+
+    Parameters
+    ----------
+    columns : (n_banks, n_columns, n_samples) array
+        From `compiled_regression.triangles_of` without outputs.
+    y : (n_outputs, n_samples) array
+    noise, seen, gain, scale : arrays
+        As of `numerics.kernels.whitening.innovate`.
+
+    Returns
+    -------
+    (n_banks, n_columns + n_outputs, n_columns + n_outputs) array
+    """
+    count, states, n = columns.shape
+    width = states + y.shape[0]
+    found, rows = np.empty((count, width, width)), np.empty((width, n))
+    whitened = np.empty((width, n))
+    for k in range(count):
+        for i in range(width):
+            for t in range(n):
+                rows[i, t] = columns[k, i, t] if i < states else y[i - states, t]
+        innovate(noise, seen, gain, scale, rows, np.zeros((width, noise.size)), whitened)
+        triangularise(whitened, n, 0, n, found[k])
+    return found
