@@ -19,7 +19,8 @@ takes the response that they missed for noise as well: later turns then stay whe
 the whitened residual still follows the input, every start of both searches is therefore given a
 model of the noise of its own, and the turns are taken once more from the likeliest. And where the
 predictor, which needs no model of the plant, forecasts the output clearly better than the end does,
-the turns are taken once more from its noise.
+the turns are taken once more from its noise. In open loop an end that does not follow the output is
+not taken for that, but told.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ from tridentify.estimation.likelihood.noise_model import (
     residual_series,
 )
 from tridentify.estimation.likelihood.question import Question
-from tridentify.estimation.likelihood.thresholds import CLEARLY, SAME_END
+from tridentify.estimation.likelihood.thresholds import CLEARLY, RIVAL, SAME_END
 from tridentify.estimation.likelihood.two_weights import moved_by_weights
 from tridentify.estimation.methods.maximum import Maximum
 from tridentify.estimation.methods.predictor import Forecast, forecasts
@@ -156,17 +157,25 @@ def with_noise_model(
     question.say("coloured noise")
     best = _alternate(question, found, tinted, starts)
     known = forecasts(_pairs(first.point))
-    if in_loop or _behind(best.end.point, known) > CLEARLY:
+    if in_loop:
         question.say("coloured noise, from the predictor")
         best = _from_predictor(question, found, tinted, starts, best, known)
     if _misses(best.end.point, tinted) or (noise == "auto" and _is_lost(best.end, first)):
         question.say("coloured noise, a model for every start")
         best = _elsewhere(question, best, tinted)
+    likelier = best
+    if not in_loop and _behind(best.end.point, known) > CLEARLY:
+        question.say("coloured noise, from the predictor")
+        likelier = _from_predictor(question, found, tinted, starts, best, known)
+        if noise == "ar" or not _is_lost(likelier.end, first):
+            best = likelier
     if noise == "auto" and _is_lost(best.end, first):
         told = "noise taken as white: on whitened samples there was no usable minimum"
-        words = (told, *_likelier(first, best.end, tinted, known))
+        words = (told, *_likelier(first, likelier.end, tinted, known))
         return replace(found, decisions=(*found.decisions, *words), tried=best.tried)
     words = (_in_words(best.end.point, tinted, noise), *_apart(first, best.end))
+    if likelier is not best:
+        words = (*words, *_likelier(best.end, likelier.end, tinted, known))
     moved = None if in_loop else _moved(first, best.end)
     return replace(best, decisions=(*best.decisions, *words), moved=moved)
 
@@ -201,15 +210,16 @@ def _behind(
 
 
 def _likelier(
-    first: Finished, best: Finished, tinted: tuple[bool, ...], known: Sequence[Forecast]
+    kept: Finished, other: Finished, tinted: tuple[bool, ...], known: Sequence[Forecast]
 ) -> tuple[str, ...]:
-    """A word where the end that was not taken is as likely as the predictor, the other is not."""
-    behind = _behind(first.point, known, noise_models(first.point, tinted, None))
-    left = _behind(best.point, known)
-    if behind < CLEARLY or left > MADE_GOOD * behind:
+    """A word where an end that is not kept is as likely as the predictor, and the kept one not."""
+    white = not any(a.size for a in kept.point.problem.noise)
+    noise = noise_models(kept.point, tinted, None) if white else None
+    behind, left = _behind(kept.point, known, noise), _behind(other.point, known)
+    if behind - left < RIVAL or left > MADE_GOOD * behind:
         return ()
-    errors = np.maximum(Curvature.at(first.point).std, 1e-300)
-    moved = np.max(np.abs(coefficients(best.point) - coefficients(first.point)) / errors)
+    errors = np.maximum(Curvature.at(kept.point).std, 1e-300)
+    moved = np.max(np.abs(coefficients(other.point) - coefficients(kept.point)) / errors)
     if moved < ELSEWHERE:
         return ()
     fall = f"AICc lower by {behind - left:.0f}"

@@ -144,10 +144,10 @@ def far_likelier(estimate: Estimate) -> list[Finding]:
         Finding(
             "noise-model",
             "error",
-            "White weights were kept, as with them only the model follows the output from end to "
-            f"end; but {told}. So something that was not recorded moves the output, a slow "
-            "disturbance or a controller behind the input, and the standard errors know nothing "
-            "of it.",
+            "The numbers are those with which the model follows the output from end to end; but "
+            f"{told.replace('a model', 'another model', 1)}. So something that was not recorded "
+            "moves the output, a slow disturbance or a controller behind the input, and the "
+            "standard errors know nothing of it.",
             "If a controller or a person kept the output in place, use ThreeModel(route='direct') "
             "(--route direct); if not, cut the record to where it is calm.",
             estimate.output_names,

@@ -85,8 +85,15 @@ class Decision:
     verdict: Verdict
 
 
-def decide(known: OrderEvidence) -> Decision:
-    """The recommendation."""
+def decide(known: OrderEvidence, least: int = 0) -> Decision:
+    """The recommendation.
+
+    Parameters
+    ----------
+    known : OrderEvidence
+    least : int
+        Poles that are known to rise above the noise.
+    """
     rows, table = known.rows(), known.table
     objections = _objections(table.contenders(), rows)
     contenders = [
@@ -108,6 +115,7 @@ def decide(known: OrderEvidence) -> Decision:
         explains=explains,
         sharp=likeliest is not None and (found or _is_sharp(rows[likeliest])),
         ends=found,
+        least=least,
     )
     place = verdict.place
     if place is not None and verdict.by == "likelihood":

@@ -17,7 +17,6 @@ it over how much the two differ there, and those without a sample do not count.
 *Few groups.* The groups are long, so their sums depend on each other little, and may have different
 variances: Student's t over their mean is then conservative (Ibragimov & Mueller, Journal of
 Business & Economic Statistics 28, 2010, 453-468: at levels up to 8 percent whatever the variances).
-What five groups do not find significant may be large for all that (`LARGE`).
 """
 
 from __future__ import annotations
@@ -39,11 +38,6 @@ constant that a record shows is about a fifth of it."""
 LEVEL = 0.01
 """Probability that a candidate which predicts as well as another is passed over for it. Ten
 candidates are compared with the best of them, so that the level of each is a tenth of the usual."""
-
-TWICE, LARGE = 2.0, 0.05
-"""Losses of one over the other, and their difference [share of the outputs' variance], from which
-no scatter excuses: with a few edges in a record the groups are few and unlike, and hardly anything
-is significant, but the wrong one is wrong by as much as the right one leaves."""
 
 RANK = 1e-9
 """Singular value over the largest below which a nuisance term is no term of its own."""
@@ -91,11 +85,9 @@ class Contrast:
 
     @property
     def as_good(self) -> bool:
-        """Whether the first predicts no worse than the second, within a scatter that is small."""
+        """Whether the first one predicts no worse than the second, within the scatter."""
         if self.own <= self.other or self.groups < 2:
             return True
-        if self.own > TWICE * self.other and self.own - self.other > LARGE:
-            return False
         return self.t <= float(stdtrit(self.groups - 1, 1.0 - LEVEL))
 
     @property

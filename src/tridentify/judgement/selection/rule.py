@@ -28,6 +28,10 @@ groups of equal evidence; as it is, or on fair terms). Where a candidate that is
 as well as the best sound one and has fewer coefficients, more of them are not wanted either: then
 the smaller sound candidates are compared with each other, as far as they are of use.
 
+Hardly any difference is significant where a record has a few edges only. So a candidate with fewer
+poles than rise above the noise of a parallel model on its own poles (`hankel`) is not as good as
+the best one where it leaves twice as much and more.
+
 *Both together.* Where the likeliest candidate explains the record and predicts held-out samples no
 worse than the one that the second question names (compared on errors whitened by its noise model),
 it is recommended; else the latter is. Where no candidate explains the record, or only one that is
@@ -68,6 +72,11 @@ USELESS = 0.05
 """Share of the outputs' variance that a smaller candidate may leave unexplained more than the best
 and still be of use."""
 
+
+TWICE, LARGE = 2.0, 0.05
+"""Losses of a smaller candidate over the best one's, and their difference [share of the outputs'
+variance], from which no scatter excuses what has fewer poles than rise above the noise: of a few
+edges in a record hardly anything is significant."""
 
 NOTHING = 1.0
 """Share of the outputs' variance that is left by the mean alone: what leaves as much is sound, and
@@ -259,6 +268,7 @@ def recommend(
     explains: bool,
     sharp: bool,
     ends: bool = True,
+    least: int = 0,
 ) -> Verdict:
     """Combine likelihood and held-out prediction.
 
@@ -275,6 +285,9 @@ def recommend(
         Whether there are larger ones that explain no more (`levels_off`). Where there are none, it
         may be the largest alone that made it the likeliest: it is then believed only if it predicts
         no worse without its noise model as well.
+    least : int
+        Poles that rise above the noise (`hankel`): candidates with fewer are not as good as the
+        best where they leave far more than that (`TWICE`, `LARGE`).
 
     Examples
     --------
@@ -293,7 +306,7 @@ def recommend(
         by = "none" if likeliest is None else "likelihood"
         return Verdict(likeliest, None, by, likeliest is not None and trials[likeliest].sound)
     best = min(eligible, key=lambda k: trials[k].unseen.loss)
-    place, by = _of_held_out(trials, judged, eligible, best)
+    place, by = _of_held_out(trials, judged, eligible, best, least)
     if likeliest is not None and explains and likeliest in judged:
         one, other = trials[likeliest], trials[place]
         larger = one.size > other.size
@@ -314,18 +327,23 @@ def recommend(
 
 
 def _of_held_out(
-    trials: Sequence[Trial], judged: Sequence[int], eligible: Sequence[int], best: int
+    trials: Sequence[Trial], judged: Sequence[int], eligible: Sequence[int], best: int, least: int
 ) -> tuple[int, str]:
     """The smallest eligible candidate that predicts as well as the best one, and why that one."""
-    as_good = [k for k in judged if _as_good(trials[k], trials[best])]
+    as_good = [
+        k
+        for k in judged
+        if _as_good(trials[k], trials[best])
+        and not (trials[k].order[1] < least and _is_far(trials[k], trials[best]))
+    ]
     place = _smallest(trials, [k for k in as_good if k in eligible])
-    least = trials[_smallest(trials, as_good)].size
+    fewest = trials[_smallest(trials, as_good)].size
     lesser = [
         k
         for k in eligible
-        if trials[k].size <= least and trials[k].unseen.loss <= trials[best].unseen.loss + USELESS
+        if trials[k].size <= fewest and trials[k].unseen.loss <= trials[best].unseen.loss + USELESS
     ]
-    if trials[place].size <= least:
+    if trials[place].size <= fewest:
         return place, "held-out"
     if not lesser:
         # that coefficients are badly known is no reason for more of them
@@ -355,6 +373,14 @@ def _price(trial: Trial) -> tuple[int, bool]:
 def _as_good(one: Trial, best: Trial) -> bool:
     """Whether a candidate predicts as well as the best: as it is, or on fair terms."""
     return any(contrast.as_good for contrast in contrasts(one.unseen, best.unseen))
+
+
+def _is_far(one: Trial, best: Trial) -> bool:
+    """Whether one leaves far more than another, as they are and on fair terms."""
+    return all(
+        contrast.own > TWICE * contrast.other and contrast.own - contrast.other > LARGE
+        for contrast in contrasts(one.unseen, best.unseen)
+    )
 
 
 def _is_believed(likeliest: Trial, place: Trial) -> bool:

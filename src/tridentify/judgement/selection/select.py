@@ -319,11 +319,15 @@ class _Work:
             evidence = self._with(evidence, asked, "candidates with a delay", unseen)
             found = decide(evidence) if asked else found
         whole, table = list(evidence.whole), evidence.table
+        hankel = self._hankel(table, found.verdict.place)
+        if hankel is not None:
+            again = decide(evidence, hankel.order)
+            if again.verdict.place != found.verdict.place:
+                found, hankel = again, self._hankel(table, again.verdict.place)
         rows, verdict = list(found.rows), found.verdict
         place = verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
-        hankel = self._hankel(table, place)
         missed = place is not None and self._missed(whole[place])
         reason = in_words(rows, found.contenders, verdict, missed)
         notes = (*told, *_notes(table, unseen))

@@ -24,7 +24,7 @@ from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.linalg import solve_banded
 from scipy.special import fdtrc
 
 from tridentify.judgement.validation.residuals import Output
@@ -139,7 +139,8 @@ def _draws(output: Output, noise: Array) -> Iterator[Output]:
         residual = []
         for one in output.residual:
             e = rng.standard_normal(one.size + SETTLED)
-            v = lfilter([1.0], np.append(1.0, noise), e)[SETTLED:]
+            bands = np.repeat(np.append(1.0, noise)[:, None], e.size, axis=1)
+            v = solve_banded((noise.size, 0), bands, e)[SETTLED:]
             residual.append(np.where(np.isfinite(one), v, np.nan))
         yield replace(output, residual=tuple(residual))
 
