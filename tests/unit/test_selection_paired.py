@@ -179,3 +179,15 @@ def test_of_as_many_coefficients_a_delay_is_less_than_a_zero():
     for trials in ([late, zero], [zero, late]):
         place = recommend(trials, None, explains=False, sharp=False).place
         assert trials[place] is late
+
+
+def test_what_has_fewer_poles_than_rise_above_the_noise_may_not_leave_twice_as_much():
+    """Three edges: the groups differ, no difference is significant, and yet one is no model."""
+    first, second = (np.where(abs(TIME - at) < 0.05, 1.0, 0.0) / np.sqrt(40) for at in (0.2, 0.7))
+    rows = [
+        Trial(2, unseen(noise(5) + 0.3 * first), Unseen(), True, True, (1, 1)),
+        Trial(3, unseen(noise(6) + 0.15 * second), Unseen(), True, True, (2, 2)),
+    ]
+    assert all(one.as_good for one in contrasts(rows[0].unseen, rows[1].unseen))
+    picked = [recommend(rows, None, explains=False, sharp=True, least=k).place for k in (1, 2)]
+    assert picked == [0, 1]

@@ -59,7 +59,7 @@ from tridentify.estimation.likelihood.noise_model import (
     residual_series,
 )
 from tridentify.estimation.likelihood.question import Question
-from tridentify.estimation.likelihood.thresholds import CLEARLY, RIVAL, SAME_END
+from tridentify.estimation.likelihood.thresholds import CLEARLY, NEAR, RIVAL, SAME_END
 from tridentify.estimation.likelihood.two_weights import moved_by_weights
 from tridentify.estimation.methods.maximum import Maximum
 from tridentify.estimation.methods.predictor import Forecast, forecasts
@@ -90,8 +90,6 @@ MOST_LEFT = 0.5
 """Share of an output's power that such an end may leave to the noise: where an input acts late, the
 likeliest end of all may be that the output is noise, and nothing would be learnt of the
 response."""
-MADE_GOOD = 0.5
-"""Share of what one end is behind the predictor that another may be, to be worth a word."""
 ELSEWHERE = 3.0
 """Standard errors between two ends from which they are told apart."""
 PASSED = "noise white: the residual passes the portmanteau test"
@@ -167,7 +165,7 @@ def with_noise_model(
     if not in_loop and _behind(best.end.point, known) > CLEARLY:
         question.say("coloured noise, from the predictor")
         likelier = _from_predictor(question, found, tinted, starts, best, known)
-        if noise == "ar" or not _is_lost(likelier.end, first):
+        if noise == "ar" or _follows(likelier.end, first):
             best = likelier
     if noise == "auto" and _is_lost(best.end, first):
         told = "noise taken as white: on whitened samples there was no usable minimum"
@@ -216,7 +214,7 @@ def _likelier(
     white = not any(a.size for a in kept.point.problem.noise)
     noise = noise_models(kept.point, tinted, None) if white else None
     behind, left = _behind(kept.point, known, noise), _behind(other.point, known)
-    if behind - left < RIVAL or left > MADE_GOOD * behind:
+    if behind - left < RIVAL or left > NEAR:
         return ()
     errors = np.maximum(Curvature.at(kept.point).std, 1e-300)
     moved = np.max(np.abs(coefficients(other.point) - coefficients(kept.point)) / errors)
@@ -405,6 +403,12 @@ def _is_lost(best: Finished, first: Finished) -> bool:
     if first.status is Status.CONVERGED and best.status is not Status.CONVERGED:
         return True
     return bool(np.any(output_rss(best.point) > LOST * output_rss(first.point)))
+
+
+def _follows(best: Finished, first: Finished) -> bool:
+    """Whether an end follows the output hardly worse than that with white weights."""
+    far = np.any(output_rss(best.point) > LARGE * output_rss(first.point))
+    return not far and not _is_lost(best, first)
 
 
 def _stands(point: Point, before: Point) -> bool:

@@ -79,8 +79,13 @@ def judged(
         # a cause that was fitted says what is slow there
         found += with_drift_tried(slow_findings(estimate, records, known), estimate, records)
     seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
-    first = [*far_likelier(estimate), *_with_trial(seen, tested)]
+    explained = any(one.code in EXPLAIN and one.matters for one in tested)
+    first = [*([] if explained else far_likelier(estimate)), *_with_trial(seen, tested)]
     return joined(first, tested, [*found, *seen])
+
+
+EXPLAIN = ("intersample", "delay", "feedback", "saturation", "order-low")
+"""Causes which say why another model of the noise is likelier: it makes up for them."""
 
 
 BENDS = ("saturation", "nonlinear", "varying")
