@@ -127,7 +127,7 @@ def test_a_measured_input_stated_as_held():
     assert codes(advise(Record(fine[::10], y, dt=DT, intersample="auto"))) == []
 
 
-def test_feedback():
+def looped():
     rng = np.random.default_rng(11)
     # x' = -x + u, sampled with u held; u = r - 0.8 y
     a, reference, state = np.exp(-DT), held(11), 0.0
@@ -137,7 +137,18 @@ def test_feedback():
         y[k] = state + noise[k]
         u[k] = reference[k] - 0.8 * y[k]
         state = a * state + (1.0 - a) * u[k]
-    assert "feedback" in codes(advise(Record(u, y, dt=DT)))
+    return u, y, reference
+
+
+def test_feedback():
+    u, y, reference = looped()
+    found = advise(Record(u, y, dt=DT))
+    assert "feedback" in codes(found)
+    assert "Open the loop" in found.summary()
+    # nothing is to be opened where the reference was recorded
+    followed = advise(Record(u, y, dt=DT, reference=reference))
+    assert "feedback" in codes(followed)
+    assert "Open the loop" not in followed.summary()
 
 
 def test_a_drift(good):
@@ -163,6 +174,7 @@ def test_a_single_tone_and_a_constant_input(good):
     constant = advise(Record(np.ones(N), good.y, dt=DT))
     assert codes(constant)[0] == "constant-input"
     assert constant.poles is None
+    assert "excites" not in constant.summary()
 
 
 def test_no_response_and_an_input_that_does_nothing(good):

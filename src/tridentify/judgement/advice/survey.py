@@ -69,6 +69,15 @@ SAME_TONE = 1.1
 SPOILT = ("bad-samples", "stuck-sensor")
 """Findings whose samples are left out of what follows."""
 
+OPEN_LOOP = (
+    "Open the loop, or add a test signal that is large against the feedback; identify with a noise "
+    "model (noise='ar')."
+)
+BY_REFERENCE = (
+    "Nothing: the reference is there, and identify takes what of input and output follows it."
+)
+"""What to do about a controller, by whether what it was told was recorded."""
+
 SLOWLY = 0.05
 """Standard deviation of a slow disturbance, in that of the output, from which it is told."""
 
@@ -187,6 +196,8 @@ def advise(records: Record | Sequence[Record]) -> Advice:
 
 
 def _measured(records: Sequence[Record]) -> FrequencyResponse | None:
+    if not any(np.ptp(record.u, axis=0).any() for record in records):
+        return None  # what never changes has no band, whatever its first sample was
     try:
         return frequency_response([beginning(record, LONGEST_SPECTRUM) for record in records])
     except TridentifyError:
@@ -403,8 +414,7 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
                 f"What past inputs leave of {name} is explained by present and later ones "
                 f"(probability by chance {chance:.1g}): the input reacts to the output, its "
                 "clock is late, or the system has a direct part (as many zeros as poles).",
-                "Open the loop, or add a test signal that is large against the feedback; identify "
-                "with a noise model (noise='ar').",
+                OPEN_LOOP if record.reference is None else BY_REFERENCE,
                 (name,),
             )
         )
