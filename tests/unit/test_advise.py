@@ -72,6 +72,18 @@ def test_spikes_are_named_with_their_times_and_left_out(good):
     assert not found.ok
 
 
+@pytest.mark.parametrize("noise", [1e-9, 1e-7, 1e-5])
+@pytest.mark.fast("1e-07")
+def test_a_response_with_hardly_any_noise_has_no_bad_samples(noise):
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([-1.0, 1.0], 50), 20)
+    system = TransferFunction([5.0, 40.0], [1.0, 4.0, 40.0])
+    y = simulate(system, Record(u, u, dt=0.01))[:, 0] + noise * rng.standard_normal(u.size)
+    assert "bad-samples" not in codes(advise(Record(u, y, dt=0.01)))
+    y[400] += 0.05 * np.std(y)
+    assert "bad-samples" in codes(advise(Record(u, y, dt=0.01)))
+
+
 def test_the_first_sample_but_two_may_be_bad(good):
     y = good.y[:, 0].copy()
     y[2] += 1.0
@@ -144,11 +156,12 @@ def test_feedback():
     u, y, reference = looped()
     found = advise(Record(u, y, dt=DT))
     assert "feedback" in codes(found)
-    assert "Open the loop" in found.summary()
+    assert "open the loop" in found.summary()
+    assert "as many zeros as" in found.summary()
     # nothing is to be opened where the reference was recorded
     followed = advise(Record(u, y, dt=DT, reference=reference))
     assert "feedback" in codes(followed)
-    assert "Open the loop" not in followed.summary()
+    assert "open the loop" not in followed.summary()
 
 
 def test_a_drift(good):
