@@ -416,8 +416,9 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
                 "feedback",
                 "warning",
                 f"What past inputs leave of {name} is explained by present and later ones "
-                f"(probability by chance {max(chance, UNDERFLOW):.1g}): the input reacts to the output, its "
-                "clock is late, or the system has a direct part (as many zeros as poles).",
+                f"(probability by chance {max(chance, UNDERFLOW):.1g}): the input reacts to the "
+                "output, its clock is late, or the system has a direct part (as many zeros as "
+                "poles).",
                 OPEN_LOOP if record.reference is None else BY_REFERENCE,
                 (name,),
             )
