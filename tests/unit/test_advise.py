@@ -72,6 +72,18 @@ def test_spikes_are_named_with_their_times_and_left_out(good):
     assert not found.ok
 
 
+@pytest.mark.parametrize("noise", [1e-9, 1e-7, 1e-5])
+@pytest.mark.fast("1e-07")
+def test_a_response_with_hardly_any_noise_has_no_bad_samples(noise):
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([-1.0, 1.0], 50), 20)
+    system = TransferFunction([5.0, 40.0], [1.0, 4.0, 40.0])
+    y = simulate(system, Record(u, u, dt=0.01))[:, 0] + noise * rng.standard_normal(u.size)
+    assert "bad-samples" not in codes(advise(Record(u, y, dt=0.01)))
+    y[400] += 0.05 * np.std(y)
+    assert "bad-samples" in codes(advise(Record(u, y, dt=0.01)))
+
+
 def test_the_first_sample_but_two_may_be_bad(good):
     y = good.y[:, 0].copy()
     y[2] += 1.0
@@ -127,7 +139,7 @@ def test_a_measured_input_stated_as_held():
     assert codes(advise(Record(fine[::10], y, dt=DT, intersample="auto"))) == []
 
 
-def test_feedback():
+def looped():
     rng = np.random.default_rng(11)
     # x' = -x + u, sampled with u held; u = r - 0.8 y
     a, reference, state = np.exp(-DT), held(11), 0.0
@@ -137,7 +149,19 @@ def test_feedback():
         y[k] = state + noise[k]
         u[k] = reference[k] - 0.8 * y[k]
         state = a * state + (1.0 - a) * u[k]
-    assert "feedback" in codes(advise(Record(u, y, dt=DT)))
+    return u, y, reference
+
+
+def test_feedback():
+    u, y, reference = looped()
+    found = advise(Record(u, y, dt=DT))
+    assert "feedback" in codes(found)
+    assert "open the loop" in found.summary()
+    assert "as many zeros as" in found.summary()
+    # nothing is to be opened where the reference was recorded
+    followed = advise(Record(u, y, dt=DT, reference=reference))
+    assert "feedback" in codes(followed)
+    assert "open the loop" not in followed.summary()
 
 
 def test_a_drift(good):
@@ -163,6 +187,7 @@ def test_a_single_tone_and_a_constant_input(good):
     constant = advise(Record(np.ones(N), good.y, dt=DT))
     assert codes(constant)[0] == "constant-input"
     assert constant.poles is None
+    assert "excites" not in constant.summary()
 
 
 def test_no_response_and_an_input_that_does_nothing(good):

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from tridentify import Record, TransferFunction, advise, select_structure, simulate
+from tridentify import (
+    Record,
+    Structure,
+    TransferFunction,
+    advise,
+    identify,
+    select_structure,
+    simulate,
+    validate,
+)
 from tridentify.judgement.causes.direct_part import follows_at_once, has_direct_part
 from tridentify.judgement.selection.orders import default_candidates
 
@@ -61,3 +70,17 @@ def test_jumps_that_do_not_agree_are_no_direct_part() -> None:
     assert not follows_at_once(u, y)
     assert not follows_at_once(u[:5], u[:5])
     assert follows_at_once(u, -0.3 * u + 0.001 * rng.standard_normal(u.size))
+
+
+def test_an_output_that_follows_at_once_is_not_only_called_feedback() -> None:
+    rng = np.random.default_rng(4)
+    force = rng.standard_normal(800)
+    shaker = TransferFunction([1.0, 0.0, 0.0], [1.0, 1.2, 400.0])
+    y = simulate(shaker, Record(force, force, dt=0.02))[:, 0] + 0.05 * rng.standard_normal(800)
+    record = Record(force, y, dt=0.02)
+    found = validate(identify(record, Structure(2, 0), throw=False), record).findings
+    (told,) = [one for one in found if one.code == "feedback"]
+    assert "follows it at once" in told.message
+    assert "as many zeros as poles" in told.remedy
+    right = validate(identify(record, Structure(2, 2)), record).findings
+    assert "feedback" not in [one.code for one in right]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.signal import lfilter
@@ -17,6 +19,7 @@ from tridentify import (
 )
 from tridentify.data import short_period
 from tridentify.estimation.answer.finding import FEWER, Finding, joined
+from tridentify.estimation.answer.trace import FAR_LIKELIER
 from tridentify.estimation.answer.trust import class_of
 from tridentify.report.html import report_page, settled
 
@@ -150,6 +153,27 @@ def test_what_drifts_under_a_noise_model_is_not_told_to_have_one(drift):
     assert not any(drift and "drift=True" in one.remedy for one in own)
     # what was not tried, or brings nothing, is not advised
     assert all("With a drift" in one.effect for one in own if "drift=True" in one.remedy)
+
+
+def test_an_error_of_the_estimate_is_not_left_out_for_a_warning_of_the_tests():
+    mild = Finding("noise-model", "warning", "The residual is correlated.", outputs=("y",))
+    grave = Finding("noise-model", "error", "White weights were kept.", outputs=("y",))
+    assert joined([mild], [grave]) == (grave,)
+    assert joined([grave], [mild]) == (grave,)
+
+
+def test_a_noise_model_that_was_at_hand_and_not_kept_is_no_advice():
+    record = wandering(3)
+    free = ThreeModel(noise="white")
+    estimate = identify(record, Structure(2, 0), free, throw=False)
+    advice = [f.remedy for f in validate(estimate, record).findings if f.code == "drift"]
+    assert any("noise='ar'" in one for one in advice)
+    told = f"{FAR_LIKELIER} by up to 27 standard errors (AICc lower by 48)"
+    decisions = (*estimate.trace.decisions, told)
+    kept = replace(estimate, trace=replace(estimate.trace, decisions=decisions))
+    found = [f for f in validate(kept, record).findings if f.code == "drift"]
+    assert found
+    assert not any("noise='ar'" in one.text or "a noise model" in one.text for one in found)
 
 
 def wandering(seed):

@@ -43,6 +43,18 @@ def test_auto_finds_what_the_input_did(measured, wanted):
     assert error.max() < 4.0
 
 
+def test_a_swept_sine_tells_in_its_second_half():
+    plant, rate, dt, n = TransferFunction([1e6], [1.0, 3e3, 1e6]), 10, 5e-5, 10_000
+    t, low, ratio = np.arange(rate * n) * dt / rate, 5.0, 300.0
+    end = n * dt
+    fine = np.sin(2.0 * np.pi * low * end / np.log(ratio) * ratio ** (t / end))
+    y = simulate(plant, Record(fine, fine, dt=dt / rate))[::rate, 0]
+    noise = 0.005 * np.random.default_rng(5).standard_normal(n)
+    estimate = identify(Record(fine[::rate], y + noise, dt=dt, intersample="auto"), (2, 0))
+    assert estimate.intersample != "zoh"
+    assert estimate.theta == pytest.approx([3e3, 1e6, 1e6], rel=0.01)
+
+
 def test_a_measured_input_stated_as_held_is_told():
     rng = np.random.default_rng(2)
     u, y = elevator(rng)

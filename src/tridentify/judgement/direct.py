@@ -25,6 +25,7 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.feedback import misses
 from tridentify.judgement.validation.assess import looked_at, may_react_at_all, own_look
 from tridentify.judgement.validation.residuals import Output, root_of
+from tridentify.judgement.validation.verdict import NO_CONTROLLER
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.lagrange import span
 from tridentify.record.record import Record
@@ -198,8 +199,7 @@ def about_direct(
             one,
             severity="error" if weak else one.severity,
             effect=_sentences(_said(weak), _apart(estimate, records), one.effect),
-            remedy="Record what the controller was told to follow and give it as reference, open "
-            "the loop, or add a test signal that is large against the feedback.",
+            remedy=_remedy(one),
         )
         if one.code == CODE
         else one
@@ -207,6 +207,16 @@ def about_direct(
     ]
     order = sorted(found, key=lambda one: one.severity != "error")
     return tuple(order)
+
+
+def _remedy(feedback: Finding) -> str:
+    known = (
+        "record what the controller was told to follow and give it as reference, open the loop, or "
+        "add a test signal that is large against the feedback."
+    )
+    at_once = NO_CONTROLLER in feedback.remedy.lower()
+    told = f"{NO_CONTROLLER} else {known}" if at_once else known
+    return f"{told[0].upper()}{told[1:]}"
 
 
 def _fails(estimate: Estimate, records: Sequence[Record]) -> bool:

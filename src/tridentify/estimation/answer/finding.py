@@ -155,18 +155,28 @@ def joined(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
     """Ranked, without what a later group says again of the same outputs and experiment.
 
     An estimate and a validation of it look at one record: what both find is told once, and what
-    contradicts a better founded finding is left out (`agreed`).
+    contradicts a better founded finding is left out (`agreed`). An error is never left out for
+    less: what said it more mildly gives way.
 
     Examples
     --------
     >>> once = joined([Finding("delay", "error", "a")], [Finding("delay", "warning", "b")])
     >>> [f.message for f in once]
     ['a']
+    >>> once = joined([Finding("delay", "warning", "a")], [Finding("delay", "error", "b")])
+    >>> [f.message for f in once]
+    ['b']
     """
     known: list[Finding] = []
     for group in groups:
         before = tuple(known)
-        known += [one for one in group if not any(same_thing(one, other) for other in before)]
+        for one in group:
+            same = [other for other in before if same_thing(one, other)]
+            if one.severity == "error" and not any(other.severity == "error" for other in same):
+                known = [other for other in known if other not in same]
+            elif same:
+                continue
+            known.append(one)
     return ranked(agreed(known))
 
 

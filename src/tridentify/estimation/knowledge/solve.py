@@ -18,6 +18,7 @@ import numpy as np
 from tridentify.errors import ContradictoryConstraintsError
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Start, Status, Trace
+from tridentify.estimation.answer.trace import SLOW_AS_NOISE
 from tridentify.estimation.knowledge.affine import (
     Knowledge,
     equalities_of,
@@ -67,7 +68,13 @@ MOST_SEEDS = 3
 """Ends of the free search that are followed: it bounds the time."""
 APART = 0.05
 """Difference in the log of every coefficient of the denominator below which two seeds are one."""
-OF_FREE_SEARCH = ("initial state", "noise white", "noise taken as white", "noise model")
+OF_FREE_SEARCH = (
+    "initial state",
+    "noise white",
+    "noise taken as white",
+    "noise model",
+    SLOW_AS_NOISE,
+)
 
 
 @dataclass(frozen=True, eq=False)

@@ -40,6 +40,10 @@ MOST_BAD = 0.02
 ROUNDING = 1e-9
 """Of an output without noise, in its standard deviation."""
 
+MISSED = 2e-4
+"""What the operators miss about an edge, in standard deviations of the output, at least: with noise
+far below that, samples of a response stood out by thousands of standard deviations of the noise."""
+
 FEW_BAD = 3
 """Bad samples that any record may have, however short."""
 
@@ -92,7 +96,7 @@ def bad_samples(record: Record, output: int, left: Array, experiment: int | None
         Its position; None for the only one.
     """
     y = record.y[:, output]
-    rows, far = _standing_alone(left, STEP * quantum(y), ROUNDING * float(np.nanstd(y)))
+    rows, far = _standing_alone(left, STEP * quantum(y), float(np.nanstd(y)))
     if not rows.size or rows.size > MOST_BAD * np.isfinite(left).sum() + FEW_BAD:
         return []
     name = record.output_names[output]
@@ -116,7 +120,7 @@ def bad_samples(record: Record, output: int, left: Array, experiment: int | None
     ]
 
 
-def _standing_alone(left: Array, least: float, rounding: float) -> tuple[NDArray[np.intp], float]:
+def _standing_alone(left: Array, least: float, size_of_y: float) -> tuple[NDArray[np.intp], float]:
     """Bad samples in order, and how far the farthest is off [standard deviations].
 
     The farthest are taken away first, so that one next to another is seen by what remains.
@@ -132,9 +136,9 @@ def _standing_alone(left: Array, least: float, rounding: float) -> tuple[NDArray
         wide = float(np.quantile(size, WIDE)) / float(ndtri(0.5 + WIDE / 2.0))
         scale = max(median_scale(size), wide, least)
         limit = max(LEAST, -float(ndtri(CHANCE / off.size / 2.0)))
-        if not scale > rounding:
+        if not scale > ROUNDING * size_of_y:
             break
-        size = size / scale
+        size = size / max(scale, MISSED * size_of_y)
         at = np.flatnonzero((size > limit) & (size >= _largest_nearby(size)))
         if not at.size:
             break

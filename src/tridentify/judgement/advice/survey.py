@@ -57,6 +57,9 @@ NO_RESPONSE = 1e-3
 FEEDBACK = 1e-8
 """Chance for feedback: small, as no noise is quite Gaussian and no response quite linear."""
 
+UNDERFLOW = 1e-300
+"""Chance below which it is not told how small it is: there it may be rounded to nothing."""
+
 LATE = 12.0
 """Fall of ``-2 log L`` from which a delay is told (odds of 400 to 1)."""
 
@@ -68,6 +71,16 @@ SAME_TONE = 1.1
 
 SPOILT = ("bad-samples", "stuck-sensor")
 """Findings whose samples are left out of what follows."""
+
+OPEN_LOOP = (
+    "If a controller was running open the loop, or add a test signal that is large against the "
+    "feedback, or identify with a noise model (noise='ar'); if none was, ask for as many zeros as "
+    "poles."
+)
+BY_REFERENCE = (
+    "Nothing: the reference is there, and identify takes what of input and output follows it."
+)
+"""What to do about a controller, by whether what it was told was recorded."""
 
 SLOWLY = 0.05
 """Standard deviation of a slow disturbance, in that of the output, from which it is told."""
@@ -187,6 +200,8 @@ def advise(records: Record | Sequence[Record]) -> Advice:
 
 
 def _measured(records: Sequence[Record]) -> FrequencyResponse | None:
+    if not any(np.ptp(record.u, axis=0).any() for record in records):
+        return None  # what never changes has no band, whatever its first sample was
     try:
         return frequency_response([beginning(record, LONGEST_SPECTRUM) for record in records])
     except TridentifyError:
@@ -401,10 +416,10 @@ def _of_noise(record: Record, output: _Output) -> list[Finding]:
                 "feedback",
                 "warning",
                 f"What past inputs leave of {name} is explained by present and later ones "
-                f"(probability by chance {chance:.1g}): the input reacts to the output, its "
-                "clock is late, or the system has a direct part (as many zeros as poles).",
-                "Open the loop, or add a test signal that is large against the feedback; identify "
-                "with a noise model (noise='ar').",
+                f"(probability by chance {max(chance, UNDERFLOW):.1g}): the input reacts to the "
+                "output, its clock is late, or the system has a direct part (as many zeros as "
+                "poles).",
+                OPEN_LOOP if record.reference is None else BY_REFERENCE,
                 (name,),
             )
         )

@@ -227,15 +227,18 @@ def _too_high(
     most, less = max(max(row) for row in zeros), order - fewer
     pairs = zip(estimate.output_names, base.fits, end.fits, strict=True)
     fits = ", ".join(f"fit of {name} from {a:.2f} to {b:.2f} %" for name, a, b in pairs)
+    lost = end.deviance - base.deviance
+    by = f"{abs(lost):.3g} {'higher' if lost > 0.0 else 'lower, as this end is not the best'}"
+    one = less == 1
     return Finding(
         "order-high",
         "warning",
         f"{_count(fewer, 'pole')} and {_count(most, 'zero')} explain the record as well: what the "
-        f"other {_count(less, 'pole')} explain{'s' if less == 1 else ''} is no more than noise "
-        "lets them.",
+        f"other {'pole explains' if one else f'{less} poles explain'} is no more than noise lets "
+        f"{'it' if one else 'them'}.",
         f"Use poles={fewer} and zeros={most}, or compare several orders (select_structure; "
         "tridentify select).",
-        effect=f"With fewer: {fits}, -2 log L higher by {end.deviance - base.deviance:.3g}.",
+        effect=f"With fewer: {fits}, -2 log L {by}.",
     )
 
 

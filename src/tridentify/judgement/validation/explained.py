@@ -8,6 +8,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, Severity
+from tridentify.estimation.answer.trace import FAR_LIKELIER
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.judgement.causes.attempt import Attempt
@@ -223,9 +224,12 @@ def _about_slow(explained: Explanations, estimate: Estimate) -> tuple[str, str]:
     """What to do about a slow disturbance, of what was tried, and what that brings.
 
     A model of the noise takes for noise what wanders: the present explanation has one where the
-    noise is not white, whether the estimate has one or not.
+    noise is not white, whether the estimate has one or not. It is no advice where the method had
+    one at hand, and its end was not kept.
     """
     base = explained.present
+    if any(told.startswith(FAR_LIKELIER) for told in estimate.trace.decisions):
+        return drift_tried(explained, estimate)
     white = estimate.loss == "squared" and not any(a.size for a in estimate.noise_model)
     if white and any(a.size for a in base.point.problem.noise):
         moves = most_moved(estimate, base) or NOTHING_MOVES

@@ -50,6 +50,10 @@ def family(
     return found
 
 
+NO_CONTROLLER = "if no controller was running ask for as many zeros as poles;"
+"""What to do where the output follows the input at once, before what to do about feedback."""
+
+
 class KnownCauses(NamedTuple):
     """What is known of causes when test results are put into words.
 
@@ -318,7 +322,7 @@ def _about_one(
             found.append(_finding(code, name, text, advice.rstrip("."), effect=effect.rstrip(".")))
 
     if ("feedback", name) in rejected:
-        found.append(_feedback(view, name, pictures, reacts))
+        found.append(_feedback(view, name, pictures, reacts, _strictly_proper(beside.estimate)))
     add(
         "drift",
         "level",
@@ -346,10 +350,22 @@ def _about_one(
     return found
 
 
+def _strictly_proper(estimate: Estimate) -> bool:
+    """Whether no input of a model acts in the same sample."""
+    shape = len(estimate.output_names), len(estimate.input_names)
+    poles = np.array(estimate.structure.poles_matrix(*shape))
+    return bool(np.all(poles > np.array(estimate.structure.zeros_matrix(*shape))))
+
+
 def _feedback(
-    view: View, name: str, pictures: Sequence[CrossCorrelation], reacts: Coming | None
+    view: View,
+    name: str,
+    pictures: Sequence[CrossCorrelation],
+    reacts: Coming | None,
+    strictly_proper: bool,
 ) -> Finding:
-    """The input reacts to the output."""
+    """The input reacts to the output, or acts in the same sample where the model cannot."""
+    direct = reacts is not None and not reacts.lag and strictly_proper
     if reacts is None:
         picture = pictures[int(np.argmax([_outside(picture) for picture in pictures]))]
         which, when = picture.input, f"{span(*_around(picture, False))} s later"
@@ -366,7 +382,9 @@ def _feedback(
         "feedback",
         name,
         f"the residual of {name} is correlated with {which} {when}: the input reacts to the output "
-        "(feedback), or its clock is late",
+        f"(feedback), {'' if direct else 'or '}its clock is late"
+        f"{', or the output follows it at once' if direct else ''}",
+        f"{f'{NO_CONTROLLER} else ' if direct else ''}"
         "open the loop, or add a test signal that is large against the feedback; check that the "
         "channels share one clock",
         effect=effect,
