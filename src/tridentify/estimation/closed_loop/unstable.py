@@ -272,7 +272,9 @@ def _found(
     freedom = max(linear.count - upper.shape[1] - noise.size, 1)
     variance = float(left @ left) / freedom
     inverse = np.linalg.pinv(upper)
-    columns = upper[:, :n] / (np.linalg.norm(upper[:, :n], axis=0) + 1e-300)
+    # squares of what grows over the record may be too large for a number
+    columns = upper[:, :n] / (np.max(np.abs(upper[:, :n]), axis=0) + 1e-300)
+    columns = columns / (np.linalg.norm(columns, axis=0) + 1e-300)
     rest = np.split(change[n:], len(loops))
     plain = linear_errors(loops, plant, np.zeros(0), fed_back=fed_back, held=held)
     whole = plain.errors - plain.rest @ change[n:]
