@@ -15,6 +15,7 @@ from tridentify.errors import (
     UnsupportedOrderError,
 )
 from tridentify.estimation.answer.estimate import Estimate, Status
+from tridentify.estimation.machine_code import ready
 from tridentify.estimation.methods.base import Method, Progress
 from tridentify.judgement.causes.intersample import IN_WORDS
 from tridentify.judgement.choice import (
@@ -192,6 +193,7 @@ def search(
     """
     given = listed(records)
     chosen = checked_method(method)
+    ready()
     with one_blas_thread():
         if isinstance(wanted, AutoStructure):
             estimate = _of_chosen_order(given, wanted, chosen, progress)

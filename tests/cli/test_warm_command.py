@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 from pathlib import Path
+
+import pytest
 
 import tridentify
 from tridentify.estimation.machine_code import load_kernels
@@ -24,3 +30,37 @@ def test_every_file_with_machine_code_of_an_identification_is_loaded():
             if path.parent.parent.name == "online" or path.name in ("__init__.py", "recursive.py"):
                 continue
             assert path in loaded
+
+
+COUNTED = """
+import json
+from tridentify.estimation import machine_code
+begun = []
+start = machine_code._started
+machine_code._started = lambda: begun.append(start()) or begun[-1]
+machine_code.load_kernels()
+from tridentify.models import compiled_regression, compiled_steps
+count = lambda m: [sum(f.stats.cache_misses.values()) for f in vars(m).values()
+                   if hasattr(f, "stats") and f.__module__ == m.__name__]
+there = count(compiled_regression)
+print(json.dumps({"here": sum(count(compiled_steps)), "there": sum(there), "all": len(there),
+                  "beside": bool(begun)}))
+"""
+
+
+@pytest.mark.slow
+def test_who_compiles_has_half_of_it_done_by_another_process(tmp_path):
+    """Told apart from who finds all on disk; what both made is of use to a third."""
+    found = []
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, "-c", COUNTED],
+            env=os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        found.append(json.loads(done.stdout))
+    assert found[0]["here"] > 0
+    assert found[0]["there"] == (0 if found[0]["beside"] else found[0]["all"])
+    assert found[1] == found[0] | {"here": 0, "there": 0, "beside": False}
