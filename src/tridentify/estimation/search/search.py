@@ -116,7 +116,12 @@ FURTHER = ("discrete", "spread", "relaxed")
 
 
 def search(
-    question: Question, n_starts: int, far: Far | None = None, *, whitened_later: bool = False
+    question: Question,
+    n_starts: int,
+    far: Far | None = None,
+    *,
+    whitened_later: bool = False,
+    near: Complex | None = None,
 ) -> Starts:
     """Steps 1 and 2 from several operators, repeated until a richer model has nothing to add.
 
@@ -130,8 +135,11 @@ def search(
     whitened_later : bool
         Whether noise that is not white will get a model, and whitened samples a search of their
         own: then this one need not follow what only coloured noise asks for.
+    near : (n,) complex array, optional
+        Poles that the record may well have: where a richer model has nothing to add to what they
+        lead to, no other start is needed.
     """
-    worker = Search(n_starts, far=far, whitened_later=whitened_later)
+    worker = Search(n_starts, far=far, whitened_later=whitened_later, near=near)
     worker.run(question.base, question.variants)
     seeds, trails, tried = tuple(worker.seeds), tuple(worker.trails), tuple(worker.starts)
     return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan, worker.far)
@@ -194,6 +202,8 @@ class Search:
         What the averaged record gave.
     whitened_later : bool
         Whether coloured noise is left to a search of whitened samples.
+    near : (n,) complex array, optional
+        Poles that the record may well have.
     """
 
     n_starts: int
@@ -210,6 +220,7 @@ class Search:
     ends: list[Met] = field(default_factory=list)
     far: Far | None = None
     whitened_later: bool = False
+    near: Complex | None = None
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
@@ -252,9 +263,26 @@ class Search:
 
     def running(self, base: Problem, variants: Sequence[Variant]) -> Slices[None]:
         """Find poles from all samples of the record, in slices."""
-        found = yield from self.following(base, variants)
+        found = None if self.near is None else (yield from self._nearby(base, variants, self.near))
+        if found is None:
+            found = yield from self.following(base, variants)
         point = yield from self.moving(found)
         self._keep(point.poles)
+
+    def _nearby(
+        self, base: Problem, variants: Sequence[Variant], near: Complex
+    ) -> Slices[SearchEnd | None]:
+        """Where poles that are known lead, if a richer parallel model has nothing to add there."""
+        variant, own = _extremes(variants)[-1], Recorder()
+        at = partial(evaluate_variant, base, variant)
+        point = (yield from finishing(at, at(base.admissible(near)[0]), own, MOST_TRIED))[0]
+        if not at_rounding(point):
+            enriched = yield from enriched_starts(base, variant, point.poles)
+            if criterion(point) >= enriched[0].criterion + ALLOWANCE:
+                return None
+        self.starts.append(Start("poles that are known", coefficients(point), mean_square(point)))
+        self.recorder.passes[:], self.variant = own.passes, variant
+        return SearchEnd(base, point, variant, np.inf, True)
 
     def _at_once(self, base: Problem, variants: Sequence[Variant], piece: Problem) -> bool:
         """Whether the window's best Laguerre model leads to an end that leaves no doubt."""
