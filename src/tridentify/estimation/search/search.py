@@ -136,13 +136,12 @@ def search(
         Whether noise that is not white will get a model, and whitened samples a search of their
         own: then this one need not follow what only coloured noise asks for.
     near : (n,) complex array, optional
-        Poles that the record may well have: where a richer model has nothing to add to what they
-        lead to, no other start is needed.
+        Poles that the record may well have: the search begins there and not with Laguerre models.
     """
     worker = Search(n_starts, far=far, whitened_later=whitened_later, near=near)
     worker.run(question.base, question.variants)
     seeds, trails, tried = tuple(worker.seeds), tuple(worker.trails), tuple(worker.starts)
-    return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan, worker.far)
+    return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan, worker.far, near)
 
 
 def search_again(question: Question, nuisances: Nuisances, poles: Complex) -> tuple[Complex, Start]:
@@ -227,6 +226,7 @@ class Search:
         if not is_large(base):
             drain(self.running(base, variants))
             return
+        self.near = None  # what a window or averages show of these poles is another matter
         piece = window(base)
         passes: list[Pass] = []
         first: SearchEnd | None = None
@@ -263,26 +263,9 @@ class Search:
 
     def running(self, base: Problem, variants: Sequence[Variant]) -> Slices[None]:
         """Find poles from all samples of the record, in slices."""
-        found = None if self.near is None else (yield from self._nearby(base, variants, self.near))
-        if found is None:
-            found = yield from self.following(base, variants)
+        found = yield from self.following(base, variants)
         point = yield from self.moving(found)
         self._keep(point.poles)
-
-    def _nearby(
-        self, base: Problem, variants: Sequence[Variant], near: Complex
-    ) -> Slices[SearchEnd | None]:
-        """Where poles that are known lead, if a richer parallel model has nothing to add there."""
-        variant, own = _extremes(variants)[-1], Recorder()
-        at = partial(evaluate_variant, base, variant)
-        point = (yield from finishing(at, at(base.admissible(near)[0]), own, MOST_TRIED))[0]
-        if not at_rounding(point):
-            enriched = yield from enriched_starts(base, variant, point.poles)
-            if criterion(point) >= enriched[0].criterion + ALLOWANCE:
-                return None
-        self.starts.append(Start("poles that are known", coefficients(point), mean_square(point)))
-        self.recorder.passes[:], self.variant = own.passes, variant
-        return SearchEnd(base, point, variant, np.inf, True)
 
     def _at_once(self, base: Problem, variants: Sequence[Variant], piece: Problem) -> bool:
         """Whether the window's best Laguerre model leads to an end that leaves no doubt."""
@@ -386,12 +369,23 @@ class Search:
     def _beginning(
         self, base: Problem, variants: Sequence[Variant], where: str = "", most: int | None = None
     ) -> Slices[SearchEnd]:
+        if self.near is not None:
+            return (yield from self._nearby(base, _extremes(variants)[-1], self.near))
         laguerre = yield from laguerre_slices(base, _extremes(variants))
         reachable = laguerre[0].criterion + ALLOWANCE
         starts = _distinct(laguerre, most or self.n_starts)
         best = yield from self._best_of(starts, reachable, None, where)
         assert self.variant is not None
         return SearchEnd(base, best, self.variant, reachable, False)
+
+    def _nearby(self, base: Problem, variant: Variant, near: Complex) -> Slices[SearchEnd]:
+        """Where poles lead that the record may well have, in place of Laguerre starts."""
+        own, at = Recorder(), partial(evaluate_variant, base, variant)
+        point = (yield from finishing(at, at(base.admissible(near)[0]), own, MOST_TRIED))[0]
+        name = "poles that the record may have"
+        self.starts.append(Start(name, coefficients(point), mean_square(point)))
+        self.recorder.passes[:], self.variant = own.passes, variant
+        return SearchEnd(base, point, variant, np.inf, False)
 
     def following(
         self, base: Problem, variants: Sequence[Variant], where: str = ""
@@ -411,6 +405,8 @@ class Search:
             reachable = enriched[0].criterion + ALLOWANCE
             if criterion(best) < reachable:
                 return SearchEnd(base, best, variant, reachable, True)
+            if self.near is not None and self.whitened_later and leaves_coloured_noise(best):
+                break
             before = criterion(best)
             best = yield from self._best_of(enriched[:2], reachable, best, where)
             if self.whitened_later and leaves_coloured_noise(best):
