@@ -69,8 +69,6 @@ def compiled(
         "error_model": "numpy" if wide else "python",
         "nogil": free,
         "fastmath": {"reassoc", "nsz", "contract"} if any_order else False,
-        # what C would call it by takes a tenth of all compiling, and nothing asks for it
-        "no_cfunc_wrapper": True,
         "no_cpython_wrapper": inner,
     }
 
