@@ -8,6 +8,7 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from tridentify import Record, Structure, ThreeModel, TransferFunction, identify, simulate
 from tridentify.errors import (
@@ -25,7 +26,7 @@ from tridentify.uncertainty import (
 )
 from tridentify.uncertainty.bias import corrected
 from tridentify.uncertainty.noise import NoiseModel
-from tridentify.uncertainty.resampling import _clean, _held
+from tridentify.uncertainty.resampling import _clean, _held, _Task, identify_copy
 
 pytestmark = pytest.mark.unjudged
 
@@ -103,6 +104,24 @@ def test_seed_and_workers(case):
     assert np.array_equal(few.theta, copies.theta[:5])
     other = bootstrap(estimate, record, n_draws=5, seed=4)
     assert not np.array_equal(other.theta, copies.theta[:5])
+
+
+@pytest.mark.parametrize("colour", [0.0, pytest.param(0.8, marks=pytest.mark.slow)])
+def test_a_copy_ends_where_a_search_from_nothing_ends(colour):
+    record = noisy(n=320, noise=0.0)
+    rng = np.random.default_rng(1)
+    added = lfilter([1.0], [1.0, -colour], 0.05 * rng.standard_normal(record.n_samples))
+    record = Record(record.u, record.y[:, 0] + added, dt=DT)
+    structure = Structure(2, 0, offset=False, initial_state="rest")
+    estimate = identify(record, structure, ThreeModel(noise="ar" if colour else "white"))
+    copies = bootstrap(estimate, record, n_draws=8, seed=2)
+    clean, method = _clean(estimate, record, 0), _held(estimate, ThreeModel())
+    noise = NoiseModel.of(estimate)
+    for k, seed in enumerate(np.random.SeedSequence(2).spawn(8)):
+        task = _Task(k, (clean,), noise, estimate.structure, method, seed)
+        apart = np.abs(identify_copy(task).theta - copies.theta[k]) / estimate.std
+        # both end where a step promises less than 1e-7 of -2 log L
+        assert np.max(apart) < np.sqrt(method.tolerance) + 1e-3
 
 
 @pytest.mark.slow

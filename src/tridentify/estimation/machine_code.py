@@ -66,6 +66,9 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
     tell("starts")
     from tridentify.estimation.search import compiled_starts
 
+    tell("posterior")
+    from tridentify.estimation.posterior import compiled_triangles
+
     numerics = (
         crossing,
         driven,
@@ -76,7 +79,7 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
     )
     banks = cascades, exponentials, triangles, whitening, polynomials
     models = compiled_columns, compiled_regression, compiled_steps, compiled_whitening
-    return *numerics, *banks, *models, compiled_cost, compiled_starts
+    return *numerics, *banks, *models, compiled_cost, compiled_starts, compiled_triangles
 
 
 def _is_new(module: ModuleType) -> bool:

@@ -39,6 +39,7 @@ def compiled(
     free: bool = False,
     any_order: bool = False,
     inner: bool = False,
+    value: bool = False,
 ) -> Callable[[Function], Function]:
     """Decorator: machine code for a signature, kept on disk where that is possible.
 
@@ -62,6 +63,8 @@ def compiled(
         Whether sums may be taken in any order, which lets the processor take several terms at once.
     inner : bool
         Whether other machine code alone calls it: what Python would call it by is not made then.
+    value : bool
+        Whether it is handed on to other machine code as a value, which calls it as C would.
     """
     # a test for a division by zero keeps a loop from being vectorised
     options: dict[str, Any] = {
@@ -69,8 +72,8 @@ def compiled(
         "error_model": "numpy" if wide else "python",
         "nogil": free,
         "fastmath": {"reassoc", "nsz", "contract"} if any_order else False,
-        # what C would call it by takes a tenth of all compiling, and nothing asks for it
-        "no_cfunc_wrapper": True,
+        # a tenth of all compiling
+        "no_cfunc_wrapper": not value,
         "no_cpython_wrapper": inner,
     }
 

@@ -43,12 +43,14 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.estimation.answer.assemble import fingerprint
-from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.answer.trace import freeze_arrays
 from tridentify.estimation.methods.base import Method, Progress
+from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.identify import METHODS
-from tridentify.numerics.arrays import Array
+from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.executor import Executor
+from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.threads import one_blas_thread
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -216,6 +218,7 @@ class _Task:
     structure: Structure
     method: Method
     seed: np.random.SeedSequence
+    near: Complex | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -282,9 +285,9 @@ def bootstrap(
     chosen = _held(estimate, _method_of(estimate) if method is None else _checked(method))
     settled = [record.settled(estimate.intersample) for record in listed]
     clean = tuple(_clean(estimate, record, e) for e, record in enumerate(settled))
-    noise = NoiseModel.of(estimate)
+    noise, near = NoiseModel.of(estimate), _truth(estimate)
     tasks = [
-        _Task(k, clean, noise, estimate.structure, chosen, own)
+        _Task(k, clean, noise, estimate.structure, chosen, own, near)
         for k, own in enumerate(np.random.SeedSequence(own_seed).spawn(count))
     ]
     outcomes: list[_Outcome] = []
@@ -304,12 +307,28 @@ def identify_copy(task: _Task) -> _Outcome:
             warnings.simplefilter("ignore")
             # without the judgement of each: copies are of the model by construction
             with one_blas_thread():
-                estimate = task.method.estimate(copies, task.structure)
+                estimate = _identified(task, copies)
     except (TridentifyError, ArithmeticError, ValueError) as error:
         return _Outcome(np.empty(0), np.empty(0), False, f"{type(error).__name__}: {error}")
     if not np.all(np.isfinite(estimate.theta)):
         return _Outcome(np.empty(0), np.empty(0), False, "coefficients are not finite")
     return _Outcome(np.asarray(estimate.theta), estimate.std, estimate.status.ok, "")
+
+
+def _identified(task: _Task, copies: list[Record]) -> Estimate:
+    if isinstance(task.method, ThreeModel):
+        return task.method.estimate(copies, task.structure, near=task.near)
+    return task.method.estimate(copies, task.structure)
+
+
+def _truth(estimate: Estimate) -> Complex | None:
+    """Poles that the copies have, to begin the search of each there.
+
+    Where the record leaves them open a copy may well end elsewhere, and is searched as it was.
+    """
+    if estimate.status is not Status.CONVERGED or not estimate.structure.shared:
+        return None
+    return sort_poles(np.roots(estimate.model.den[0][0]).astype(np.complex128))
 
 
 def _collected(estimate: Estimate, outcomes: Sequence[_Outcome], seed: int) -> Bootstrap:

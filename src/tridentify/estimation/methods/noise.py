@@ -357,7 +357,7 @@ def _alternate(
             following = decide(whole, [best.point.poles])
             if starts is not None and not count:
                 question.say("another search, on whitened samples")
-                anew = search(whole.held, starts.count, starts.far)
+                anew = search(whole.held, starts.count, starts.far, near=starts.near)
                 tried = tuple(replace(one, name=f"whitened: {one.name}") for one in anew.tried)
                 other = decide(whole, anew.seeds)
                 if other.best.criterion < following.best.criterion - SAME_END:

@@ -67,6 +67,7 @@ from tridentify.estimation.posterior.maximum_or_mean import (
 from tridentify.estimation.search.delays import Located
 from tridentify.estimation.search.passes import certified
 from tridentify.estimation.search.search import search
+from tridentify.numerics.arrays import Complex
 from tridentify.numerics.robust import Loss
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -162,7 +163,12 @@ class ThreeModel:
         return EVERYTHING
 
     def estimate(
-        self, records: Sequence[Record], structure: Structure, progress: Progress | None = None
+        self,
+        records: Sequence[Record],
+        structure: Structure,
+        progress: Progress | None = None,
+        *,
+        near: Complex | None = None,
     ) -> Estimate:
         """Estimate the coefficients.
 
@@ -173,6 +179,9 @@ class ThreeModel:
         structure : Structure
         progress : callable, optional
             Told in words what is going on.
+        near : (n,) complex array, optional
+            Poles that the record may well have: the search begins there and, on a record that is
+            not long, ends there if nothing speaks against it.
 
         Returns
         -------
@@ -198,7 +207,8 @@ class ThreeModel:
         if structure.constrained:
             refuse_posterior(self.finish)
             return within_constraints(self, asked, say, self.patience, noise)
-        way = partial(over_delays, self) if structure.delay == "free" else self.maximise
+        near_them = partial(self.maximise, near=near)
+        way = partial(over_delays, self) if structure.delay == "free" else near_them
         return estimate_from(self.weighed(way(with_all_rows, structure, say), say), asked)
 
     def maximise(
@@ -207,6 +217,8 @@ class ThreeModel:
         structure: Structure,
         say: Progress,
         located: Located | None = None,
+        *,
+        near: Complex | None = None,
     ) -> Reached:
         """Steps 1 to 4 to the likelihood's maximum, and the check of the end.
 
@@ -219,6 +231,8 @@ class ThreeModel:
             Is told what is going on.
         located : Located, optional
             Delays to take up, and how far they may go.
+        near : (n,) complex array, optional
+            Poles to begin from.
         """
         question = Question.of(records, structure, patience=self.patience, say=say)
         if located is not None:
@@ -226,7 +240,7 @@ class ThreeModel:
         route, noise = taken_by(self.route, self.noise)
         say("the three models, from several starts")
         # Steps 1 and 2, the parallel and the series-parallel model, from several operators
-        starts = search(question, self.starts, whitened_later=noise != "white")
+        starts = search(question, self.starts, whitened_later=noise != "white", near=near)
         if located is not None:
             question, starts = question.freed(located.limits), starts.beside(located.place.poles)
         # Step 4: repeated on adapted operators, to the stationary point of the output error

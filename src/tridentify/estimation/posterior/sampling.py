@@ -172,6 +172,7 @@ def sample(
     WeightedDraws
     """
     proposals: list[ProposalMixture] = [first]
+    densities: list[list[Array]] = []  # of every proposal, for the draws of every round
     taken: list[int] = []
     points = np.empty((0, 0))
     logs = np.empty(0)
@@ -183,11 +184,13 @@ def sample(
         value = np.where(np.isfinite(value), value, -np.inf)
         points = drawn if not taken else np.concatenate([points, drawn])
         logs = np.concatenate([logs, value])
+        for proposal, known in zip(proposals, densities, strict=False):
+            known.append(proposal.log_density(drawn))
+        densities.append([proposals[-1].log_density(points)])
         taken.append(drawn.shape[0])
         shares = np.log(np.array(taken) / sum(taken))
         mixed = np.logaddexp.reduce(
-            [p.log_density(points) + share for p, share in zip(proposals, shares, strict=True)],
-            axis=0,
+            [np.concatenate(own) + s for own, s in zip(densities, shares, strict=True)], axis=0
         )
         weights = normalised(logs - mixed)
         effective = effective_size(weights) if np.isfinite(logs).any() else 0.0

@@ -46,9 +46,7 @@ from tridentify.estimation.posterior.many_cascades import (
 )
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.autoregression import Whitener
-from tridentify.numerics.discretize import discretize
-from tridentify.numerics.propagate import propagate
+from tridentify.numerics.autoregression import Whitener, gains
 from tridentify.numerics.sampled import Sampled, States
 
 FASTEST = 0.7
@@ -213,6 +211,52 @@ def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, unit: float)
     The nuisance columns come first in the factorisation, so what stands below their rows is
     already orthogonal to them.
     """
+    found: dict[int, Array] = {}
+    for signal in dict.fromkeys(e.sampled):
+        held = e.intersample != "band-limited"
+        outputs = [i for i, own in enumerate(e.sampled) if own is signal]
+        if signal.t is None and not any(signal.delays) and held:
+            for i in outputs:
+                found[i] = _uniform(e, i, signal, bank_a, bank_b, n, e.dt / unit)
+            continue
+        columns, nuisance = _filled(e, signal, bank_a, bank_b, n, unit)
+        for i in outputs:
+            found[i] = _reduced(e, i, columns, nuisance)
+    return [found[i] for i in range(e.y.shape[1])]
+
+
+def _uniform(
+    e: Experiment, output: int, signal: Sampled, bank_a: Array, bank_b: Array, n: int, dt: float
+) -> Array:
+    """The triangle of one output on uniform time, in machine code."""
+    from tridentify.estimation.posterior.compiled_triangles import reduced_banks
+
+    n_samples, n_inputs = e.u.shape
+    seen = np.isfinite(e.y[:, output])
+    common = [row for row, there in ((np.ones(n_samples), e.offset), (e.ramp, e.drift)) if there]
+    before = np.array(common).reshape(len(common), n_samples)
+    last = np.where(seen, e.y[:, output], 0.0)
+    after = np.ascontiguousarray(np.vstack([signal.direct.T, last]))
+    noise = np.array(e.noise[output]) if e.noise else np.zeros(0)
+    gain, scale = np.full((n_samples, 1), -1.0), np.ones(n_samples)
+    if noise.size:
+        gain, scale, _ = gains(noise, seen)
+    impulse = n * e.free
+    nuisance = impulse + len(common)
+    width = nuisance + n_inputs * (bank_b.shape[1] + 1) + 1
+    found = np.zeros((bank_b.shape[0], width, width))
+    reduced_banks(
+        np.ascontiguousarray(bank_a), np.ascontiguousarray(bank_b), impulse, dt,
+        e.intersample == "foh", np.array(e.u.T, order="C"), before, after, seen, noise, gain,
+        scale, found,
+    )  # fmt: skip
+    return found[:, nuisance:, nuisance:]
+
+
+def _filled(
+    e: Experiment, signal: Sampled, bank_a: Array, bank_b: Array, n: int, unit: float
+) -> tuple[Array, int]:
+    """Columns (s, columns, n_samples), the last one left empty, and how many are nuisance terms."""
     count, q = bank_b.shape
     n_samples, n_inputs = e.u.shape
     nuisance = n * e.free + e.offset + e.drift
@@ -224,42 +268,9 @@ def _triangles(e: Experiment, bank_a: Array, bank_b: Array, n: int, unit: float)
         at += 1
     if e.drift:
         columns[:, at] = e.ramp
-    found: dict[int, Array] = {}
-    for signal in dict.fromkeys(e.sampled):
-        held = e.intersample != "band-limited"
-        if signal.t is None and not any(signal.delays) and held:
-            _fill(columns, e, bank_a, bank_b, n, nuisance, e.dt / unit)
-        else:
-            _fill_any(columns, e, signal.in_units(unit), bank_a, bank_b, n, nuisance)
-        columns[:, nuisance + n_inputs * q : width - 1] = signal.direct.T
-        for i, own in enumerate(e.sampled):
-            if own is signal:
-                found[i] = _reduced(e, i, columns, nuisance)
-    return [found[i] for i in range(e.y.shape[1])]
-
-
-def _fill(
-    columns: Array, e: Experiment, bank_a: Array, bank_b: Array, n: int, nuisance: int, dt: float
-) -> None:
-    """States of many banks on uniform time."""
-    count, q = bank_b.shape
-    n_samples, n_inputs = e.u.shape
-    step = discretize(bank_a, bank_b[:, :, None], dt, e.intersample)
-    transition = np.ascontiguousarray(step.transition)
-    current = np.ascontiguousarray(step.from_current[:, :, 0])
-    following = np.ascontiguousarray(step.from_next[:, :, 0])
-    nothing = np.zeros((n_samples, 1))
-    inner = np.ascontiguousarray(transition[:, :n, :n])
-    for s in range(count):
-        if e.free:
-            propagate(
-                inner[s], current[s, :n], following[s, :n], nothing, bank_b[s : s + 1, :n].copy(),
-                columns[s], upper=1,
-            )  # fmt: skip
-        propagate(
-            transition[s], current[s], following[s], e.u, np.zeros((n_inputs, q)),
-            columns[s, nuisance:], upper=1,
-        )  # fmt: skip
+    _fill_any(columns, e, signal.in_units(unit), bank_a, bank_b, n, nuisance)
+    columns[:, nuisance + n_inputs * q : width - 1] = signal.direct.T
+    return columns, nuisance
 
 
 def _fill_any(
@@ -271,7 +282,7 @@ def _fill_any(
     n: int,
     nuisance: int,
 ) -> None:
-    """The same for any instants and delays, bank by bank."""
+    """States of many banks, bank by bank, for any instants and delays."""
     for s in range(bank_b.shape[0]):
         states = States(signal, bank_a[s], bank_b[s], upper=1)
         states.advance(0, e.n_samples, columns[s, nuisance:])

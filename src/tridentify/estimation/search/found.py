@@ -107,6 +107,8 @@ class Starts:
         The last places looked at.
     far : Far, optional
         What an averaged record gave.
+    near : (n,) complex array, optional
+        Poles that the record may well have.
     """
 
     seeds: tuple[Complex, ...]
@@ -116,6 +118,7 @@ class Starts:
     known: KnownTriangles | None = None
     scan: Scan | None = None
     far: Far | None = None
+    near: Complex | None = None
 
     @property
     def triangles(self) -> dict[bytes, tuple[Regression, ...]]:

@@ -116,7 +116,12 @@ FURTHER = ("discrete", "spread", "relaxed")
 
 
 def search(
-    question: Question, n_starts: int, far: Far | None = None, *, whitened_later: bool = False
+    question: Question,
+    n_starts: int,
+    far: Far | None = None,
+    *,
+    whitened_later: bool = False,
+    near: Complex | None = None,
 ) -> Starts:
     """Steps 1 and 2 from several operators, repeated until a richer model has nothing to add.
 
@@ -130,11 +135,13 @@ def search(
     whitened_later : bool
         Whether noise that is not white will get a model, and whitened samples a search of their
         own: then this one need not follow what only coloured noise asks for.
+    near : (n,) complex array, optional
+        Poles that the record may well have: the search begins there and not with Laguerre models.
     """
-    worker = Search(n_starts, far=far, whitened_later=whitened_later)
+    worker = Search(n_starts, far=far, whitened_later=whitened_later, near=near)
     worker.run(question.base, question.variants)
     seeds, trails, tried = tuple(worker.seeds), tuple(worker.trails), tuple(worker.starts)
-    return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan, worker.far)
+    return Starts(seeds, trails, tried, n_starts, worker.known, worker.scan, worker.far, near)
 
 
 def search_again(question: Question, nuisances: Nuisances, poles: Complex) -> tuple[Complex, Start]:
@@ -194,6 +201,8 @@ class Search:
         What the averaged record gave.
     whitened_later : bool
         Whether coloured noise is left to a search of whitened samples.
+    near : (n,) complex array, optional
+        Poles that the record may well have.
     """
 
     n_starts: int
@@ -210,12 +219,14 @@ class Search:
     ends: list[Met] = field(default_factory=list)
     far: Far | None = None
     whitened_later: bool = False
+    near: Complex | None = None
 
     def run(self, base: Problem, variants: Sequence[Variant]) -> None:
         """Find poles from the record, or from stand-ins for a long one."""
         if not is_large(base):
             drain(self.running(base, variants))
             return
+        self.near = None  # what a window or averages show of these poles is another matter
         piece = window(base)
         passes: list[Pass] = []
         first: SearchEnd | None = None
@@ -358,12 +369,23 @@ class Search:
     def _beginning(
         self, base: Problem, variants: Sequence[Variant], where: str = "", most: int | None = None
     ) -> Slices[SearchEnd]:
+        if self.near is not None:
+            return (yield from self._nearby(base, _extremes(variants)[-1], self.near))
         laguerre = yield from laguerre_slices(base, _extremes(variants))
         reachable = laguerre[0].criterion + ALLOWANCE
         starts = _distinct(laguerre, most or self.n_starts)
         best = yield from self._best_of(starts, reachable, None, where)
         assert self.variant is not None
         return SearchEnd(base, best, self.variant, reachable, False)
+
+    def _nearby(self, base: Problem, variant: Variant, near: Complex) -> Slices[SearchEnd]:
+        """Where poles lead that the record may well have, in place of Laguerre starts."""
+        own, at = Recorder(), partial(evaluate_variant, base, variant)
+        point = (yield from finishing(at, at(base.admissible(near)[0]), own, MOST_TRIED))[0]
+        name = "poles that the record may have"
+        self.starts.append(Start(name, coefficients(point), mean_square(point)))
+        self.recorder.passes[:], self.variant = own.passes, variant
+        return SearchEnd(base, point, variant, np.inf, False)
 
     def following(
         self, base: Problem, variants: Sequence[Variant], where: str = ""
@@ -383,6 +405,8 @@ class Search:
             reachable = enriched[0].criterion + ALLOWANCE
             if criterion(best) < reachable:
                 return SearchEnd(base, best, variant, reachable, True)
+            if self.near is not None and self.whitened_later and leaves_coloured_noise(best):
+                break
             before = criterion(best)
             best = yield from self._best_of(enriched[:2], reachable, best, where)
             if self.whitened_later and leaves_coloured_noise(best):

@@ -258,7 +258,7 @@ def filtered(ints: Ints, c: Array, x: Array, w: int, y: float) -> float:
     return float(error)
 
 
-@compiled("float64(int64[::1], float64[::1], float64[::1], float64)")
+@compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
 def equation_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)

@@ -111,7 +111,7 @@ def build_block(
             told[k] += factor * own[k + 1]
 
 
-@compiled(MANY, wide=True)
+@compiled(MANY, wide=True, value=True)
 def equation_block(
     ints: Ints,
     c: Array,

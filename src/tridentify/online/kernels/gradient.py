@@ -312,7 +312,7 @@ def moments(ints: Ints, c: Array, x: Array, n: int) -> None:
         at += i + 1
 
 
-@compiled("float64(int64[::1], float64[::1], float64[::1], float64)")
+@compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
 def gradient_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)

@@ -124,7 +124,7 @@ def complete_row(ints: Ints, c: Array, x: Array) -> None:
         x[at] = x[TIME] - x[BORN]
 
 
-@compiled("float64(int64[::1], float64[::1], float64[::1], float64)")
+@compiled("float64(int64[::1], float64[::1], float64[::1], float64)", value=True)
 def parallel_step(ints: Ints, c: Array, x: Array, interval: float) -> float:
     """One sample, which stands in the inbox; gives the innovation of the first output."""
     take_in(ints, c, x, interval)

@@ -72,7 +72,7 @@ def fill_rows(
             room[at, k] = (x[COUNT] + k) * c[INTERVAL] + x[EXTRA] - x[BORN]
 
 
-@compiled(MANY, wide=True)
+@compiled(MANY, wide=True, value=True)
 def parallel_block(
     ints: Ints,
     c: Array,

@@ -36,7 +36,7 @@ STEP_POINTER = types.FunctionType(ONE)
 BLOCK_POINTER = types.FunctionType(MANY)
 
 
-@compiled(MANY)
+@compiled(MANY, value=True)
 def no_block(
     ints: Ints,
     c: Array,
