@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.estimation.answer.finding import Finding, joined, same_thing
+from tridentify.estimation.answer.finding import SEVERITIES, Finding, joined, same_thing
 from tridentify.judgement.causes.fewer import order_findings
 from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.intersample import Behaviours, intersample_findings
@@ -122,7 +122,12 @@ def _with_trial(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[Find
         remedy = one.remedy if one.code == "saturation" else trial.remedy  # it states the limit
         found.append(
             replace(
-                trial, message=message, remedy=remedy, times=one.times, experiment=one.experiment
+                trial,
+                message=message,
+                remedy=remedy,
+                severity=min(one.severity, trial.severity, key=SEVERITIES.index),
+                times=one.times,
+                experiment=one.experiment,
             )
         )
     return found
