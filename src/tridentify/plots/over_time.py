@@ -67,11 +67,15 @@ def default_times(*shown: Shown, final: float | None = None) -> Array:
         if end > 4.0 * edges[-1] and horizon > 4.0 * end:
             edges.append(float(end))
             steps.append(_step(poles, float(end), horizon))
+    ends = np.append(edges[1:], horizon)
     times = [
         np.arange(first, last, min(step, (last - first) / POINTS))
-        for first, last, step in zip(edges, [*edges[1:], horizon], steps, strict=True)
+        for first, last, step in zip(edges, ends, steps, strict=True)
     ]
-    grid = np.concatenate([*times, [horizon]])
+    # by rounding the last of a range may lie at its end, or just beyond
+    grid = np.concatenate(
+        [*(one[one < last] for one, last in zip(times, ends, strict=True)), [horizon]]
+    )
     if late:
         grid = np.concatenate([np.linspace(0.0, late, 20, endpoint=False), late + grid])
     return grid if final is None else np.append(grid[grid < final], final)
