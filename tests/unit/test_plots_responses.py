@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -476,3 +477,12 @@ def test_a_final_time_that_is_none_is_refused_in_one_line(single, given):
 def test_one_frequency_is_no_curve(single, draw):
     with pytest.raises(OptionError, match="found one frequency, omega=10; expected several"):
         draw(single.estimate, 10)
+
+
+def test_default_times_rise_whatever_the_modes():
+    for seed in (470, 475, 993, *range(40)):
+        rng = np.random.default_rng(seed)
+        size, damping = np.exp(rng.uniform(-3, 4, 2)), rng.uniform(0.02, 1, 2)
+        pairs = [[1.0, 2 * d * w, w * w] for d, w in zip(damping, size, strict=True)]
+        model = TransferFunction([1.0], np.polymul(*pairs))
+        assert np.all(np.diff(default_times(SimpleNamespace(model=model))) > 0)
