@@ -181,7 +181,8 @@ class ThreeModel:
             Told in words what is going on.
         near : (n,) complex array, optional
             Poles that the record may well have: the search begins there and, on a record that is
-            not long, ends there if nothing speaks against it.
+            not long, ends there if nothing speaks against it. Not used by the reference route, by
+            other losses, nor within constraints or where delays are estimated along.
 
         Returns
         -------
