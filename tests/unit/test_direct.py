@@ -16,8 +16,10 @@ from tridentify import (
     identify,
     simulate,
 )
+from tridentify.estimation.answer.trace import FAR_LIKELIER
 from tridentify.estimation.methods.predictor import predictor_noise
 from tridentify.judgement.causes.feedback import GUARD, Inputs, by_predictor
+from tridentify.judgement.cautions.residual import far_likelier
 from tridentify.judgement.direct import widened
 
 PLANT, COLOUR, DT = loops.System.of([1.0], [1.0, 1.0]), 0.9, 0.2
@@ -160,3 +162,23 @@ def test_no_reaction_shows_where_there_is_none(behaviour):
 def test_a_reaction_shows_in_what_the_predictor_leaves():
     record = position_loop(3)
     assert by_predictor(Inputs.of([record]), 0, 0).p_value < 1e-20
+
+
+@pytest.mark.unjudged
+def test_asked_for_open_loop_an_end_that_is_far_likelier_is_told_not_taken():
+    held = ThreeModel(route="open-loop").estimate([position_loop(1)], Structure(2, 0))
+    (told,) = [one for one in held.trace.decisions if one.startswith(FAR_LIKELIER)]
+    assert [f.severity for f in far_likelier(held)] == ["error"]
+    assert "standard errors" in told
+    assert held.fit[0] > 0.0
+
+
+@pytest.mark.unjudged
+@pytest.mark.parametrize("order", [2, 1])
+def test_nothing_is_likelier_in_open_loop_whether_or_not_the_order_is_right(order):
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.choice([-1.0, 1.0], 50), 10)
+    y = simulate(TransferFunction([4.0], [1.0, 1.2, 4.0]), Record(u, u, dt=0.1))
+    noise = lfilter([1.0], [1.0, -0.8], rng.standard_normal((u.size, 1)), axis=0)
+    estimate = ThreeModel().estimate([Record(u, y + 0.05 * noise, dt=0.1)], Structure(order, 0))
+    assert not far_likelier(estimate)
