@@ -16,7 +16,13 @@ from collections.abc import Callable, Iterator
 from functools import cache
 from types import ModuleType
 
-BESIDE = "tridentify.models.compiled_regression", "tridentify.models.compiled_whitening"
+BESIDE = (
+    "tridentify.models.compiled_regression",
+    "tridentify.models.compiled_whitening",
+    "tridentify.estimation.posterior.compiled_triangles",
+    "tridentify.numerics.kernels.crossing",
+    "tridentify.numerics.kernels.long_recursions",
+)
 """What the other process compiles: as much as is left, and of no use to that."""
 
 
@@ -45,13 +51,7 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
 
     with _beside(_is_new(recursions)):
         from tridentify.numerics import incomplete_kernels
-        from tridentify.numerics.kernels import (
-            crossing,
-            driven,
-            long_recursions,
-            polynomials,
-            small_least_squares,
-        )
+        from tridentify.numerics.kernels import driven, polynomials, small_least_squares
 
         tell("models")
         from tridentify.models import compiled_columns, compiled_steps
@@ -61,7 +61,14 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
 
         tell("banks")
     from tridentify.models import compiled_regression, compiled_whitening
-    from tridentify.numerics.kernels import cascades, exponentials, triangles, whitening
+    from tridentify.numerics.kernels import (
+        cascades,
+        crossing,
+        exponentials,
+        long_recursions,
+        triangles,
+        whitening,
+    )
 
     tell("starts")
     from tridentify.estimation.search import compiled_starts
