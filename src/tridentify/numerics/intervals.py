@@ -165,7 +165,7 @@ def steps(a: Array, b: Array, lengths: Array, distinct: Array) -> Steps:
     if distinct.size or not lengths.size:
         longest = float(distinct.max(initial=0.0))
         weight = weight_of(longest * a, longest * b)
-        tables = np.asarray(scipy.linalg.expm(_augmented(a, b / weight, distinct)))
+        tables = _exponentials(a, b / weight, distinct, np.ones(distinct.size))
         tables = tables[None, :, :q].copy()
         tables[..., q:] *= weight
         return Steps(tables, distinct, 0)
@@ -179,13 +179,24 @@ def steps(a: Array, b: Array, lengths: Array, distinct: Array) -> Steps:
     return Steps(tables, units, terms)
 
 
-def _augmented(a: Array, b: Array, lengths: Array) -> Array:
+def _exponentials(a: Array, b: Array, lengths: Array, slopes: Array) -> Array:
+    """(m, q + 2, q + 2): those of ``[[A h, B h, 0], [0, 0, c], [0, 0, 0]]`` (`slopes` ``c``)."""
+    if _has_pairs_only(a):
+        from tridentify.numerics.kernels.exponentials import crossings
+
+        return np.asarray(crossings(a, np.ascontiguousarray(b), lengths, slopes))
     q = b.size
     matrix = np.zeros((lengths.size, q + 2, q + 2))
     matrix[:, :q, :q] = lengths[:, None, None] * a
     matrix[:, :q, q] = lengths[:, None] * b
-    matrix[:, q, q + 1] = 1.0
-    return matrix
+    matrix[:, q, q + 1] = slopes
+    return np.asarray(scipy.linalg.expm(matrix))
+
+
+def _has_pairs_only(a: Array) -> bool:
+    """Whether a matrix is lower triangular but for 2 x 2 blocks on its diagonal."""
+    above = np.diagonal(a, 1) != 0.0
+    return not (np.any(np.triu(a, 2)) or np.any(above[1:] & above[:-1]))
 
 
 def _levels(size: float) -> tuple[int, int]:
@@ -211,13 +222,12 @@ def _digits(a: Array, b: Array, units: Array) -> Array:
     """
     root = math.isqrt(BASE)
     counts = np.array([1.0, root])
-    matrices = _augmented(a, b, np.outer(units, counts).ravel())
     # the slope counts in one unit of the level, whatever the digit
-    matrices[:, -2, -1] = np.tile(counts, units.size)
-    shape = matrices.shape[1:]
+    ones = _exponentials(a, b, np.outer(units, counts).ravel(), np.tile(counts, units.size))
+    shape = ones.shape[1:]
     powers = np.empty((units.size, 2, root, *shape))
     powers[:, :, 0] = np.eye(shape[0])
-    powers[:, :, 1] = np.asarray(scipy.linalg.expm(matrices)).reshape(units.size, 2, *shape)
+    powers[:, :, 1] = ones.reshape(units.size, 2, *shape)
     for k in range(2, root):
         powers[:, :, k] = powers[:, :, k // 2] @ powers[:, :, k - k // 2]
     product = powers[:, 1, :, None] @ powers[:, 0, None, :]

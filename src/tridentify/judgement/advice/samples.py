@@ -149,13 +149,26 @@ def _standing_alone(left: Array, least: float, size_of_y: float) -> tuple[NDArra
 
 
 def _beside_neighbours(e: Array) -> Array:
-    """Differences from a cubic through two neighbours on either side, of straight lines at ends."""
+    """Differences from a cubic through two neighbours on either side, of straight lines at ends.
+
+    A response that is missed swings between few samples of a coarse record, which a straight line
+    follows far less well than a cubic: the differences at the ends are therefore in the scale that
+    straight lines have over the whole record.
+    """
     off = np.empty_like(e)
     off[2:-2] = e[2:-2] - (4.0 * (e[1:-3] + e[3:-1]) - e[:-4] - e[4:]) / 6.0
-    off[[1, -2]] = e[[1, -2]] - 0.5 * (e[[0, -3]] + e[[2, -1]])
+    scale = median_scale(off[2:-2])
+    between = e[1:-1] - 0.5 * (e[:-2] + e[2:])
+    off[[1, -2]] = between[[0, -1]] * _weight(scale, between, 1.0)
     # the one at the very end has a single neighbour, and is not to be blamed for it
-    off[[0, -1]] = AT_END * (e[[0, -1]] - e[[1, -2]])
+    off[[0, -1]] = (e[[0, -1]] - e[[1, -2]]) * _weight(scale, np.diff(e), AT_END)
     return off
+
+
+def _weight(scale: float, differences: Array, most: float) -> float:
+    """What brings differences of another kind to the scale of the cubic's, at most `most`."""
+    own = median_scale(differences)
+    return min(most, scale / own) if own > 0.0 else most
 
 
 def _largest_nearby(size: Array) -> Array:

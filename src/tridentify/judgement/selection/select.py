@@ -26,7 +26,7 @@ from tridentify.estimation.methods.base import Method, Progress, check_scale, ch
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import IN_WORDS, behaviours
 from tridentify.judgement.choice import checked_method, listed, with_behaviour, with_judgement
-from tridentify.judgement.selection.decide import OrderEvidence, decide, follows_input
+from tridentify.judgement.selection.decide import OrderEvidence, decide, follows_input, misleads
 from tridentify.judgement.selection.finish_candidates import (
     MOST_ROUNDS,
     WORSE,
@@ -329,7 +329,8 @@ class _Work:
         if place is not None:
             rows[place] = self._judged(rows[place])
         missed = place is not None and self._missed(whole[place])
-        reason = in_words(rows, found.contenders, verdict, missed)
+        coloured = place is not None and misleads(whole[place], self.records)
+        reason = in_words(rows, found.contenders, verdict, missed, coloured)
         notes = (*told, *_notes(table, unseen))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, notes)
 

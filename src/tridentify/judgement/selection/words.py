@@ -21,6 +21,7 @@ def in_words(
     contenders: Sequence[Contender],
     verdict: Verdict,
     missed: bool,
+    coloured: bool = False,
 ) -> str:
     """Say what decided.
 
@@ -32,6 +33,8 @@ def in_words(
     verdict : Verdict
     missed : bool
         Whether the residual of the recommended one follows the input.
+    coloured : bool
+        Whether it is not white, and time not even, so that no noise model was fitted.
     """
     place = verdict.place
     if place is None or verdict.by == "likelihood" or verdict.best is None:
@@ -52,6 +55,8 @@ def in_words(
         told.append(f"It is not sound: {'; '.join(own.doubts) or own.held_out_reason}.")
     if missed:
         told.append(MISSED)
+    elif coloured:
+        told.append(COLOURED)
     return " ".join(filter(None, told))
 
 
@@ -92,6 +97,11 @@ def _within(rows: Sequence[SelectionRow], verdict: Verdict) -> str:
 MISSED = (
     "Its residual still follows the input, so it does not explain the record: the smallest useful "
     "model is recommended; try a delay, an offset or drift, or look for what is not linear."
+)
+
+COLOURED = (
+    "Its residual is not white, and no noise model is fitted where time is not even: likelihoods "
+    "would ask for too many poles, so what predicts decides."
 )
 
 

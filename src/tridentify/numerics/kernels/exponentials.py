@@ -166,3 +166,37 @@ def discrete(a: Array, b: Array, dt: float, ramps: bool) -> tuple[Array, Array, 
         for j in range(q):
             step[i, j] = whole[at + i, at + j]
     return step, now, after
+
+
+@compiled("float64[:,:,::1](float64[:,::1], float64[::1], float64[::1], float64[::1])")
+def crossings(a: Array, b: Array, lengths: Array, slopes: Array) -> Array:
+    """``e^M``, ``M = [[h A, h B, 0], [0, 0, c], [0, 0, 0]]``, for lengths ``h`` and slopes ``c``.
+
+    Parameters
+    ----------
+    a : (q, q) array
+        Lower triangular with pairs.
+    b : (q,) array
+    lengths, slopes : (m,) arrays
+
+    Returns
+    -------
+    (m, q + 2, q + 2) array
+    """
+    q, m = b.size, lengths.size
+    found, matrix = np.zeros((m, q + 2, q + 2)), np.zeros((q + 2, q + 2))
+    for k in range(m):
+        matrix[1, 0] = slopes[k]
+        for i in range(q):
+            matrix[2 + i, 1] = b[i] * lengths[k]
+            for j in range(q):
+                matrix[2 + i, 2 + j] = a[i, j] * lengths[k]
+        whole = exponential(matrix)
+        for i in range(q):
+            found[k, i, q] = whole[2 + i, 1]
+            found[k, i, q + 1] = whole[2 + i, 0]
+            for j in range(q):
+                found[k, i, j] = whole[2 + i, 2 + j]
+        found[k, q, q] = found[k, q + 1, q + 1] = 1.0
+        found[k, q, q + 1] = slopes[k]
+    return found
