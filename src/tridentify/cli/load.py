@@ -26,6 +26,7 @@ from tridentify.errors import (
     SamplingError,
     shown,
 )
+from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import (
     JITTER,
     Instants,
@@ -36,6 +37,7 @@ from tridentify.record.formats.assemble import (
 )
 from tridentify.record.formats.channels import SECONDS, OpenFile
 from tridentify.record.formats.read import opened
+from tridentify.record.formats.rounded_time import raster_behind
 from tridentify.record.formats.summary import channel_summaries
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
@@ -244,6 +246,11 @@ def _load_one(source: RecordSource, file: Path, activity: Activity) -> Record:
         record = _read(table, source, time, file)
         if record.dt is None:
             activity.note(_uneven(record, time))
+        elif time is not None and raster_behind(_stamps(table, time)) is not None:
+            activity.note(
+                f"the time stamps of {shown(time)} are rounded; taken as even steps of "
+                f"{record.dt:.9g} s, which agree with all of them"
+            )
         if time is None and source.dt is not None:
             _compare_unused_time(table, source.dt, activity)
     return masked(without(record, source.missing, activity), source.masked)
@@ -308,6 +315,12 @@ def _read(table: OpenFile, source: RecordSource, time: str | None, file: Path) -
             f"{found}; leave --dt out to take the time as it is recorded, correct it, or leave "
             "--time out if only the time stamps are inexact"
         ) from error
+
+
+def _stamps(table: OpenFile, time: str) -> Array:
+    """The column of time as it was written."""
+    channel = find_channel(table, time)
+    return np.asarray(table.read([table.channels.index(channel)])[0])
 
 
 def _uneven(record: Record, time: str | None) -> str:

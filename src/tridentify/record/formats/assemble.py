@@ -48,6 +48,7 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
+from tridentify.record.formats.rounded_time import raster_behind
 from tridentify.record.record import Record
 
 __all__ = ["TIME_NAMES", "Instants", "Wanted", "record_from", "time_channels"]
@@ -336,7 +337,8 @@ def _seconds(source: OpenFile, clock: Channel, time: Array, units: Mapping[str, 
             f"found the unit {shown(unit)} of the time column {shown(clock.header)}; expected s, "
             "ms, us, ns, min or h; convert the column to seconds or correct the unit"
         )
-    seconds: Array = time * SECONDS[unit]
+    even = raster_behind(time)
+    seconds: Array = (time if even is None else even) * SECONDS[unit]
     return seconds
 
 
