@@ -19,11 +19,20 @@ from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.finding import CODES
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.judgement.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt, promise
-from tridentify.judgement.causes.delay import delay_rivals, neighbours
+from tridentify.judgement.causes.backlash import backlash_rivals, with_gap
+from tridentify.judgement.causes.both import both_rivals
+from tridentify.judgement.causes.delay import delay_rivals, neighbours, shifted
 from tridentify.judgement.causes.feedback import Coming, reacts
-from tridentify.judgement.causes.intersample import BEHAVIOURS, IN_WORDS, is_staircase
+from tridentify.judgement.causes.intersample import (
+    BEHAVIOURS,
+    IN_WORDS,
+    MATERIAL,
+    MATERIAL_STAIRCASE,
+    is_staircase,
+)
 from tridentify.judgement.causes.lost import Place, lost_rival
 from tridentify.judgement.causes.present import Present
+from tridentify.judgement.causes.pulses import pulse_rivals
 from tridentify.judgement.causes.rivals import (
     Rival,
     drift_rivals,
@@ -69,6 +78,12 @@ use, whatever its likelihood on whitened samples."""
 
 SHARPER = 3
 """Times that a non-linearity is fitted anew, at most: each begins with a better output."""
+
+BENT = ("nonlinear", "varying")
+"""Causes that follow what is slow as well."""
+
+FINEST = 0.125
+"""Samples to either side of a delay at which its likelihood is looked at, to find the top of it."""
 
 FOLLOWED = 3
 """Rivals of one code that are fitted: those that promise most."""
@@ -143,33 +158,80 @@ class Explanations:
         clear = [
             one
             for one in self.found
-            if one.is_clear and not self._is_worse(one) and not self._is_shared(one)
+            if one.is_clear
+            and not self._is_worse(one)
+            and not self._is_shared(one)
+            and not self._is_a_bend(one)
+            and not self._is_needless(one)
         ]
         if not clear:
             return None
         enough = MOST_OF_IT * clear[0].gain
         rank = list(CODES)
         code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
-        if code in ("nonlinear", "varying") and any(
-            self._is_a_line(one, clear[0]) for one in clear
-        ):
+        if code in BENT and self._is_slow(code, clear):
             code = "drift"
+        if code == "intersample" and self._is_late(clear):
+            code = "delay"
         own = [one for one in clear if one.rival.code == code]
         # a line is as plain as an offset: which of the two it is, the criterion says by itself
         lines = [one.gain for one in own if one.rival.refits] if code == "drift" else []
         least = max(lines, default=0.0) - CLEARLY
         near = [one for one in own if one.gain >= max(NEARLY * own[0].gain, least)]
+        if code == "nonlinear":
+            # what bends in another way is another cause, and not a simpler one
+            near = [one for one in near if one.rival.what == own[0].rival.what]
         return min(near, key=lambda one: (one.unknowns, -one.gain))
 
-    def _is_a_line(self, one: Explanation, first: Explanation) -> bool:
-        """Whether an offset or a drift, to be estimated along, explains as much as the best."""
-        return one.rival.code == "drift" and one.rival.refits and one.gain >= AS_MUCH * first.gain
+    def _is_slow(self, code: str, clear: Sequence[Explanation]) -> bool:
+        """Whether what is slow explains as much as a bend or a change of the coefficients.
+
+        An offset or a drift, to be estimated along, or slow waves where these explain clearly more.
+        """
+        bent = max(one.gain for one in clear if one.rival.code == code)
+        drifts = [one for one in clear if one.rival.code == "drift"]
+        lines = max((one.gain for one in drifts if one.rival.refits), default=-np.inf)
+        waves = max((one.gain for one in drifts if not one.rival.refits), default=-np.inf)
+        return lines >= min(bent, AS_MUCH * clear[0].gain) or AS_MUCH * waves > bent
+
+    def _is_late(self, clear: Sequence[Explanation]) -> bool:
+        """Whether a delay explains clearly more than any behaviour between the samples.
+
+        A delay of half a sample makes up for most of what lines have over steps, and lines for half
+        a sample of a longer delay: the better of the two is the cause.
+        """
+        between, late = (
+            max((one.gain for one in clear if one.rival.code == code), default=-np.inf)
+            for code in ("intersample", "delay")
+        )
+        return bool(AS_MUCH * late > between and late > between + CLEARLY)
 
     def _is_worse(self, one: Explanation) -> bool:
         """Whether the simulated output of some channel is farther from the recorded one."""
         if len(one.attempts) > 1:
             return False
         return bool(np.any(one.fits(self.present) < self.present.fits - WORSE))
+
+    def _is_a_bend(self, one: Explanation) -> bool:
+        """Whether pulses have sizes of their own where a function of the input explains as much."""
+        if one.rival.code != "intersample" or one.rival.refits:
+            return False
+        bends = [other.gain for other in self.found if other.rival.code in ("nonlinear", "delay")]
+        return max(bends, default=0.0) > AS_MUCH * one.gain
+
+    def _is_needless(self, one: Explanation) -> bool:
+        """Whether two remedies together explain hardly more than one of them alone.
+
+        They have as many unknowns: the smallest change that explains the record is the one to make.
+        An input that repeats its values is held, whatever a likelihood leans to.
+        """
+        if one.rival.changes < 2:
+            return False
+        codes = ("intersample", "delay")
+        alone = [e.gain for e in self.found if e.rival.code in codes and e.rival.changes < 2]
+        most = max(alone, default=0.0)
+        material = MATERIAL_STAIRCASE if is_staircase(one.rival.parts[0].records) else MATERIAL
+        return one.gain < most + max(CLEARLY, material * self.present.count)
 
     def _is_shared(self, one: Explanation) -> bool:
         """Whether rows seem lost where something else explains much of the same."""
@@ -224,7 +286,10 @@ def explain(
     for code, rivals in _rivals(settled, fitted, only).items():
         if code not in skip:
             found += _fitted(rivals, base)
+    if only in ("", "nonlinear"):
+        found += _fitted(backlash_rivals(settled, fitted), base)
     found += _sharper(found, settled, base)
+    found += [] if only else _together(found, settled, base)
     found += _lines_again(found, settled, base)
     if only:
         return Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
@@ -278,7 +343,9 @@ def settle(present: Present) -> Attempt | None:
 
 def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
     """The best non-linearity again, as a function of the outputs that it leads to itself."""
-    own = [one for one in found if one.rival.code == "nonlinear" and one.gain > CLEARLY]
+    n = present.records[0].n_inputs
+    bends = [one for one in found if one.rival.parts[0].records[0].n_inputs > n]
+    own = [one for one in bends if one.rival.code == "nonlinear" and one.gain > CLEARLY]
     better: list[Explanation] = []
     for _ in range(SHARPER if own else 0):
         best = max([*own, *better], key=lambda one: one.gain)
@@ -293,6 +360,50 @@ def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> l
         if better[-1].gain < best.gain + CLEARLY:
             break
     return better
+
+
+def _together(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
+    """Another behaviour between the samples and a delay at once, where either explains much."""
+    n = present.records[0].n_inputs
+    codes = ("intersample", "delay")
+    single = [one for one in found if one.rival.code in codes and one.rival.refits and one.is_clear]
+    lost = any(one.rival.code == "lost-rows" and one.is_clear for one in found)
+    if lost or not single or not any(one.rival.code == "delay" for one in found):
+        return []
+    behaviours = tuple(
+        one.rival
+        for one in found
+        if one.rival.code == "intersample" and one.rival.parts[0].records[0].n_inputs == n
+    )
+    both = _fitted(both_rivals(present, behaviours), base)
+    best = [
+        max(
+            (one for one in several if one.rival.code == code),
+            key=lambda one: one.gain,
+            default=None,
+        )
+        for several, code in ((found, "delay"), (both, "intersample"))
+    ]
+    clear = [one for one in best if one is not None and one.is_clear]
+    more = [new for one in clear for new in _finer(one, present, base)]
+    return [*both, *more]
+
+
+def _finer(one: Explanation, present: Present, base: Attempt) -> list[Explanation]:
+    """Delays beside one, to the top of the parabola through their gains.
+
+    Where there is little noise, a tenth of a sample outweighs what the input does in between.
+    """
+    sides = [_fitted([shifted(present, one.rival, by)], base) for by in (-FINEST, FINEST)]
+    if not all(sides):
+        return []
+    (before,), (after,) = sides
+    bend = before.gain - 2.0 * one.gain + after.gain
+    if not bend < 0.0:
+        return [before, after]
+    top = 0.5 * FINEST * (before.gain - after.gain) / bend
+    top = float(np.clip(top, -2.0 * FINEST, 2.0 * FINEST))
+    return [before, after, *_fitted([shifted(present, one.rival, top)], base)]
 
 
 def _lines_again(
@@ -321,6 +432,7 @@ def _rivals(present: Present, fitted: Sequence[Array], only: str) -> dict[str, l
     """Of every code but lost rows, or of one, those that promise most."""
     makers: tuple[tuple[tuple[str, ...], Callable[[], Iterable[Rival]]], ...] = (
         (("intersample",), lambda: _intersample_rivals(present)),
+        (("input-noise", "intersample"), lambda: pulse_rivals(present)),
         (("delay",), lambda: delay_rivals(present)),
         (("saturation",), lambda: saturation_rivals(present, fitted)),
         (("nonlinear",), lambda: nonlinear_rivals(present, fitted)),
@@ -378,6 +490,8 @@ def _attempted(rival: Rival) -> tuple[Attempt, ...] | None:
             return None
         if end is None:
             return None
+        if rival.gap is not None:
+            end = with_gap(end, rival.gap)
         found.append(end if rival.limits is None else with_limits(end, rival.limits))
     return tuple(found)
 
