@@ -1,33 +1,27 @@
 """Which of the other explanations a record speaks for, each fitted before it is named.
 
-The rivals are compared by AICc, each with a noise model of its own. A cause that is tested early
-(`finding.CODES` has the order) may pass for a later one: a late input, a held one that was not
-held, or a cubic spring are all explained in part by more poles. More poles explain a little of
-everything, so that the best criterion is not enough: the first cause in that order is named whose
-rival gains the greater part of what the best one gains.
+The rivals are compared by AICc, each with a noise model of its own; which of them is named stands
+in `explanation`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
 from tridentify.errors import TridentifyError
-from tridentify.estimation.answer.finding import CODES
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.judgement.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt, promise
 from tridentify.judgement.causes.backlash import backlash_rivals, with_gap
 from tridentify.judgement.causes.both import both_rivals
 from tridentify.judgement.causes.delay import delay_rivals, neighbours, shifted
-from tridentify.judgement.causes.feedback import Coming, reacts
+from tridentify.judgement.causes.explanation import CLEARLY, Explanation, Explanations
+from tridentify.judgement.causes.feedback import reacts
 from tridentify.judgement.causes.intersample import (
     BEHAVIOURS,
     IN_WORDS,
-    MATERIAL,
-    MATERIAL_STAIRCASE,
     is_staircase,
 )
 from tridentify.judgement.causes.lost import Place, lost_rival
@@ -48,198 +42,17 @@ from tridentify.numerics.information import aicc_price
 from tridentify.numerics.interpolation import FEWEST
 from tridentify.record.record import Record
 
-CLEARLY = 10.0
-"""Fall of AICc from which another explanation is worth a word: odds of 150 to 1."""
-
-MOST_OF_IT = 0.7
-"""Share of the best rival's gain from which an earlier cause is named in its place."""
-
-NEARLY = 0.8
-"""The same among rivals of one cause, of which the simplest is named."""
-
-AS_MUCH = 0.9
-"""Share of the best rival's gain from which an offset or a line is named before a bend or a change
-of the coefficients, which follow what is slow as well where the input is as slow or moves in a few
-places only."""
-
-ALONE = 0.5
-"""Share of the gain of lost rows that no other cause may reach: cuts in a record explain a little
-of everything that is not noise."""
-
-LEAST_SHARE = 0.005
-"""Share of the sum of squares below which a cause changes nothing that anyone could see."""
-
 LOST = 3.0
 """Fit [percent points] that a noise model may cost before it is not used to compare."""
 
-WORSE = 0.2
-"""Fall of the simulated fit [percent points] from which an explanation is none that anyone would
-use, whatever its likelihood on whitened samples."""
-
 SHARPER = 3
 """Times that a non-linearity is fitted anew, at most: each begins with a better output."""
-
-BENT = ("nonlinear", "varying")
-"""Causes that follow what is slow as well."""
 
 FINEST = 0.125
 """Samples to either side of a delay at which its likelihood is looked at, to find the top of it."""
 
 FOLLOWED = 3
 """Rivals of one code that are fitted: those that promise most."""
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """A rival that was fitted.
-
-    Attributes
-    ----------
-    rival : Rival
-    attempts : tuple of Attempt
-        Where its parts ended.
-    gain : float
-        Fall of AICc against the present explanation.
-    share : float
-        By how much the sum of squares of the residual falls with it (0 to 1).
-    unknowns : int
-    """
-
-    rival: Rival
-    attempts: tuple[Attempt, ...]
-    gain: float
-    share: float
-    unknowns: int
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether it gains enough to be worth a word."""
-        return self.gain > CLEARLY and self.share > LEAST_SHARE
-
-    def fits(self, base: Attempt) -> Array:
-        """(n_outputs,) NRMSE [percent] of one part, about the means of the records as they are."""
-        (end,) = self.attempts
-        if len(end.point.problem.experiments) == len(base.point.problem.experiments):
-            return end.fits
-        return np.asarray(100.0 * (1.0 - np.sqrt(end.raw_energy / base.spread)))
-
-
-@dataclass(frozen=True, eq=False)
-class Explanations:
-    """The present explanation, and the rivals that were fitted, the best first.
-
-    Attributes
-    ----------
-    present : Attempt
-    found : tuple of Explanation
-    reacts : tuple of Coming or None
-        Per output, what inputs to come explain where that is the cause: the input reacts.
-    asked : Present, optional
-        What all causes were tried on; None where only some were.
-    """
-
-    present: Attempt
-    found: tuple[Explanation, ...]
-    reacts: tuple[Coming | None, ...] = ()
-    asked: Present | None = None
-
-    @property
-    def named(self) -> Explanation | None:
-        """The first cause that makes the greater part of what can be gained.
-
-        Of several rivals of that cause, the one with fewest unknowns that gains nearly as much as
-        the best of them. None where the input reacts to the output.
-        """
-        return None if any(self.reacts) else self.best
-
-    @cached_property
-    def best(self) -> Explanation | None:
-        """The same, whatever the input does."""
-        clear = [
-            one
-            for one in self.found
-            if one.is_clear
-            and not self._is_worse(one)
-            and not self._is_shared(one)
-            and not self._is_a_bend(one)
-            and not self._is_needless(one)
-        ]
-        if not clear:
-            return None
-        enough = MOST_OF_IT * clear[0].gain
-        rank = list(CODES)
-        code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
-        if code in BENT and self._is_slow(code, clear):
-            code = "drift"
-        if code == "intersample" and self._is_late(clear):
-            code = "delay"
-        own = [one for one in clear if one.rival.code == code]
-        # a line is as plain as an offset: which of the two it is, the criterion says by itself
-        lines = [one.gain for one in own if one.rival.refits] if code == "drift" else []
-        least = max(lines, default=0.0) - CLEARLY
-        near = [one for one in own if one.gain >= max(NEARLY * own[0].gain, least)]
-        if code == "nonlinear":
-            # what bends in another way is another cause, and not a simpler one
-            near = [one for one in near if one.rival.what == own[0].rival.what]
-        return min(near, key=lambda one: (one.unknowns, -one.gain))
-
-    def _is_slow(self, code: str, clear: Sequence[Explanation]) -> bool:
-        """Whether what is slow explains as much as a bend or a change of the coefficients.
-
-        An offset or a drift, to be estimated along, or slow waves where these explain clearly more.
-        """
-        bent = max(one.gain for one in clear if one.rival.code == code)
-        drifts = [one for one in clear if one.rival.code == "drift"]
-        lines = max((one.gain for one in drifts if one.rival.refits), default=-np.inf)
-        waves = max((one.gain for one in drifts if not one.rival.refits), default=-np.inf)
-        return lines >= min(bent, AS_MUCH * clear[0].gain) or AS_MUCH * waves > bent
-
-    def _is_late(self, clear: Sequence[Explanation]) -> bool:
-        """Whether a delay explains clearly more than any behaviour between the samples.
-
-        A delay of half a sample makes up for most of what lines have over steps, and lines for half
-        a sample of a longer delay: the better of the two is the cause.
-        """
-        between, late = (
-            max((one.gain for one in clear if one.rival.code == code), default=-np.inf)
-            for code in ("intersample", "delay")
-        )
-        return bool(AS_MUCH * late > between and late > between + CLEARLY)
-
-    def _is_worse(self, one: Explanation) -> bool:
-        """Whether the simulated output of some channel is farther from the recorded one."""
-        if len(one.attempts) > 1:
-            return False
-        return bool(np.any(one.fits(self.present) < self.present.fits - WORSE))
-
-    def _is_a_bend(self, one: Explanation) -> bool:
-        """Whether pulses have sizes of their own where a function of the input explains as much."""
-        if one.rival.code != "intersample" or one.rival.refits:
-            return False
-        bends = [other.gain for other in self.found if other.rival.code in ("nonlinear", "delay")]
-        return max(bends, default=0.0) > AS_MUCH * one.gain
-
-    def _is_needless(self, one: Explanation) -> bool:
-        """Whether two remedies together explain hardly more than one of them alone.
-
-        They have as many unknowns: the smallest change that explains the record is the one to make.
-        An input that repeats its values is held, whatever a likelihood leans to.
-        """
-        if one.rival.changes < 2:
-            return False
-        codes = ("intersample", "delay")
-        alone = [e.gain for e in self.found if e.rival.code in codes and e.rival.changes < 2]
-        most = max(alone, default=0.0)
-        material = MATERIAL_STAIRCASE if is_staircase(one.rival.parts[0].records) else MATERIAL
-        return one.gain < most + max(CLEARLY, material * self.present.count)
-
-    def _is_shared(self, one: Explanation) -> bool:
-        """Whether rows seem lost where something else explains much of the same."""
-        if one.rival.code != "lost-rows":
-            return False
-        return any(
-            other.gain > ALONE * one.gain for other in self.found if other.rival.code != "lost-rows"
-        )
 
 
 def explain(
@@ -394,16 +207,16 @@ def _finer(one: Explanation, present: Present, base: Attempt) -> list[Explanatio
 
     Where there is little noise, a tenth of a sample outweighs what the input does in between.
     """
-    sides = [_fitted([shifted(present, one.rival, by)], base) for by in (-FINEST, FINEST)]
-    if not all(sides):
+    near = [_fitted([shifted(present, one.rival, by)], base) for by in (-FINEST, FINEST)]
+    if not all(near):
         return []
-    (before,), (after,) = sides
-    bend = before.gain - 2.0 * one.gain + after.gain
-    if not bend < 0.0:
-        return [before, after]
-    top = 0.5 * FINEST * (before.gain - after.gain) / bend
-    top = float(np.clip(top, -2.0 * FINEST, 2.0 * FINEST))
-    return [before, after, *_fitted([shifted(present, one.rival, top)], base)]
+    (before,), (after,) = near
+    found, bend = [before, after], before.gain - 2.0 * one.gain + after.gain
+    if bend < 0.0:
+        top = 0.5 * FINEST * (before.gain - after.gain) / bend
+        top = float(np.clip(top, -2.0 * FINEST, 2.0 * FINEST))
+        found += _fitted([shifted(present, one.rival, top)], base)
+    return [other for other in found if other.gain > one.gain + CLEARLY]
 
 
 def _lines_again(

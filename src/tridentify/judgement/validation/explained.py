@@ -12,14 +12,12 @@ from tridentify.estimation.answer.trace import FAR_LIKELIER
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.explain import (
+from tridentify.judgement.causes.explain import explain, moved, settle
+from tridentify.judgement.causes.explanation import (
     CLEARLY,
     NEARLY,
     Explanation,
     Explanations,
-    explain,
-    moved,
-    settle,
 )
 from tridentify.judgement.causes.fewer import unsure
 from tridentify.judgement.causes.lost import Place

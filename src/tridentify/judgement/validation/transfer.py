@@ -54,7 +54,7 @@ def carried_over(view: View, estimate: Estimate, noises: list[Array]) -> Transfe
         residuals.append(r / s)
         moves.append(d / s)
         freedom += own
-        expected[i], ratio[i], p_size[i] = _size(view, estimate, i, left, own)
+        expected[i], ratio[i], p_size[i] = _size(view, estimate, i, s, own)
     p_value = np.nan
     if view.has_errors and moves[0].shape[1]:
         u, d, _ = np.linalg.svd(np.vstack(moves), full_matrices=False)
@@ -68,13 +68,9 @@ def carried_over(view: View, estimate: Estimate, noises: list[Array]) -> Transfe
 
 
 def _size(
-    view: View, estimate: Estimate, i: int, innovations: Array, own: float
+    view: View, estimate: Estimate, i: int, s: float, own: float
 ) -> tuple[float, float, float]:
-    """Fit to be expected, size of the residual over that, and the p-value of the noise's size.
-
-    The mean square of ``n`` innovations has the variance ``s^4 (kurtosis - 1) / n``: theirs, which
-    are independent, and not that of coloured noise.
-    """
+    """Fit to be expected, size of the residual over that, and the p-value of the noise's size."""
     output = view.outputs[i]
     n = output.count
     joined = np.concatenate(output.residual)
@@ -91,11 +87,10 @@ def _size(
     ratio = float(np.sqrt(r @ r / energy)) if energy > 0 else np.nan
     # the innovations: of the estimate's noise model, and on this record
     before = variance / float(autocovariance(estimate.noise_model[i], 0)[0])
-    energy_here = float(innovations @ innovations)
-    if not (before > 0 and energy_here > 0):
+    if not (before > 0 and s > 0):
         return float(fit), ratio, 1.0
-    kurtosis = float(np.sum(innovations**4)) * n / energy_here**2
+    kurtosis = float(np.mean((r - r.mean()) ** 4) / np.mean((r - r.mean()) ** 2) ** 2)
     theirs = max(estimate.degrees_of_freedom / len(view.outputs), 1.0)
     spread = np.sqrt(max(kurtosis - 1.0, 0.5) * (1.0 / own + 1.0 / theirs))
-    z = np.log(energy_here / own / before) / spread
+    z = np.log(s**2 / before) / spread
     return float(fit), ratio, float(2.0 * ndtr(-abs(z)))

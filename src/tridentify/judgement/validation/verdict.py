@@ -9,7 +9,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, Severity, ranked
-from tridentify.judgement.causes.explain import Explanation, Explanations
+from tridentify.judgement.causes.explanation import Explanation, Explanations
 from tridentify.judgement.causes.feedback import Coming
 from tridentify.judgement.validation.evidence import Evidence
 from tridentify.judgement.validation.explained import (
