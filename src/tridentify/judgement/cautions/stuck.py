@@ -124,7 +124,9 @@ def without_spikes(y: Array) -> Array:
     seen = _finite(y)
     if not FEW_BEYOND * seen.size >= 1.0:
         return y
-    step = FAR_BEYOND * median_scale(np.diff(seen))
+    steps = np.diff(seen)
+    # at a limit there is none
+    step = FAR_BEYOND * median_scale(steps[steps != 0.0]) if steps.any() else 0.0
     few = int(FEW_BEYOND * seen.size)
     spiked = np.zeros(y.size, dtype=bool)
     for side in (1.0, -1.0):
