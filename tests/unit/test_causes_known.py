@@ -11,7 +11,8 @@ import pytest
 from tridentify import Record, Structure, TransferFunction, simulate
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.judgement.causes import explain as module
-from tridentify.judgement.causes.explain import Explanations, explain
+from tridentify.judgement.causes.explain import explain
+from tridentify.judgement.causes.explanation import Explanations
 from tridentify.judgement.causes.present import Present
 
 PLANT = TransferFunction([4.0], [1.0, 1.2, 4.0])

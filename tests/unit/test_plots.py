@@ -154,6 +154,15 @@ def test_bode_scale_follows_the_line_and_not_a_wild_band(single):
         assert np.ptp(ax.get_ylim()) < wildest
 
 
+def test_default_frequencies_begin_where_the_record_does(single):
+    slow = TransferFunction([2.0], np.polymul([1.0, 1e-6], [1.0, 3.0]))
+    estimate = dataclasses.replace(single.estimate, model=slow)
+    duration = estimate.n_samples * estimate.dt
+    low = float(default_frequencies(estimate)[0])
+    assert np.pi / duration / 10.0 < low < np.pi / duration
+    assert float(default_frequencies(estimate)[-1]) >= 10.0
+
+
 def test_default_frequencies_resolve_a_resonance(single):
     model = TransferFunction([1.0], [1.0, 0.002, 1.0])
     grid = default_frequencies(dataclasses.replace(single.estimate, model=model))

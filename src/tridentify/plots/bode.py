@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse
 from tridentify.judgement.comparison.entries import Models
 from tridentify.numerics.arrays import Array
@@ -112,6 +113,9 @@ def plot_bode(
 
 
 EXAMPLE = "plot_bode([one, other], omega)"
+
+BELOW = 3.0
+"""Ratio of half a turn in a whole record, the slowest that it shows, to where a picture begins."""
 
 
 def draw_magnitudes(
@@ -231,6 +235,9 @@ def _draw_behind(
 def default_frequencies(*models: Shown, n_points: int = 240) -> Array:
     """Logarithmic grid around poles and zeros of all models, finer at resonances.
 
+    It begins no lower than a little below what the longest record shows: where a pole of a plant
+    that all but integrates may lie says nothing of what was seen.
+
     Parameters
     ----------
     *models : Estimate or Line
@@ -251,6 +258,7 @@ def default_frequencies(*models: Shown, n_points: int = 240) -> Array:
     nyquist = max(np.pi / one.dt if one.dt else np.inf for one in models)
     centre = np.median(sizes) if sizes.size else 1.0
     low, high = np.min(sizes, initial=centre) / 10, np.max(sizes, initial=centre) * 10
+    low = max(low, min((_seen_from(one) for one in models), default=0.0))
     high = max(min(high, nyquist), low * 100)
     grid = [np.geomspace(low, high, n_points)]
     for root in roots[(roots.imag > 0) & (np.abs(roots.real) < 0.3 * np.abs(roots))]:
@@ -259,6 +267,16 @@ def default_frequencies(*models: Shown, n_points: int = 240) -> Array:
     union: Array = np.unique(np.concatenate(grid))
     inside: Array = union[(union >= low) & (union <= high)]
     return inside
+
+
+def _seen_from(model: Shown) -> float:
+    """Lowest frequency of a picture of an identified model [rad/s]; zero where nothing tells."""
+    estimate = model if isinstance(model, Estimate) else getattr(model, "estimate", None)
+    if estimate is None or not estimate.dt:
+        return 0.0
+    # experiments have about the same length, as far as an estimate knows
+    duration = estimate.n_samples * estimate.dt / max(len(estimate.nuisance), 1)
+    return float(np.pi / duration / BELOW)
 
 
 def _draw(

@@ -28,6 +28,7 @@ CODES: Mapping[str, str] = MappingProxyType(
         "missing-samples": "samples that are not there",
         "lost-rows": "rows that were lost without a trace in the time stamps",
         "another-system": "the record is not of the system that was identified",
+        "input-noise": "a recorded input carries noise that did not act",
         "intersample": "another behaviour of the input between its samples explains the record",
         "delay": "an input acts later than the model says",
         "feedback": "the input reacts to the output",

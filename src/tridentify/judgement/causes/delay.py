@@ -95,8 +95,7 @@ def _later(
 def neighbours(present: Present, rival: Rival) -> Iterator[Rival]:
     """Delays beside that of a rival: a step ahead promises little more than where to begin."""
     (part,) = rival.parts
-    moved = np.argwhere(part.delay != present.delay)
-    rows, columns = (tuple(np.unique(at).tolist()) for at in moved.T)
+    rows, columns = _moved(present, part)
     first = rows[0], columns[0]
     steps = (part.delay[first] - present.delay[first]) / present.step
     near = {steps - 0.5, steps - 0.25, steps + 0.25, steps + 0.5}
@@ -105,6 +104,34 @@ def neighbours(present: Present, rival: Rival) -> Iterator[Rival]:
         if other > 0:
             near_it = _rival(_later(present, rows, columns, other), rows, columns)
             yield replace(near_it, starts=rival.starts)
+
+
+def shifted(present: Present, rival: Rival, steps: float) -> Rival:
+    """A rival whose delay is some samples more, or less, whatever else it changes.
+
+    Parameters
+    ----------
+    present : Present
+    rival : Rival
+        With a delay that the present explanation does not have.
+    steps : float
+        Samples.
+    """
+    (part,) = rival.parts
+    rows, columns = _moved(present, part)
+    here, there = (_rival(one, rows, columns) for one in (part, _later(part, rows, columns, steps)))
+    return replace(
+        rival,
+        parts=there.parts,
+        what=rival.what.replace(here.what, there.what),
+        advice=rival.advice.replace(here.advice[1:], there.advice[1:]),
+    )
+
+
+def _moved(present: Present, part: Present) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Outputs and inputs between which a delay is another one."""
+    rows, columns = np.nonzero(part.delay != present.delay)
+    return tuple(np.unique(rows).tolist()), tuple(np.unique(columns).tolist())
 
 
 def _rival(later: Present, rows: tuple[int, ...], columns: tuple[int, ...]) -> Rival:

@@ -1,29 +1,32 @@
 """Which of the other explanations a record speaks for, each fitted before it is named.
 
-The rivals are compared by AICc, each with a noise model of its own. A cause that is tested early
-(`finding.CODES` has the order) may pass for a later one: a late input, a held one that was not
-held, or a cubic spring are all explained in part by more poles. More poles explain a little of
-everything, so that the best criterion is not enough: the first cause in that order is named whose
-rival gains the greater part of what the best one gains.
+The rivals are compared by AICc, each with a noise model of its own; which of them is named stands
+in `explanation`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
 
 from tridentify.errors import TridentifyError
-from tridentify.estimation.answer.finding import CODES
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.judgement.causes.attempt import ROUNDING, ROUNDS, Attempt, attempt, promise
-from tridentify.judgement.causes.delay import delay_rivals, neighbours
-from tridentify.judgement.causes.feedback import Coming, reacts
-from tridentify.judgement.causes.intersample import BEHAVIOURS, IN_WORDS, is_staircase
+from tridentify.judgement.causes.backlash import backlash_rivals, with_gap
+from tridentify.judgement.causes.both import both_rivals
+from tridentify.judgement.causes.delay import delay_rivals, neighbours, shifted
+from tridentify.judgement.causes.explanation import CLEARLY, Explanation, Explanations
+from tridentify.judgement.causes.feedback import reacts
+from tridentify.judgement.causes.intersample import (
+    BEHAVIOURS,
+    IN_WORDS,
+    is_staircase,
+)
 from tridentify.judgement.causes.lost import Place, lost_rival
 from tridentify.judgement.causes.present import Present
+from tridentify.judgement.causes.pulses import pulse_rivals
 from tridentify.judgement.causes.rivals import (
     Rival,
     drift_rivals,
@@ -39,145 +42,17 @@ from tridentify.numerics.information import aicc_price
 from tridentify.numerics.interpolation import FEWEST
 from tridentify.record.record import Record
 
-CLEARLY = 10.0
-"""Fall of AICc from which another explanation is worth a word: odds of 150 to 1."""
-
-MOST_OF_IT = 0.7
-"""Share of the best rival's gain from which an earlier cause is named in its place."""
-
-NEARLY = 0.8
-"""The same among rivals of one cause, of which the simplest is named."""
-
-AS_MUCH = 0.9
-"""Share of the best rival's gain from which an offset or a line is named before a bend or a change
-of the coefficients, which follow what is slow as well where the input is as slow or moves in a few
-places only."""
-
-ALONE = 0.5
-"""Share of the gain of lost rows that no other cause may reach: cuts in a record explain a little
-of everything that is not noise."""
-
-LEAST_SHARE = 0.005
-"""Share of the sum of squares below which a cause changes nothing that anyone could see."""
-
 LOST = 3.0
 """Fit [percent points] that a noise model may cost before it is not used to compare."""
-
-WORSE = 0.2
-"""Fall of the simulated fit [percent points] from which an explanation is none that anyone would
-use, whatever its likelihood on whitened samples."""
 
 SHARPER = 3
 """Times that a non-linearity is fitted anew, at most: each begins with a better output."""
 
+FINEST = 0.125
+"""Samples to either side of a delay at which its likelihood is looked at, to find the top of it."""
+
 FOLLOWED = 3
 """Rivals of one code that are fitted: those that promise most."""
-
-
-@dataclass(frozen=True, eq=False)
-class Explanation:
-    """A rival that was fitted.
-
-    Attributes
-    ----------
-    rival : Rival
-    attempts : tuple of Attempt
-        Where its parts ended.
-    gain : float
-        Fall of AICc against the present explanation.
-    share : float
-        By how much the sum of squares of the residual falls with it (0 to 1).
-    unknowns : int
-    """
-
-    rival: Rival
-    attempts: tuple[Attempt, ...]
-    gain: float
-    share: float
-    unknowns: int
-
-    @property
-    def is_clear(self) -> bool:
-        """Whether it gains enough to be worth a word."""
-        return self.gain > CLEARLY and self.share > LEAST_SHARE
-
-    def fits(self, base: Attempt) -> Array:
-        """(n_outputs,) NRMSE [percent] of one part, about the means of the records as they are."""
-        (end,) = self.attempts
-        if len(end.point.problem.experiments) == len(base.point.problem.experiments):
-            return end.fits
-        return np.asarray(100.0 * (1.0 - np.sqrt(end.raw_energy / base.spread)))
-
-
-@dataclass(frozen=True, eq=False)
-class Explanations:
-    """The present explanation, and the rivals that were fitted, the best first.
-
-    Attributes
-    ----------
-    present : Attempt
-    found : tuple of Explanation
-    reacts : tuple of Coming or None
-        Per output, what inputs to come explain where that is the cause: the input reacts.
-    asked : Present, optional
-        What all causes were tried on; None where only some were.
-    """
-
-    present: Attempt
-    found: tuple[Explanation, ...]
-    reacts: tuple[Coming | None, ...] = ()
-    asked: Present | None = None
-
-    @property
-    def named(self) -> Explanation | None:
-        """The first cause that makes the greater part of what can be gained.
-
-        Of several rivals of that cause, the one with fewest unknowns that gains nearly as much as
-        the best of them. None where the input reacts to the output.
-        """
-        return None if any(self.reacts) else self.best
-
-    @cached_property
-    def best(self) -> Explanation | None:
-        """The same, whatever the input does."""
-        clear = [
-            one
-            for one in self.found
-            if one.is_clear and not self._is_worse(one) and not self._is_shared(one)
-        ]
-        if not clear:
-            return None
-        enough = MOST_OF_IT * clear[0].gain
-        rank = list(CODES)
-        code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
-        if code in ("nonlinear", "varying") and any(
-            self._is_a_line(one, clear[0]) for one in clear
-        ):
-            code = "drift"
-        own = [one for one in clear if one.rival.code == code]
-        # a line is as plain as an offset: which of the two it is, the criterion says by itself
-        lines = [one.gain for one in own if one.rival.refits] if code == "drift" else []
-        least = max(lines, default=0.0) - CLEARLY
-        near = [one for one in own if one.gain >= max(NEARLY * own[0].gain, least)]
-        return min(near, key=lambda one: (one.unknowns, -one.gain))
-
-    def _is_a_line(self, one: Explanation, first: Explanation) -> bool:
-        """Whether an offset or a drift, to be estimated along, explains as much as the best."""
-        return one.rival.code == "drift" and one.rival.refits and one.gain >= AS_MUCH * first.gain
-
-    def _is_worse(self, one: Explanation) -> bool:
-        """Whether the simulated output of some channel is farther from the recorded one."""
-        if len(one.attempts) > 1:
-            return False
-        return bool(np.any(one.fits(self.present) < self.present.fits - WORSE))
-
-    def _is_shared(self, one: Explanation) -> bool:
-        """Whether rows seem lost where something else explains much of the same."""
-        if one.rival.code != "lost-rows":
-            return False
-        return any(
-            other.gain > ALONE * one.gain for other in self.found if other.rival.code != "lost-rows"
-        )
 
 
 def explain(
@@ -224,7 +99,10 @@ def explain(
     for code, rivals in _rivals(settled, fitted, only).items():
         if code not in skip:
             found += _fitted(rivals, base)
+    if only in ("", "nonlinear"):
+        found += _fitted(backlash_rivals(settled, fitted), base)
     found += _sharper(found, settled, base)
+    found += [] if only else _together(found, settled, base)
     found += _lines_again(found, settled, base)
     if only:
         return Explanations(base, tuple(sorted(found, key=lambda one: -one.gain)))
@@ -278,7 +156,9 @@ def settle(present: Present) -> Attempt | None:
 
 def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
     """The best non-linearity again, as a function of the outputs that it leads to itself."""
-    own = [one for one in found if one.rival.code == "nonlinear" and one.gain > CLEARLY]
+    n = present.records[0].n_inputs
+    bends = [one for one in found if one.rival.parts[0].records[0].n_inputs > n]
+    own = [one for one in bends if one.rival.code == "nonlinear" and one.gain > CLEARLY]
     better: list[Explanation] = []
     for _ in range(SHARPER if own else 0):
         best = max([*own, *better], key=lambda one: one.gain)
@@ -293,6 +173,50 @@ def _sharper(found: Sequence[Explanation], present: Present, base: Attempt) -> l
         if better[-1].gain < best.gain + CLEARLY:
             break
     return better
+
+
+def _together(found: Sequence[Explanation], present: Present, base: Attempt) -> list[Explanation]:
+    """Another behaviour between the samples and a delay at once, where either explains much."""
+    n = present.records[0].n_inputs
+    codes = ("intersample", "delay")
+    single = [one for one in found if one.rival.code in codes and one.rival.refits and one.is_clear]
+    lost = any(one.rival.code == "lost-rows" and one.is_clear for one in found)
+    if lost or not single or not any(one.rival.code == "delay" for one in found):
+        return []
+    behaviours = tuple(
+        one.rival
+        for one in found
+        if one.rival.code == "intersample" and one.rival.parts[0].records[0].n_inputs == n
+    )
+    both = _fitted(both_rivals(present, behaviours), base)
+    best = [
+        max(
+            (one for one in several if one.rival.code == code),
+            key=lambda one: one.gain,
+            default=None,
+        )
+        for several, code in ((found, "delay"), (both, "intersample"))
+    ]
+    clear = [one for one in best if one is not None and one.is_clear]
+    more = [new for one in clear for new in _finer(one, present, base)]
+    return [*both, *more]
+
+
+def _finer(one: Explanation, present: Present, base: Attempt) -> list[Explanation]:
+    """Delays beside one, to the top of the parabola through their gains.
+
+    Where there is little noise, a tenth of a sample outweighs what the input does in between.
+    """
+    near = [_fitted([shifted(present, one.rival, by)], base) for by in (-FINEST, FINEST)]
+    if not all(near):
+        return []
+    (before,), (after,) = near
+    found, bend = [before, after], before.gain - 2.0 * one.gain + after.gain
+    if bend < 0.0:
+        top = 0.5 * FINEST * (before.gain - after.gain) / bend
+        top = float(np.clip(top, -2.0 * FINEST, 2.0 * FINEST))
+        found += _fitted([shifted(present, one.rival, top)], base)
+    return [other for other in found if other.gain > one.gain + CLEARLY]
 
 
 def _lines_again(
@@ -321,6 +245,7 @@ def _rivals(present: Present, fitted: Sequence[Array], only: str) -> dict[str, l
     """Of every code but lost rows, or of one, those that promise most."""
     makers: tuple[tuple[tuple[str, ...], Callable[[], Iterable[Rival]]], ...] = (
         (("intersample",), lambda: _intersample_rivals(present)),
+        (("input-noise", "intersample"), lambda: pulse_rivals(present)),
         (("delay",), lambda: delay_rivals(present)),
         (("saturation",), lambda: saturation_rivals(present, fitted)),
         (("nonlinear",), lambda: nonlinear_rivals(present, fitted)),
@@ -378,6 +303,8 @@ def _attempted(rival: Rival) -> tuple[Attempt, ...] | None:
             return None
         if end is None:
             return None
+        if rival.gap is not None:
+            end = with_gap(end, rival.gap)
         found.append(end if rival.limits is None else with_limits(end, rival.limits))
     return tuple(found)
 

@@ -37,6 +37,10 @@ AFFINE = 1e-3
 noise of a measured input of two levels."""
 
 
+STICKS = 0.05
+"""Share of the usual speed below which dry friction holds what moves, and does not brake it."""
+
+
 @dataclass(frozen=True, eq=False)
 class Limits:
     """Between what one output stays.
@@ -62,6 +66,24 @@ class Limits:
 
 
 @dataclass(frozen=True, eq=False)
+class Gap:
+    """What one output is driven through.
+
+    Attributes
+    ----------
+    output : int
+    half : float
+        Half of the gap, in the unit of the output.
+    records : tuple of Record
+        As recorded; a rival is fitted to the motion before the gap.
+    """
+
+    output: int
+    half: float
+    records: tuple[Record, ...]
+
+
+@dataclass(frozen=True, eq=False)
 class Rival:
     """One explanation that may be tried.
 
@@ -84,6 +106,12 @@ class Rival:
         What choosing it among many costs beside its unknowns, in ``-2 log L``.
     times : tuple of float
         Instants that it names [s].
+    limits : Limits or None
+        Between what an output stays.
+    gap : Gap or None
+        What an output is driven through.
+    changes : int
+        Remedies that it takes together.
     """
 
     code: str
@@ -95,6 +123,8 @@ class Rival:
     price: float = 0.0
     times: tuple[float, ...] = ()
     limits: Limits | None = None
+    gap: Gap | None = None
+    changes: int = 1
 
 
 def one(code: str, present: Present, what: str, advice: str, *, refits: bool = True) -> Rival:
@@ -135,7 +165,7 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
             what = f"an {which} non-linearity in the output {name} (a stiffness, a level)"
             other = present.with_inputs(extra, "non-linear", 0)
             yield one("nonlinear", other, what, advice, refits=False)
-        extra = [np.sign(_smooth_slope(f[:, i])) for f in fitted]
+        extra = [_friction(_smooth_slope(f[:, i])) for f in fitted]
         what = f"dry friction against the movement of {name}"
         other = present.with_inputs(extra, "friction", min(1, present.order))
         yield one("nonlinear", other, what, advice, refits=False)
@@ -158,7 +188,14 @@ def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:
     if float(left @ left) < AFFINE**2 * float(bent @ bent):
         return None
     pieces = np.split(size**power * left, np.cumsum([one.size for one in signals])[:-1])
-    return [np.asarray(one) for one in pieces]
+    # a start from rest is one without a bend, too: no constant begins to act there
+    return [np.asarray(one - one[0]) for one in pieces]
+
+
+def _friction(speed: Array) -> Array:
+    """Against the motion, of one size; what stands still is held, by less."""
+    size = float(np.sqrt(np.mean(speed**2)))
+    return np.asarray(np.tanh(speed / (STICKS * size))) if size > 0.0 else np.zeros(speed.size)
 
 
 def _filled(values: Array) -> Array:

@@ -79,6 +79,23 @@ def with_limits(end: Attempt, limits: Limits) -> Attempt:
         limited[:, i] = np.clip(outputs[:, i], limits.low, limits.high)
         recorded.append(y)
         left.append(y - limited)
+    return replace(
+        end,
+        deviance=refitted_noise(end, left),
+        unknowns=end.unknowns + limits.count,
+        limited=Limited(tuple(recorded), tuple(left)),
+    )
+
+
+def refitted_noise(end: Attempt, left: Sequence[Array]) -> float:
+    """``-2 log L`` of what something behind the outputs leaves, by a noise model of its own.
+
+    Parameters
+    ----------
+    end : Attempt
+    left : sequence of (n_samples, n_outputs) arrays
+        Per experiment.
+    """
     total = 0.0
     noise = list(end.point.problem.noise)
     for k in range(end.point.problem.n_outputs):
@@ -86,12 +103,7 @@ def with_limits(end: Attempt, limits: Limits) -> Attempt:
         order = noise[k].size if noise else 0
         a = fit_autoregression(series, order, order) if order else np.zeros(0)
         total += deviance(series, a)
-    return replace(
-        end,
-        deviance=total,
-        unknowns=end.unknowns + limits.count,
-        limited=Limited(tuple(recorded), tuple(left)),
-    )
+    return total
 
 
 def levels(recorded: Array, fitted: Array) -> tuple[float, float]:

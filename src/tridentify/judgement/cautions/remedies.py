@@ -19,7 +19,7 @@ from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.estimation.likelihood.question import Question
 from tridentify.estimation.search.search import search
 from tridentify.judgement.causes.attempt import Attempt, attempt
-from tridentify.judgement.causes.explain import CLEARLY
+from tridentify.judgement.causes.explanation import CLEARLY
 from tridentify.judgement.causes.first_samples import Predictions
 from tridentify.judgement.causes.revisit import (
     poles_of_estimate,

@@ -31,7 +31,16 @@ from numpy.typing import NDArray
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.judgement.causes.first_samples import Predictions, beginning
-from tridentify.judgement.cautions.stuck import DITHER, EXACT, JUMP, Seen, fast, hanging, repeating
+from tridentify.judgement.cautions.stuck import (
+    DITHER,
+    EXACT,
+    JUMP,
+    Seen,
+    fast,
+    hanging,
+    repeating,
+    without_spikes,
+)
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import Runs, quantum, runs
 from tridentify.record.record import Record
@@ -141,7 +150,7 @@ def _seen(
     """What is seen of every output, with its name."""
     u = record.u
     for i, name in enumerate(record.output_names):
-        y, f = record.y[:, i], fitted[:, i]
+        y, f = without_spikes(record.y[:, i]), fitted[:, i]
         noise = math.sqrt(float(noise_variance[i]))
         if not noise > ROUNDING * float(np.sqrt(np.nanmean(y**2))):
             continue

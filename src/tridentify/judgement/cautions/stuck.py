@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from tridentify.estimation.answer.finding import Severity
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.converter import Runs
+from tridentify.numerics.converter import Runs, runs
+from tridentify.numerics.robust import median_scale
 
 Ints = NDArray[np.intp]
 
@@ -54,6 +55,13 @@ STATIC = 1e-6
 a file."""
 FEWEST_CHANGES = 8
 """Changes below which their common divisor is chance."""
+FEW_BEYOND = 0.01
+"""Share of the samples that may be spikes: more are a signal."""
+FAR_BEYOND = 10.0
+"""Usual steps from one sample to the next by which spikes are away from all others: no signal that
+goes on rising gets there in one."""
+LONGEST_SPIKE = 2
+"""Samples in a row that one spike may have."""
 CHANCE = 14.0
 """Log of one over the probability that all changes fall on multiples by chance: 1e-6."""
 
@@ -98,6 +106,38 @@ def rough(y: Array) -> float:
 
 def _finite(values: Array) -> Array:
     return values[np.isfinite(values)]
+
+
+def without_spikes(y: Array) -> Array:
+    """An output with what is far from all of its other values missing, where that is little.
+
+    A record that its sensor cuts off may have spikes all the same (of the transmission). Seen from
+    one of them the limit is a value like any other, and each stay there a sensor that hung.
+
+    Examples
+    --------
+    >>> y = np.clip(3.0 * np.sin(0.1 * np.arange(300.0)), -2.0, 2.0)
+    >>> y[150] = 9.0
+    >>> float(np.nanmax(without_spikes(y))), float(np.nanmin(without_spikes(y)))
+    (2.0, -2.0)
+    """
+    seen = _finite(y)
+    if not FEW_BEYOND * seen.size >= 1.0:
+        return y
+    steps = np.diff(seen)
+    # at a limit there is none
+    step = FAR_BEYOND * median_scale(steps[steps != 0.0]) if steps.any() else 0.0
+    few = int(FEW_BEYOND * seen.size)
+    spiked = np.zeros(y.size, dtype=bool)
+    for side in (1.0, -1.0):
+        far = np.sort(side * seen)[-few - 1 :]
+        gaps = np.flatnonzero(np.diff(far) > step)
+        if gaps.size and step > 0.0:
+            spiked |= side * y > far[gaps[0]]
+    together = runs(np.where(spiked, 1.0, np.nan))
+    if not spiked.any() or together.length.max(initial=0) > LONGEST_SPIKE:
+        return y
+    return np.where(spiked, np.nan, y)
 
 
 def hanging(

@@ -20,7 +20,8 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.judgement.causes.explain import CLEARLY, explain, settle
+from tridentify.judgement.causes.explain import explain, settle
+from tridentify.judgement.causes.explanation import CLEARLY
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.judgement.selection.result import SelectionRow

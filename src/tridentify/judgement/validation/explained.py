@@ -12,7 +12,13 @@ from tridentify.estimation.answer.trace import FAR_LIKELIER
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.nuisance import Nuisances
 from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.explain import Explanation, Explanations, explain, moved, settle
+from tridentify.judgement.causes.explain import explain, moved, settle
+from tridentify.judgement.causes.explanation import (
+    CLEARLY,
+    NEARLY,
+    Explanation,
+    Explanations,
+)
 from tridentify.judgement.causes.fewer import unsure
 from tridentify.judgement.causes.lost import Place
 from tridentify.judgement.causes.present import Present
@@ -26,6 +32,7 @@ WITHOUT_THEM = "Without them"
 
 HEADLINES = {
     "lost-rows": "rows were lost there",
+    "input-noise": "a recorded input carries noise that did not act",
     "intersample": "between its samples the input is not what it is taken for",
     "delay": "a delay is missing",
     "saturation": "a sensor or an actuator is at its limit",
@@ -205,6 +212,7 @@ def finding_of(
         return _order_low(found, base, estimate, outputs, where)
     verb = "explain" if rival.code == "lost-rows" else "explains"
     message = f"{where}: {HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
+    message += _not_told_from(found, explained)
     remedy, effect = rival.advice, _effect(found, base, estimate)
     if rival.code == "drift" and not rival.refits:
         remedy, brings = _about_slow(explained, estimate)
@@ -266,6 +274,35 @@ def raised(found: Explanation, base: Attempt) -> float:
 def follows_no_better(found: Explanation, base: Attempt) -> bool:
     """Whether a larger model explains the correlation of a residual alone, not the response."""
     return found.rival.code == "order-low" and raised(found, base) < RISES
+
+
+def of_sampling(found: Explanation) -> bool:
+    """Whether a cause is that the samples of pulses say little of what acted.
+
+    What its rough model leaves of the response to these looks like bends and changes, and is none.
+    """
+    code, refits = found.rival.code, found.rival.refits
+    return code == "input-noise" or (code == "intersample" and not refits)
+
+
+def _not_told_from(found: Explanation, explained: Explanations) -> str:
+    """Another bend, or a delay with another behaviour, that explains as much; empty for none."""
+    bends = found.rival.code == "nonlinear"
+    if not (bends or found.rival.code == "delay"):
+        return ""
+    others = ("nonlinear", "saturation") if bends else ("intersample",)
+    least = found.gain - CLEARLY if not bends else min(found.gain - CLEARLY, NEARLY * found.gain)
+    near = [
+        one
+        for one in explained.found
+        if one.rival.code in others and one.rival.what != found.rival.what and one.gain > least
+    ]
+    best = max(near, key=lambda one: one.gain, default=None)
+    if best is None:
+        return ""
+    more = f"AICc {'higher' if best.gain < found.gain else 'lower'} by "
+    more += f"{abs(found.gain - best.gain):.2g}"
+    return f" The record hardly tells it from {best.rival.what} ({more})."
 
 
 def _order_low(

@@ -48,7 +48,8 @@ def carried_over(view: View, estimate: Estimate, noises: list[Array]) -> Transfe
         d = d - rest @ (rest.T @ d)
         wide = span(d)
         left = r - wide @ (wide.T @ r)
-        own = max(output.count - rest.shape[1] - wide.shape[1], 1)
+        # the noise's coefficients were fitted to this record, as the estimate's to its own
+        own = max(output.count - rest.shape[1] - wide.shape[1] - a.size, 1)
         s = float(np.sqrt(left @ left / own))
         residuals.append(r / s)
         moves.append(d / s)

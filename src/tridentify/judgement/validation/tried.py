@@ -10,7 +10,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.explain import Explanation, Explanations
+from tridentify.judgement.causes.explanation import Explanation, Explanations
 from tridentify.judgement.causes.feedback import Inputs, Within, by_predictor, coming
 from tridentify.judgement.causes.intersample import is_staircase
 from tridentify.judgement.causes.lost import LEAST_PIECE, Place, jumps

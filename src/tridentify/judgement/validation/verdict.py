@@ -9,13 +9,14 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, Severity, ranked
-from tridentify.judgement.causes.explain import Explanation, Explanations
+from tridentify.judgement.causes.explanation import Explanation, Explanations
 from tridentify.judgement.causes.feedback import Coming
 from tridentify.judgement.validation.evidence import Evidence
 from tridentify.judgement.validation.explained import (
     drift_tried,
     finding_of,
     follows_no_better,
+    of_sampling,
     told_alone,
 )
 from tridentify.judgement.validation.likelihood_ratio import CALLED
@@ -161,7 +162,8 @@ def findings(
         left = dict(rejected)
         if (calling or beside.torn) and beside.named is not None:
             concerned.append((name, beside.torn or _where(one, own, calling)))
-            left = _left(rejected, name, beside.again[i], beside.named.rival.code)
+            again = None if of_sampling(beside.named) else beside.again[i]
+            left = _left(rejected, name, again, beside.named.rival.code)
             if beside.no_better:
                 # this model stays, and its standard errors do not allow for what is left
                 left |= {key: p for key, p in rejected.items() if key == ("white", name)}

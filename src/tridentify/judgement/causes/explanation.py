@@ -1,0 +1,207 @@
+"""Explanations that were fitted, and the rule that names one of them.
+
+A cause that is tested early (`finding.CODES` has the order) may pass for a later one: a late input,
+a held one that was not held, or a cubic spring are all explained in part by more poles. More poles
+explain a little of everything, so that the best criterion is not enough: the first cause in that
+order is named whose rival gains the greater part of what the best one gains.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from tridentify.estimation.answer.finding import CODES
+from tridentify.judgement.causes.attempt import Attempt
+from tridentify.judgement.causes.feedback import Coming
+from tridentify.judgement.causes.intersample import MATERIAL, MATERIAL_STAIRCASE, is_staircase
+from tridentify.judgement.causes.present import Present
+from tridentify.judgement.causes.rivals import Rival
+from tridentify.numerics.arrays import Array
+
+CLEARLY = 10.0
+"""Fall of AICc from which another explanation is worth a word: odds of 150 to 1."""
+
+MOST_OF_IT = 0.7
+"""Share of the best rival's gain from which an earlier cause is named in its place."""
+
+NEARLY = 0.8
+"""The same among rivals of one cause, of which the simplest is named."""
+
+AS_MUCH = 0.9
+"""Share of the best rival's gain from which an offset or a line is named before a bend or a change
+of the coefficients, which follow what is slow as well where the input is as slow or moves in a few
+places only."""
+
+ALONE = 0.5
+"""Share of the gain of lost rows that no other cause may reach: cuts in a record explain a little
+of everything that is not noise."""
+
+LEAST_SHARE = 0.005
+"""Share of the sum of squares below which a cause changes nothing that anyone could see."""
+
+WORSE = 0.2
+"""Fall of the simulated fit [percent points] from which an explanation is none that anyone would
+use, whatever its likelihood on whitened samples."""
+
+BENT = ("nonlinear", "varying")
+"""Causes that follow what is slow as well."""
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A rival that was fitted.
+
+    Attributes
+    ----------
+    rival : Rival
+    attempts : tuple of Attempt
+        Where its parts ended.
+    gain : float
+        Fall of AICc against the present explanation.
+    share : float
+        By how much the sum of squares of the residual falls with it (0 to 1).
+    unknowns : int
+    """
+
+    rival: Rival
+    attempts: tuple[Attempt, ...]
+    gain: float
+    share: float
+    unknowns: int
+
+    @property
+    def is_clear(self) -> bool:
+        """Whether it gains enough to be worth a word."""
+        return self.gain > CLEARLY and self.share > LEAST_SHARE
+
+    def fits(self, base: Attempt) -> Array:
+        """(n_outputs,) NRMSE [percent] of one part, about the means of the records as they are."""
+        (end,) = self.attempts
+        if len(end.point.problem.experiments) == len(base.point.problem.experiments):
+            return end.fits
+        return np.asarray(100.0 * (1.0 - np.sqrt(end.raw_energy / base.spread)))
+
+
+@dataclass(frozen=True, eq=False)
+class Explanations:
+    """The present explanation, and the rivals that were fitted, the best first.
+
+    Attributes
+    ----------
+    present : Attempt
+    found : tuple of Explanation
+    reacts : tuple of Coming or None
+        Per output, what inputs to come explain where that is the cause: the input reacts.
+    asked : Present, optional
+        What all causes were tried on; None where only some were.
+    """
+
+    present: Attempt
+    found: tuple[Explanation, ...]
+    reacts: tuple[Coming | None, ...] = ()
+    asked: Present | None = None
+
+    @property
+    def named(self) -> Explanation | None:
+        """The first cause that makes the greater part of what can be gained.
+
+        Of several rivals of that cause, the one with fewest unknowns that gains nearly as much as
+        the best of them. None where the input reacts to the output.
+        """
+        return None if any(self.reacts) else self.best
+
+    @cached_property
+    def best(self) -> Explanation | None:
+        """The same, whatever the input does."""
+        clear = [
+            one
+            for one in self.found
+            if one.is_clear
+            and not self._is_worse(one)
+            and not self._is_shared(one)
+            and not self._is_a_bend(one)
+            and not self._is_needless(one)
+        ]
+        if not clear:
+            return None
+        enough = MOST_OF_IT * clear[0].gain
+        rank = list(CODES)
+        code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
+        if code in BENT and self._is_slow(code, clear):
+            code = "drift"
+        if code == "intersample" and self._is_late(clear):
+            code = "delay"
+        own = [one for one in clear if one.rival.code == code]
+        # a line is as plain as an offset: which of the two it is, the criterion says by itself
+        lines = [one.gain for one in own if one.rival.refits] if code == "drift" else []
+        least = max(lines, default=0.0) - CLEARLY
+        near = [one for one in own if one.gain >= max(NEARLY * own[0].gain, least)]
+        if code == "nonlinear":
+            # what bends in another way is another cause, and not a simpler one
+            near = [one for one in near if one.rival.what == own[0].rival.what]
+        return min(near, key=lambda one: (one.unknowns, -one.gain))
+
+    def _is_slow(self, code: str, clear: Sequence[Explanation]) -> bool:
+        """Whether what is slow explains as much as a bend or a change of the coefficients.
+
+        An offset or a drift, to be estimated along; slow waves where they explain clearly more than
+        a bend.
+        """
+        bent = max(one.gain for one in clear if one.rival.code == code)
+        drifts = [one for one in clear if one.rival.code == "drift"]
+        lines = max((one.gain for one in drifts if one.rival.refits), default=-np.inf)
+        waves = max((one.gain for one in drifts if not one.rival.refits), default=-np.inf)
+        # a change that goes on is not one between two halves, and waves follow it
+        waves = waves if code == "nonlinear" else -np.inf
+        return bool(lines >= min(bent, AS_MUCH * clear[0].gain) or AS_MUCH * waves > bent)
+
+    def _is_late(self, clear: Sequence[Explanation]) -> bool:
+        """Whether a delay explains clearly more than any behaviour between the samples.
+
+        A delay of half a sample makes up for most of what lines have over steps, and lines for half
+        a sample of a longer delay: the better of the two is the cause.
+        """
+        between, late = (
+            max((one.gain for one in clear if one.rival.code == code), default=-np.inf)
+            for code in ("intersample", "delay")
+        )
+        return bool(AS_MUCH * late > between and late > between + CLEARLY)
+
+    def _is_worse(self, one: Explanation) -> bool:
+        """Whether the simulated output of some channel is farther from the recorded one."""
+        if len(one.attempts) > 1:
+            return False
+        return bool(np.any(one.fits(self.present) < self.present.fits - WORSE))
+
+    def _is_a_bend(self, one: Explanation) -> bool:
+        """Whether pulses have sizes of their own where a function of the input explains as much."""
+        if one.rival.code != "intersample" or one.rival.refits:
+            return False
+        bends = [other.gain for other in self.found if other.rival.code in ("nonlinear", "delay")]
+        return max(bends, default=0.0) > AS_MUCH * one.gain
+
+    def _is_needless(self, one: Explanation) -> bool:
+        """Whether two remedies together explain hardly more than one of them alone.
+
+        They have as many unknowns: the smallest change that explains the record is the one to make.
+        An input that repeats its values is held, whatever a likelihood leans to.
+        """
+        if one.rival.changes < 2:
+            return False
+        codes = ("intersample", "delay")
+        alone = [e.gain for e in self.found if e.rival.code in codes and e.rival.changes < 2]
+        most = max(alone, default=0.0)
+        material = MATERIAL_STAIRCASE if is_staircase(one.rival.parts[0].records) else MATERIAL
+        return one.gain < most + max(CLEARLY, material * self.present.count)
+
+    def _is_shared(self, one: Explanation) -> bool:
+        """Whether rows seem lost where something else explains much of the same."""
+        if one.rival.code != "lost-rows":
+            return False
+        return any(
+            other.gain > ALONE * one.gain for other in self.found if other.rival.code != "lost-rows"
+        )

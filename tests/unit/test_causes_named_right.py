@@ -1,0 +1,205 @@
+"""Causes that pass for one another: play and friction, pulses and bends, drifts and levels."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter, lsim
+
+from tridentify import Record, Structure, TransferFunction, identify, simulate
+from tridentify.judgement.causes.backlash import play
+from tridentify.judgement.causes.pulses import pulses
+from tridentify.judgement.cautions.stuck import without_spikes
+
+pytestmark = pytest.mark.judged
+
+
+def first_of(record, structure=None):
+    found = identify(record, structure or Structure(2, 0)).findings
+    return next((one for one in found if one.matters), None)
+
+
+def driven(kind, seed):
+    """A servo with play behind it, play before it, dry friction, or nothing."""
+    rng = np.random.default_rng(seed)
+    n, w, z = 800, rng.uniform(1.0, 8.0), rng.uniform(0.3, 1.2)
+    dt = 2.0 * np.pi / w / rng.uniform(20.0, 40.0)
+    u = np.repeat(rng.uniform(-1.0, 1.0, n // 16), 16)
+    acts = play(u, np.array([0.15]), np.nan)[:, 0] if kind == "before" else u
+    friction = 0.2 * w * w if kind == "friction" else 0.0
+    y, place, speed, h = np.zeros(n), 0.0, 0.0, dt / 20.0
+    for k in range(n):
+        y[k] = place
+        for _ in range(20):
+            slope = w * w * (acts[k] - place) - 2.0 * z * w * speed
+            slope -= friction * np.tanh(100.0 * speed / w)
+            place, speed = place + h * (speed + 0.5 * h * slope), speed + h * slope
+    if kind == "behind":
+        y = play(y, np.array([0.06 * np.ptp(y)]), 0.0)[:, 0]
+    return Record(u, y + 0.05 * np.std(y) * rng.standard_normal(n), dt=dt)
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("behind", "play of about"),
+        ("before", "play or dry friction of"),
+        ("friction", "dry friction"),
+        ("nothing", ""),
+    ],
+)
+@pytest.mark.parametrize(
+    "seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in range(2, 6))]
+)
+def test_play_is_told_from_friction(kind, said, seed):
+    found = first_of(driven(kind, seed))
+    if not said:
+        assert found is None
+    else:
+        assert found.code == "nonlinear"
+        assert said in found.message.split("The record hardly tells")[0]
+
+
+def test_play_moves_only_what_it_touches():
+    x = np.array([0.0, 1.0, 2.0, 1.8, 1.5, np.nan, 1.0, 2.5])
+    found = play(x, np.array([0.0, 0.5]), 0.0)
+    assert found[:, 0].tolist() == [0.0, 1.0, 2.0, 1.8, 1.5, 1.5, 1.0, 2.5]
+    assert found[:, 1].tolist() == [0.0, 0.5, 1.5, 1.5, 1.5, 1.5, 1.5, 2.0]
+
+
+def test_play_is_that_of_one_sample_after_the_other():
+    rng = np.random.default_rng(3)
+    x = np.cumsum(rng.standard_normal(500))
+    x[rng.integers(0, 500, 20)] = np.nan
+    widths = np.array([0.3, 2.0, 9.0])
+    here, slowly = np.zeros(3), []
+    for there in x:
+        if np.isfinite(there):
+            here = np.minimum(np.maximum(here, there - widths), there + widths)
+        slowly.append(here)
+    assert np.allclose(play(x, widths, 0.0), slowly)
+
+
+def struck(seed, size=0.3, blows=5):
+    """A mass on a spring struck by a hammer, whose force sensor has noise of its own."""
+    rng = np.random.default_rng(seed)
+    dt, over = 0.001, 10
+    t = np.arange(0.0, 3.0, dt / over)
+    force = np.zeros(t.size)
+    for k in range(blows):
+        begin = 2.8 * k / blows + rng.uniform(0.05, 0.25)
+        width, height = rng.uniform(0.004, 0.007), rng.uniform(100.0, 400.0)
+        on = (t >= begin) & (t < begin + width)
+        force[on] = height * np.sin(np.pi * (t[on] - begin) / width)
+    y = lsim(([0.5], [1.0, 2.0, 2500.0]), force, t)[1][::over]
+    u = force[::over] + size * rng.standard_normal(y.size)
+    return Record(u, y + 2e-5 * rng.standard_normal(y.size), dt=dt, intersample="auto")
+
+
+@pytest.mark.parametrize("seed", [0, *(pytest.param(k, marks=pytest.mark.slow) for k in (1, 2, 3))])
+def test_blows_of_a_hammer_are_no_bend(seed):
+    codes = [one.code for one in identify(struck(seed), Structure(2, 0)).findings if one.matters]
+    assert "nonlinear" not in codes
+    assert codes[0] in ("input-noise", "intersample")
+
+
+def test_noise_of_an_input_at_rest_is_named():
+    found = first_of(struck(1, size=1.0))
+    assert found.code == "input-noise"
+    assert "stands still between its pulses" in found.message
+
+
+def test_a_bend_of_blows_is_still_named():
+    rng = np.random.default_rng(5)
+    u = np.zeros(1500)
+    for k, height in enumerate(rng.uniform(1.0, 4.0, 14)):
+        u[50 + 100 * k : 58 + 100 * k] = height
+    acts = u + 0.3 * u**2
+    y = simulate(TransferFunction([9.0], [1.0, 1.2, 9.0]), Record(acts, acts, dt=0.05))[:, 0]
+    found = first_of(Record(u, y + 0.01 * np.std(y) * rng.standard_normal(1500), dt=0.05))
+    assert found.code == "nonlinear"
+    assert "even" in found.message
+
+
+def test_steps_and_noise_are_no_pulses():
+    rng = np.random.default_rng(0)
+    assert pulses(np.repeat([0.0, 1.0, 0.0], 50)) == []
+    assert pulses(rng.standard_normal(500)) == []
+
+
+def test_ambient_drift_of_an_oven_is_named_before_a_bend():
+    """Two steps of the heater and a swing of the air around, slower than the record."""
+    rng = np.random.default_rng(8)
+    t = np.arange(0.0, 5400.0, 10.0)
+    u = np.where(t < 300.0, 0.0, np.where(t < 2700.0, 40.0, 60.0))
+    plant = TransferFunction([2.5 / 24000.0], [1.0, 1.0 / 600.0 + 1.0 / 40.0, 1.0 / 24000.0])
+    y = simulate(plant, Record(u, u, dt=10.0))[:, 0] + 22.0
+    y += 1.2 * np.sin(2.0 * np.pi * t / 14000.0) + 0.15 * rng.standard_normal(t.size)
+    found = first_of(Record(u, np.round(y, 1), dt=10.0))
+    assert found.code == "drift"
+    assert "Estimate a drift along" in found.remedy
+
+
+def clipped(seed, spikes=4):
+    """A sensor at its limits, and some samples that the transmission spoilt."""
+    rng = np.random.default_rng(seed)
+    u = np.repeat(rng.uniform(-2.0, 2.0, 30), 20)
+    y = simulate(TransferFunction([6.0], [1.0, 1.4, 4.0]), Record(u, u, dt=0.05))[:, 0]
+    y = np.clip(y + 1.0 + 0.03 * rng.standard_normal(600), -2.5, 2.5)
+    y[rng.integers(0, 600, spikes)] += 9.0
+    return Record(u, y, dt=0.05)
+
+
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("spikes", [1, 4])
+def test_a_spike_makes_no_hung_sensor_of_a_limit(seed, spikes):
+    codes = [
+        one.code
+        for one in identify(clipped(seed, spikes), Structure(2, 0)).findings
+        if one.severity == "error"
+    ]
+    assert codes[0] == "saturation"
+    assert "stuck-sensor" not in codes
+
+
+def test_a_signal_has_no_spikes():
+    y = np.sin(0.1 * np.arange(300.0))
+    assert without_spikes(y) is y
+    y[::7] += 5.0
+    assert np.isfinite(without_spikes(y)).all()
+
+
+def late(seed, joined, noise):
+    """An input with a delay, joined by lines or held; taken as held and without a delay."""
+    rng = np.random.default_rng(seed)
+    n, w, fine = 700, 3.0, 10
+    dt = 2.0 * np.pi / w / 20.0
+    if joined:
+        knots = lfilter([0.7], [1.0, -0.3], rng.standard_normal(n + 1))
+        u = np.interp(np.arange(n * fine) / fine, np.arange(n + 1), knots)
+    else:
+        u = np.repeat(np.repeat(rng.choice([-1.0, 0.0, 1.0], n // 7), 7), fine)
+    acts = np.concatenate([np.zeros(34), u])[: u.size]
+    plant = TransferFunction([w * w], [1.0, w, w * w])
+    y = simulate(plant, Record(acts, acts, dt=dt / fine))[::fine, 0]
+    return Record(u[::fine], y + noise * np.std(y) * rng.standard_normal(n), dt=dt)
+
+
+def test_a_delay_and_another_behaviour_are_named_together():
+    found = first_of(late(1, True, 0.004))
+    assert found.code == "intersample"
+    assert "foh) together with a delay" in found.message
+    assert "intersample='foh'" in found.remedy
+    assert "state the delay" in found.remedy
+
+
+def test_a_delay_alone_is_named_alone():
+    found = first_of(late(1, False, 0.004))
+    assert found.code == "delay"
+    assert "together" not in found.message
+
+
+def test_what_the_record_does_not_tell_is_said():
+    found = first_of(late(1, True, 0.1))
+    assert found.code == "delay"
+    assert "hardly tells it from an input that is" in found.message
