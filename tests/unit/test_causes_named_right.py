@@ -203,3 +203,16 @@ def test_what_the_record_does_not_tell_is_said():
     found = first_of(late(1, True, 0.1))
     assert found.code == "delay"
     assert "hardly tells it from an input that is" in found.message
+
+
+@pytest.mark.parametrize(("zeros", "free"), [(0, True), (2, False)])
+def test_a_delay_is_to_be_estimated_only_where_it_can_be(zeros, free):
+    rng = np.random.default_rng(3)
+    u = np.repeat(rng.uniform(-1.0, 1.0, 150), 4)
+    plant = TransferFunction([0.8, 0.0, 0.0] if zeros else [4.0], [1.0, 1.2, 4.0])
+    late = Record(np.r_[np.zeros(6), u[:-6]], np.zeros(600), dt=0.1, intersample="zoh")
+    y = simulate(plant, late)
+    record = Record(u, y + 0.02 * rng.standard_normal(y.shape), dt=0.1, intersample="zoh")
+    found = first_of(record, Structure(2, zeros))
+    assert found.code == "delay"
+    assert ("delay='free'" in found.remedy) is free

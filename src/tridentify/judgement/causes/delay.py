@@ -12,6 +12,7 @@ from tridentify.judgement.causes.attempt import Attempt, attempt
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
 from tridentify.numerics.arrays import Complex
+from tridentify.structure import Structure
 
 GROWTH = 1.6
 """Ratio of neighbouring delays of the first search: a model half an octave late still moves toward
@@ -143,5 +144,16 @@ def _rival(later: Present, rows: tuple[int, ...], columns: tuple[int, ...]) -> R
         "delay",
         later,
         f"a delay of about {total:.3g} s of {where}",
-        f"State the delay (delay={total:.3g}; --delay), or have it estimated (delay='free').",
+        f"State the delay (delay={total:.3g}; --delay){_estimated(later)}.",
     )
+
+
+def _estimated(later: Present) -> str:
+    """That the delay can be estimated, where it can: not beside a direct part."""
+    poles = Structure(later.order, later.zeros).poles_matrix(*later.delay.shape)
+    direct = any(
+        m == n
+        for row, line in zip(poles, later.zeros, strict=True)
+        for n, m in zip(row, line, strict=True)
+    )
+    return "" if direct else ", or have it estimated (delay='free')"
