@@ -167,7 +167,7 @@ def _heighten(ax: Axes, height: float) -> None:
 
 
 def _legend(ax: Axes, title: str) -> int:
-    """In the corner while it is small, else above the axes; lines that it takes there."""
+    """In a corner that is empty while it is small, else above the axes; lines it takes there."""
     labels = ax.get_legend_handles_labels()[1]
     longest = max(map(len, labels), default=0)
     small = len(labels) <= 2 and longest <= 24
@@ -179,8 +179,8 @@ def _legend(ax: Axes, title: str) -> int:
         framealpha=0.8,
         edgecolor="none",
         alignment="center" if small else "left",
-        loc="upper right" if small else "lower right",
-        bbox_to_anchor=(1.0, 1.0 if small else 1.04),
+        loc="best" if small else "lower right",
+        bbox_to_anchor=None if small else (1.0, 1.04),
         borderaxespad=0.2,
         ncols=columns,
         columnspacing=1.4,
