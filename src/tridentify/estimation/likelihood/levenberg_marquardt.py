@@ -14,7 +14,8 @@ import numpy as np
 from tridentify.estimation.answer.estimate import Pass, Status, Step
 from tridentify.estimation.likelihood.bend import bend_of
 from tridentify.estimation.likelihood.cost import Point
-from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, Problem
+from tridentify.estimation.likelihood.held_poles import at_slow_limit
+from tridentify.estimation.likelihood.problem import REFLECTED, TOO_FAST, TOO_SLOW, Problem
 from tridentify.estimation.likelihood.step import Bend
 from tridentify.estimation.likelihood.thresholds import (
     IDLE,
@@ -229,6 +230,9 @@ def finishing(
     if left < NEARLY_SETTLED:
         return point, Status.CONVERGED, f"a further step would lower -2 log L by {left:.1e}"
     if idle > 2 or damping > 1e8:
+        if at_slow_limit(point.poles, problem.slowest).any():
+            # rounding hides what is left of the slope where a pole is all but zero
+            return point, Status.AT_STABILITY_LIMIT, TOO_SLOW
         return point, Status.STALLED, "no further step lowers the cost"
     return point, Status.MAX_PASSES, f"{most} steps on the output error"
 

@@ -27,6 +27,7 @@ from tridentify.estimation.posterior.mean import (
     Posterior,
     Vague,
     is_short,
+    is_slower_than_assumed,
     posterior,
     vaguest,
 )
@@ -50,6 +51,10 @@ BETWEEN = (
 CONTRADICTED = (
     "the likelihood's maximum: the posterior weighs models by the likelihood, which the scatter "
     "of the scores contradicts"
+)
+SLOW = (
+    "the likelihood's maximum: the record sees a pole that is slower than one over its length, "
+    "which the posterior's prior leaves out"
 )
 NOT_ROBUST = "the maximum of the robust likelihood: the posterior mean is for squared loss"
 LOST = 0.5
@@ -116,6 +121,9 @@ def weigh(
     known = vague is not None and vague.share < LOST
     if finish == "auto" and sound and known and scatter is not None:
         return best.told(CONTRADICTED)
+    slow = cov is not None and is_slower_than_assumed(best.point.poles, cov, longest)
+    if finish == "auto" and sound and known and slow:
+        return best.told(SLOW)
     say("the posterior, as the record leaves coefficients open")
     found = posterior(problem, [(best.point.poles, cov)])
     if not found.usable:

@@ -23,6 +23,7 @@ above a tenth of its natural size, ``max(c, sqrt d, 1/T)`` and its square. Both 
 within a fraction of a standard error. Elsewhere, and where the search ended at a limit, the
 posterior decides. Where a usable maximum explains the record far better than the mean, the likely
 models lie on a curve and their mean beside it (little noise, needless poles): the maximum is kept.
+So it is where the record sees a pole slower than the prior assumes: plants that integrate.
 
 *Uncertainty.* Intervals are quantiles of posterior draws. A volume prior of Jeffreys' kind makes
 them cover as stated to first order (Welch & Peers 1963). The standard error shown is half the
@@ -52,7 +53,7 @@ from tridentify.estimation.posterior.sampling import (
     resample,
     sample,
 )
-from tridentify.estimation.posterior.surface import Surface, surface, unit_of
+from tridentify.estimation.posterior.surface import SLOWEST, Surface, surface, unit_of
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles
 from tridentify.numerics.root_draws import stacked_roots
@@ -89,6 +90,8 @@ SPREAD = (0.02, 1.0)
 search."""
 DIFFERENCE = 1e-6
 """Step of central differences of a logarithm: near the cube root of rounding."""
+SURE = 2.0
+"""Standard errors between a pole and what the record excludes."""
 NORMAL = NormalDist()
 
 
@@ -157,6 +160,38 @@ class Vague:
     quantity: str
 
 
+@dataclass(frozen=True)
+class _Seen:
+    """A section ``p^2 + c p + d``, or a factor ``p + d`` (``c`` is zero), with standard errors."""
+
+    c: float
+    d: float
+    std_c: float
+    std_d: float
+    pair: bool
+
+
+def _seen(poles: Complex, cov: Array) -> list[_Seen]:
+    """Sections with what the covariance (n, n) of ``a_{n-1} .. a_0`` says of them."""
+    phi = coordinates(poles)
+    inverse = _phi_of_a(phi)
+    spread = inverse @ cov @ inverse.T
+    n = phi.size
+    found = []
+    for i in range(n // 2):
+        w, zeta = float(np.exp(phi[2 * i])), float(np.exp(phi[2 * i + 1]))
+        c, d = 2.0 * zeta * w, w * w
+        own = spread[2 * i : 2 * i + 2, 2 * i : 2 * i + 2]
+        std_c = c * float(np.sqrt(max(own.sum(), 0.0)))
+        std_d = 2.0 * d * float(np.sqrt(max(own[0, 0], 0.0)))
+        found.append(_Seen(c, d, std_c, std_d, True))
+    if n % 2:
+        rate = float(np.exp(phi[-1]))
+        std = rate * float(np.sqrt(max(spread[-1, -1], 0.0)))
+        found.append(_Seen(0.0, rate, 0.0, std, False))
+    return found
+
+
 def vaguest(poles: Complex, cov: Array, longest: float) -> Vague:
     """The section whose coefficient has the largest standard error over its natural size.
 
@@ -168,25 +203,42 @@ def vaguest(poles: Complex, cov: Array, longest: float) -> Vague:
     longest : float
         Length of the record [s].
     """
-    phi = coordinates(poles)
-    inverse = _phi_of_a(phi)
-    spread = inverse @ cov @ inverse.T
-    n = phi.size
     found = []
-    for i in range(n // 2):
-        w, zeta = float(np.exp(phi[2 * i])), float(np.exp(phi[2 * i + 1]))
-        c, d = 2.0 * zeta * w, w * w
-        own = spread[2 * i : 2 * i + 2, 2 * i : 2 * i + 2]
-        std_c = c * np.sqrt(max(own.sum(), 0.0))
-        std_d = 2.0 * d * np.sqrt(max(own[0, 0], 0.0))
-        found.append(Vague(float(std_c) / max(c, w, 1.0 / longest), w, "sum"))
-        size = max(d, c / longest, 1.0 / longest**2)
-        found.append(Vague(float(std_d) / size, w, "product"))
-    if n % 2:
-        rate = float(np.exp(phi[-1]))
-        std = rate * np.sqrt(max(spread[-1, -1], 0.0))
-        found.append(Vague(float(std) / max(rate, 1.0 / longest), rate, "rate"))
+    for one in _seen(poles, cov):
+        if not one.pair:
+            found.append(Vague(one.std_d / max(one.d, 1.0 / longest), one.d, "rate"))
+            continue
+        w = float(np.sqrt(one.d))
+        found.append(Vague(one.std_c / max(one.c, w, 1.0 / longest), w, "sum"))
+        size = max(one.d, one.c / longest, 1.0 / longest**2)
+        found.append(Vague(one.std_d / size, w, "product"))
     return max(found, key=lambda one: one.share)
+
+
+def is_slower_than_assumed(poles: Complex, cov: Array, longest: float) -> bool:
+    """Whether the record sees a pole where the prior says that there is none.
+
+    The prior takes the slowest pole for faster than one over the record's length. Plants that
+    integrate have one at zero: where the likelihood excludes (by two standard errors) that it is
+    any faster, the mean would be the prior's word against the record's.
+
+    Parameters
+    ----------
+    poles, cov, longest
+        As of `vaguest`.
+
+    Examples
+    --------
+    >>> is_slower_than_assumed(np.array([-1e-4 + 0j]), np.array([[0.01]]), 20.0)
+    False
+    >>> is_slower_than_assumed(np.array([-1e-4 + 0j]), np.array([[1e-4]]), 20.0)
+    True
+    """
+    edge = SLOWEST / longest
+    return any(
+        one.d + SURE * one.std_d < (edge * max(one.c, edge) if one.pair else edge)
+        for one in _seen(poles, cov)
+    )
 
 
 def vagueness(poles: Complex, cov: Array, longest: float) -> float:
