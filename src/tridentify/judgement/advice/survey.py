@@ -401,8 +401,8 @@ def _of_delay(seen: DelaySeen) -> Finding:
         "note",
         f"{seen.output} answers {seen.input} after {seen.text}: a delay, or several fast lags in "
         "series.",
-        f"State it if it is known (delay={seen.value:.3g}), or have it estimated (delay='free', "
-        "--delay free).",
+        f"State a delay that is known (delay={seen.value:.3g}); else compare orders, with delays "
+        "among them (select_structure; tridentify select): lags in series are poles.",
         (seen.output,),
         effect=f"-2 log L is {seen.fall:.3g} lower than without.",
     )

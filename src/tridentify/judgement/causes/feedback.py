@@ -33,6 +33,7 @@ from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt
+from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
@@ -165,8 +166,9 @@ def reacts(
     found: list[Coming | None] = [None] * n_outputs
     if inputs.commanded:
         return found
+    direct = inputs.held and has_direct_part(records)
     for i in range(n_outputs):
-        within = Within.of(point, inputs, i)
+        within = Within.of(point, inputs, i, direct=direct)
         seen = _left_by(point, i, inputs, within)
         seen = seen if seen.is_clear else by_predictor(inputs, i, within.guard)
         if not seen.is_clear:
@@ -203,11 +205,11 @@ class Within(NamedTuple):
     soon: Array
 
     @classmethod
-    def of(cls, point: Point, inputs: Inputs, output: int) -> Within:
-        """By the model at a point."""
+    def of(cls, point: Point, inputs: Inputs, output: int, *, direct: bool = False) -> Within:
+        """By the model at a point, or with the direct part that the records show."""
         problem = point.problem
         orders = {pair: group.order for group in problem.groups for pair in group.channels}
-        proper = any(problem.n_zeros[i][j] == order for (i, j), order in orders.items())
+        proper = direct or any(problem.n_zeros[i][j] == order for (i, j), order in orders.items())
         if inputs.held:
             return cls(int(proper), np.zeros(0))
         if proper or any(record.dt is None for record in inputs.records):

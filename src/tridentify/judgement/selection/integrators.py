@@ -20,8 +20,12 @@ from tridentify.judgement.selection.soundness import slowest_decay
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
-MOST = 2
-"""Rows that are added: each costs a search of its own."""
+FIRST = 2
+"""The smallest rows, which are always added: each costs a search of its own."""
+FURTHER = 2
+"""Larger rows that are added at most."""
+HALF = 0.5
+"""Share of what smaller rows leave unexplained below which a larger one is worth a search."""
 LENGTHS = 1.0
 """Decay over the record [nepers] of a pole that may stand for an integrator: its time constant is
 longer than the record."""
@@ -53,9 +57,26 @@ def integrating(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list
             continue
         assert row.estimate is not None
         if slowest_decay(row.estimate, longest) < LENGTHS:
-            found.append(_at_zero(row.structure))
-    kept = [one for one in found if one is not None]
-    return sorted(kept, key=lambda one: (one.common_poles, str(one.zeros)))[:MOST]
+            found.append((_at_zero(row.structure), _left(row)))
+    kept = [(one, left) for one, left in found if one is not None]
+    return _few(sorted(kept, key=lambda pair: (pair[0].common_poles, str(pair[0].zeros))))
+
+
+def _few(found: Sequence[tuple[Structure, float]]) -> list[Structure]:
+    """The smallest, and larger ones that explain far more than all before them.
+
+    Examples
+    --------
+    >>> sizes = [(1, 0), (2, 0), (2, 1), (3, 0)]
+    >>> rows = [(Structure(*one), left) for one, left in zip(sizes, (9.0, 6.0, 5.0, 1.0))]
+    >>> [(one.poles, one.zeros) for one in _few(rows)]
+    [(1, 0), (2, 0), (3, 0)]
+    """
+    kept = list(found[:FIRST])
+    for one, left in found[FIRST:]:
+        if len(kept) < FIRST + FURTHER and left < HALF * min(own for _, own in kept):
+            kept.append((one, left))
+    return [one for one, _ in kept]
 
 
 def _of_use(rows: Sequence[SelectionRow]) -> float:
@@ -68,6 +89,11 @@ def _of_use(rows: Sequence[SelectionRow]) -> float:
 
 def _held_out(row: SelectionRow) -> float:
     return float(row.cross_fit.min(initial=math.inf)) if row.cross_fit.size else -math.inf
+
+
+def _left(row: SelectionRow) -> float:
+    """What a row leaves of samples that it has not seen [percent of the output's size]."""
+    return 100.0 - _held_out(row)
 
 
 def _at_zero(structure: Structure) -> Structure | None:
