@@ -38,8 +38,8 @@ Zeros = Annotated[
     options.model_option(
         metavar="A:B",
         help="Numbers of zeros to try: a range, one number, or all (every number below that of "
-        "the poles; as many, too, where the output follows the input at once, and a pole at zero where "
-        "it integrates). A range takes in as many zeros as poles where it reaches so far.",
+        "the poles; as many, too, where the output follows the input at once, and a pole at zero "
+        "where it integrates). A range takes in as many zeros as poles where it reaches so far.",
     ),
 ]
 Jobs = Annotated[
