@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from tridentify.errors import TridentifyError
 from tridentify.judgement.selection.orders import INTEGRATOR
@@ -22,10 +23,10 @@ from tridentify.structure import Structure
 
 FIRST = 2
 """The smallest rows, which are always added: each costs a search of its own."""
-FURTHER = 2
-"""Larger rows that are added at most."""
-HALF = 0.5
-"""Share of what smaller rows leave unexplained below which a larger one is worth a search."""
+CLEARLY = 10.0
+"""Fall of BIC from which a larger row is worth a search as well."""
+NEARLY = 1.1
+"""Of what the likeliest of the larger rows leaves, the part at which a smaller one will do."""
 LENGTHS = 1.0
 """Decay over the record [nepers] of a pole that may stand for an integrator: its time constant is
 longer than the record."""
@@ -56,27 +57,36 @@ def integrating(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list
         if not able or _held_out(row) < enough:
             continue
         assert row.estimate is not None
-        if slowest_decay(row.estimate, longest) < LENGTHS:
-            found.append((_at_zero(row.structure), _left(row)))
-    kept = [(one, left) for one, left in found if one is not None]
-    return _few(sorted(kept, key=lambda pair: (pair[0].common_poles, str(pair[0].zeros))))
+        held = _at_zero(row.structure)
+        if held is not None and slowest_decay(row.estimate, longest) < LENGTHS:
+            found.append(_Slow(held, row.bic, 100.0 - _held_out(row)))
+    return _few(sorted(found, key=lambda one: (one.held.common_poles, str(one.held.zeros))))
 
 
-def _few(found: Sequence[tuple[Structure, float]]) -> list[Structure]:
-    """The smallest, and larger ones that explain far more than all before them.
+class _Slow(NamedTuple):
+    """A row with its pole held at zero, its BIC and what it leaves of held-out samples [%]."""
+
+    held: Structure
+    bic: float
+    left: float
+
+
+def _few(found: Sequence[_Slow]) -> list[Structure]:
+    """The smallest ones, and larger ones that explain clearly more.
 
     Examples
     --------
-    >>> sizes = [(1, 0), (2, 0), (2, 1), (3, 0)]
-    >>> rows = [(Structure(*one), left) for one, left in zip(sizes, (9.0, 6.0, 5.0, 1.0))]
+    >>> sizes, bic, left = [(1, 0), (2, 0), (3, 0), (4, 1)], (90, 70, 31, 30), (9.0, 6.0, 1.0, 1.0)
+    >>> rows = [_Slow(Structure(*n), b, e) for n, b, e in zip(sizes, bic, left, strict=True)]
     >>> [(one.poles, one.zeros) for one in _few(rows)]
-    [(1, 0), (2, 0), (3, 0)]
+    [(1, 0), (2, 0), (3, 0), (4, 1)]
     """
-    kept = list(found[:FIRST])
-    for one, left in found[FIRST:]:
-        if len(kept) < FIRST + FURTHER and left < HALF * min(own for _, own in kept):
-            kept.append((one, left))
-    return [one for one, _ in kept]
+    kept, rest = list(found[:FIRST]), list(found[FIRST:])
+    likeliest = min(rest, key=lambda one: one.bic, default=None)
+    if likeliest is not None and likeliest.bic < min(one.bic for one in kept) - CLEARLY:
+        enough = next(one for one in rest if one.left <= NEARLY * likeliest.left)
+        kept += [enough, likeliest] if enough is not likeliest else [likeliest]
+    return [one.held for one in kept]
 
 
 def _of_use(rows: Sequence[SelectionRow]) -> float:
@@ -89,11 +99,6 @@ def _of_use(rows: Sequence[SelectionRow]) -> float:
 
 def _held_out(row: SelectionRow) -> float:
     return float(row.cross_fit.min(initial=math.inf)) if row.cross_fit.size else -math.inf
-
-
-def _left(row: SelectionRow) -> float:
-    """What a row leaves of samples that it has not seen [percent of the output's size]."""
-    return 100.0 - _held_out(row)
 
 
 def _at_zero(structure: Structure) -> Structure | None:
