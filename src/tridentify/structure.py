@@ -170,7 +170,8 @@ class Structure:
         ----------
         max_poles : int
             Most poles that are tried, with one denominator for all channels and every number of
-            zeros below that of the poles.
+            zeros below that of the poles; as many zeros as poles too, where an output follows an
+            input at once.
         delay, offset, drift, initial_state
             As for a `Structure`; of all candidates.
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.random import default_rng
+from scipy.linalg import expm
 
 from oracles import by_exponential
 from tridentify import Record, Structure, select_structure
@@ -90,3 +91,29 @@ def test_a_constant_error_of_the_input_is_no_obstacle_to_a_pole_at_zero():
     assert chosen.fit[0] > 97.0
     assert chosen.estimate.structure.drift
     assert chosen.estimate.parameters["a1"].value == pytest.approx(2.0, rel=0.05)
+
+
+def hydraulic(seed: int, n: int = 600) -> Record:
+    """A valve, a spring of oil and a position, held by a controller; the set point is not there."""
+    rng = default_rng([91, seed])
+    step, gain = 0.005, 8.0
+    goal = np.repeat(rng.uniform(-0.1, 0.1, n // 50), 50)
+    system = np.zeros((4, 4))
+    system[:3, :3] = [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, -3600.0, -36.0]]
+    system[2, 3] = 4320.0
+    moves = expm(step * system)
+    state, u, y = np.zeros(3), np.zeros(n), np.zeros(n)
+    for k in range(n):
+        y[k] = state[0] + 2e-4 * rng.standard_normal()
+        u[k] = gain * (goal[k] - y[k])
+        state = moves[:3, :3] @ state + moves[:3, 3] * u[k]
+    return Record(u, y, dt=step, intersample="auto")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2))
+def test_a_larger_candidate_gets_its_integrator_too(seed):
+    found = select_structure(hydraulic(seed))
+    assert found.recommended.label == "3, 0, integrator"
+    # held, which zeros would make good
+    assert "held" in " ".join(found.all_notes())

@@ -38,8 +38,8 @@ Zeros = Annotated[
     options.model_option(
         metavar="A:B",
         help="Numbers of zeros to try: a range, one number, or all (every number below that of "
-        "the poles; as many, too, where the output jumps with the input, and a pole at zero where "
-        "it integrates). A range takes in as many zeros as poles where it reaches so far.",
+        "the poles; as many, too, where the output follows the input at once, and a pole at zero "
+        "where it integrates). A range takes in as many zeros as poles where it reaches so far.",
     ),
 ]
 Jobs = Annotated[
@@ -154,7 +154,7 @@ def candidates_from(poles: str, zeros: str, template: Structure) -> list[Structu
 def _with_direct_part(
     records: Sequence[Record], candidates: Sequence[Structure], template: Structure
 ) -> list[Structure]:
-    """The candidates and, where the output jumps with an input, as many zeros as poles."""
+    """The candidates and, where an output follows an input at once, as many zeros as poles."""
     from tridentify.judgement.selection import default_candidates
 
     orders = {one.poles for one in candidates}

@@ -31,8 +31,10 @@ class Advice:
     delays : tuple of DelaySeen
         For every input and output with a response: how late it begins.
     poles : int or None
-        How many poles rise above the noise, over all channels: a lower bound of what the record
-        supports, of operators that know nothing of the system. None where nothing does.
+        How many directions of state rise above the noise, over all channels, of operators that know
+        nothing of the system. Neither a bound nor a choice of the number of poles, which
+        `select_structure` makes: an integrator and coloured noise take several directions, two
+        lags close together may show as one. None where nothing rises.
     behaviour : {"zoh", "foh", "band-limited"}
         Of the input between the samples: the one that explains the records best.
     behaviours : dict of str to float
@@ -80,9 +82,17 @@ class Advice:
                     rows.append((f"{output} answers {name}", _band(self.frequency.seen(i, j))))
         rows += [(f"{seen.output} after {seen.input}", _late(seen)) for seen in self.delays]
         rows.append(("input between samples", self._between()))
-        told = "not told" if self.poles is None else f"at least {self.poles}"
-        rows.append(("poles above the noise", told))
+        rows.append(("response above the noise", self._directions()))
         return rows
+
+    def _directions(self) -> str:
+        if self.poles is None:
+            return "not told"
+        several = "" if self.poles == 1 else "s"
+        return (
+            f"{self.poles} direction{several} of fixed operators, which is no number of poles: "
+            "tridentify select compares these"
+        )
 
     def _between(self) -> str:
         others = [

@@ -11,15 +11,14 @@ Reference: C. Sims, American Economic Review 62 (1972) 540-552.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from tridentify.checks.samples import Behaviour, looks_measured, typical_step
 from tridentify.errors import TridentifyError
-from tridentify.judgement.advice.parallel import Parallel, WhitenedFit, p_value
-from tridentify.judgement.causes.surprises import small_surprises
+from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value
+from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.numerics.arrays import Array
 
 PART = 0.25
@@ -154,19 +153,13 @@ def feedback_seen(parallel: Parallel, fit: WhitenedFit) -> float:
     else:
         # a held input acts after its sample: what goes along with it made the input
         known, later = BEHIND[1:], [0, *AHEAD]
-    beside = [_moved(r.u - r.u[0], known) for r in parallel.records]
-    ahead = [_moved(one, [-k for k in later]) for one in surprises]
+    beside = [moved(r.u - r.u[0], known) for r in parallel.records]
+    ahead = [moved(one, [-k for k in later]) for one in surprises]
     both = [np.hstack(pair) for pair in zip(beside, ahead, strict=True)]
     small = parallel.fits(fit.pole, (fit.order,), beside)[0]
     if 1.0 - small.rss / max(fit.rss, 1e-300) > MISSED:
         return 1.0
     return p_value(small, parallel.fits(fit.pole, (fit.order,), both)[0])
-
-
-def _moved(u: Array, lags: Sequence[int]) -> Array:
-    """Inputs so many samples ago, the ends held."""
-    rows = np.arange(u.shape[0])
-    return np.hstack([u[np.clip(rows - lag, 0, u.shape[0] - 1)] for lag in lags])
 
 
 def drift_seen(parallel: Parallel, fit: WhitenedFit) -> float:

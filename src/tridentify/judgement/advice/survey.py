@@ -16,7 +16,6 @@ from tridentify.judgement.advice.frequency import (
     check_surveyed,
     frequency_response,
 )
-from tridentify.judgement.advice.parallel import Parallel, WhitenedFit, p_value, with_noise_model
 from tridentify.judgement.advice.result import Advice
 from tridentify.judgement.advice.samples import (
     bad_samples,
@@ -33,8 +32,10 @@ from tridentify.judgement.advice.seen import (
     drift_seen,
     feedback_seen,
 )
+from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.first_samples import beginning
 from tridentify.judgement.causes.intersample import CLEARLY, IN_WORDS, TIE, is_staircase
+from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value, with_noise_model
 from tridentify.judgement.cautions.sensors import seen_in
 from tridentify.judgement.selection import hankel_values
 from tridentify.numerics.arrays import Array
@@ -129,7 +130,7 @@ def advise(records: Record | Sequence[Record]) -> Advice:
 
     Notes
     -----
-    No structure is assumed: a bank of fixed operators (`advice.parallel`) stands for the system,
+    No structure is assumed: a bank of fixed operators (`causes.parallel`) stands for the system,
     and `frequency_response` looks at it without any. What needs a model to be seen (a plant that
     changes, an order too low) is for `validate`. The first 4,000 samples of each record are looked
     at, the first 20,000 for the frequency response.
@@ -210,7 +211,8 @@ def _measured(records: Sequence[Record]) -> FrequencyResponse | None:
 
 def _output(records: Sequence[Record], index: int, frequency: FrequencyResponse | None) -> _Output:
     """Fit one output, and test its response to every input beside the others."""
-    parallel = Parallel.of(records, index, _resonance(frequency, index))
+    at_once = has_direct_part(records)
+    parallel = Parallel.of(records, index, _resonance(frequency, index), direct=at_once)
     parallel, fit = with_noise_model(parallel)
     n_inputs = records[0].n_inputs
     if n_inputs == 1:
@@ -399,8 +401,8 @@ def _of_delay(seen: DelaySeen) -> Finding:
         "note",
         f"{seen.output} answers {seen.input} after {seen.text}: a delay, or several fast lags in "
         "series.",
-        f"State it if it is known (delay={seen.value:.3g}), or have it estimated (delay='free', "
-        "--delay free).",
+        f"State a delay that is known (delay={seen.value:.3g}); else compare orders, with delays "
+        "among them (select_structure; tridentify select): lags in series are poles.",
         (seen.output,),
         effect=f"-2 log L is {seen.fall:.3g} lower than without.",
     )

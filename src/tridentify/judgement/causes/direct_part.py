@@ -1,9 +1,25 @@
-"""A direct part of the response: outputs that jump at the very sample at which an input jumps.
+"""A direct part of the response: outputs that follow an input at the very sample at which it moves.
 
-A strictly proper system answers a jump of its input by a slope, whatever the input does between its
-samples. One with as many zeros as poles (a resistance beside its cells, a force measured as an
-acceleration, a signal path around a filter) follows it in the same sample and in proportion, and no
-number of poles without that part stands for it.
+A strictly proper system answers a jump of its input by a slope. One with as many zeros as poles (a
+resistance beside its cells, a force measured as an acceleration, a signal path around a filter)
+follows it in the same sample and in proportion, and no number of poles without that part stands for
+it. Two signs of it are looked for.
+
+*Jumps* of an input that stand alone, and an output that jumps with them, need no model at all.
+
+*The response at once*, where the input moves at every sample: of the regression
+
+    y(k) = h_0 u(k) + h_1 u(k-1) + ... + later inputs, operators of the input before these, offset
+
+whitened by an autoregression (`causes.parallel`). Of an input that is held, ``h_0`` is the direct
+part. One that moves between its samples makes a response at once in any system: half of that one
+sample later where it begins with a slope, less where it begins with a curvature. So ``h_0`` counts
+by what it is larger than ``h_1``, which takes a lag shorter than a sampling interval without a
+direct part; such a lag is one, at that sampling.
+
+A controller makes a response at once too: it moves the input by what the noise at the sensor is
+worth. It does so in small moves alone (`causes.surprises`); the jumps of its reference, which the
+plant has to follow later, tell it from a direct part.
 """
 
 from __future__ import annotations
@@ -13,7 +29,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from tridentify.checks.samples import Behaviour
+from tridentify.errors import TridentifyError
+from tridentify.judgement.causes.first_samples import beginning
+from tridentify.judgement.causes.intersample import is_staircase
+from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, with_noise_model
+from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.numerics.arrays import Array
+from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.robust import median_scale
 from tridentify.record.record import Record
 
@@ -29,9 +52,31 @@ STANDS_OUT = 10.0
 ALONE = 3.0
 """Step over those before and after it from which it is a jump and not a part of a slope."""
 
+DENSE = 3
+"""Past inputs that have a column each [samples]; the operators begin after these."""
+
+BEFORE = (4, 5, 6, 8, 12, 16, 24, 32)
+"""Further past inputs, for what the operators miss of a resonance [samples]."""
+
+LONGEST = 4_000
+"""Samples of each record that are looked at: more would not change a clear answer."""
+
+PER_COLUMN = 4
+"""Samples for each column at least."""
+
+AT_ONCE = 5.0
+"""Standard errors from which a response at once is one: a structure more is tried for it, and it is
+asked of every output and input."""
+
+CONTRADICTED = 3.5
+"""Standard errors by which small moves may say something else than all others."""
+
+CUTOFF = 1e-9
+"""Singular value over the largest below which a column tells nothing new."""
+
 
 def has_direct_part(records: Sequence[Record]) -> bool:
-    """Whether some output jumps with an input, in the same sample and in proportion to it.
+    """Whether some output follows an input in the same sample and in proportion to it.
 
     Parameters
     ----------
@@ -40,7 +85,7 @@ def has_direct_part(records: Sequence[Record]) -> bool:
     Returns
     -------
     bool
-        False too where no input jumps: a smooth one cannot tell.
+        False too where the inputs are so smooth that they cannot tell.
 
     Examples
     --------
@@ -51,13 +96,115 @@ def has_direct_part(records: Sequence[Record]) -> bool:
     True
     >>> has_direct_part([Record(u, 0.01 * np.cumsum(u) + 0.5 * y, dt=1.0).slice(0.0, 30.0)])
     False
+
+    An accelerometer on what is shaken:
+
+    >>> from tridentify import TransferFunction, simulate
+    >>> u = rng.standard_normal(400)
+    >>> shaken = Record(u, u, dt=0.05)
+    >>> at_rest = simulate(TransferFunction([1.0, 0.0, 0.0], [1.0, 0.4, 9.0]), shaken)[:, 0]
+    >>> has_direct_part([Record(u, at_rest + 0.1 * rng.standard_normal(400), dt=0.05)])
+    True
     """
-    return any(
+    jumps = any(
         follows_at_once(record.u[:, j], record.y[:, i])
         for record in records
         for j in range(record.n_inputs)
         for i in range(record.n_outputs)
     )
+    return jumps or _responds_at_once(records)
+
+
+def _responds_at_once(records: Sequence[Record]) -> bool:
+    """Whether some output has a response at once that no controller makes."""
+    if any(record.dt is None for record in records):
+        return False
+    parts = [beginning(record, LONGEST) for record in records]
+    return any(_output_responds(parts, i) for i in range(records[0].n_outputs))
+
+
+def _output_responds(records: Sequence[Record], output: int) -> bool:
+    held = is_staircase(records)
+    try:
+        parallel, fit = _bank(records, output, held)
+        surprises = small_surprises(records)
+        matrix, target = _columns(parallel, fit, surprises)
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        return False
+    if target.size < PER_COLUMN * matrix.shape[1]:
+        return False
+    n = records[0].n_inputs
+    moves = slice((DENSE + 1) * n, (DENSE + 2) * n)
+    whole, errors = _solved(matrix, target)
+    rest = np.delete(matrix, np.arange(matrix.shape[1])[moves], axis=1)
+    plain, covariance = _solved(rest, target)
+    for j in range(n):
+        at_once, later = plain[j], plain[n + j]
+        if not np.isfinite(at_once) or at_once == 0.0:
+            continue
+        weights = np.zeros(plain.size)
+        weights[j] = np.sign(at_once)
+        if not held and at_once * later > 0:
+            weights[n + j] = -weights[j]
+        if weights @ plain < AT_ONCE * _size(weights, covariance):
+            continue
+        small, all_ = np.eye(whole.size)[[moves.start + j, j]]
+        contradicted = abs(small @ whole) > CONTRADICTED * _size(small, errors)
+        if not contradicted or abs(all_ @ whole) > AT_ONCE * _size(all_, errors):
+            return True
+    return False
+
+
+def _bank(records: Sequence[Record], output: int, held: bool) -> tuple[Parallel, WhitenedFit]:
+    """The likeliest operators beside a direct part, and the noise."""
+    options: tuple[Behaviour, ...] = ("zoh",) if held else ("zoh", "foh")
+    tried = [
+        with_noise_model(Parallel.of([r.between(one) for r in records], output, direct=True))
+        for one in options
+    ]
+    return min(tried, key=lambda pair: pair[1].criterion)
+
+
+def _columns(
+    parallel: Parallel, fit: WhitenedFit, surprises: Sequence[Array]
+) -> tuple[Array, Array]:
+    """Whitened columns and target: inputs now and before, small moves, operators, offset, state."""
+    records = tuple(record.between("zoh") for record in parallel.records)
+    delays = tuple(DENSE * float(records[0].dt or 0.0) for _ in parallel.delays)
+    late = parallel.changed(records=records, delays=delays, direct=False)
+    blocks = []
+    for e, record in enumerate(records):
+        own, operators = late.record_columns(e, fit.pole, fit.order)
+        u = record.u - record.u[0]
+        now, before = moved(u, range(DENSE + 1)), moved(u, BEFORE)
+        past = [now, surprises[e], before, operators.reshape(record.n_samples, -1)]
+        others = [np.zeros((record.n_samples, own.shape[1]))] * len(records)
+        blocks.append(np.hstack([*past, *others[:e], own, *others[e + 1 :]]))
+    rows, targets = [], []
+    for e, block in enumerate(blocks):
+        y, seen = parallel.target(e)
+        joined = np.ascontiguousarray(np.column_stack([block, y]).T)
+        white = Whitener(parallel.noise, joined.shape[0]).apply(joined, seen).T
+        rows.append(white[seen, :-1])
+        targets.append(white[seen, -1])
+    return np.vstack(rows), np.concatenate(targets)
+
+
+def _solved(matrix: Array, target: Array) -> tuple[Array, Array]:
+    """Least squares, and a root of the covariance."""
+    norms = np.linalg.norm(matrix, axis=0)
+    norms = np.where(norms > 0, norms, 1.0)
+    left, s, right = np.linalg.svd(matrix / norms, full_matrices=False)
+    kept = s > CUTOFF * s[0]
+    root = right[kept].T / s[kept] / norms[:, None]
+    solution = root @ (left[:, kept].T @ target)
+    rss = float(np.sum((target - matrix @ solution) ** 2))
+    return solution, np.sqrt(rss / max(target.size - int(kept.sum()), 1)) * root
+
+
+def _size(weights: Array, root: Array) -> float:
+    """Standard error of a sum of coefficients."""
+    return float(np.linalg.norm(weights @ root))
 
 
 def follows_at_once(u: Array, y: Array) -> bool:

@@ -33,7 +33,8 @@ from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt
-from tridentify.judgement.causes.surprises import small_surprises
+from tridentify.judgement.causes.direct_part import has_direct_part
+from tridentify.judgement.causes.surprises import moved, small_surprises
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 from tridentify.numerics.lagrange import Added, added, span
@@ -165,8 +166,9 @@ def reacts(
     found: list[Coming | None] = [None] * n_outputs
     if inputs.commanded:
         return found
+    direct = inputs.held and has_direct_part(records)
     for i in range(n_outputs):
-        within = Within.of(point, inputs, i)
+        within = Within.of(point, inputs, i, direct=direct)
         seen = _left_by(point, i, inputs, within)
         seen = seen if seen.is_clear else by_predictor(inputs, i, within.guard)
         if not seen.is_clear:
@@ -203,11 +205,11 @@ class Within(NamedTuple):
     soon: Array
 
     @classmethod
-    def of(cls, point: Point, inputs: Inputs, output: int) -> Within:
-        """By the model at a point."""
+    def of(cls, point: Point, inputs: Inputs, output: int, *, direct: bool = False) -> Within:
+        """By the model at a point, or with the direct part that the records show."""
         problem = point.problem
         orders = {pair: group.order for group in problem.groups for pair in group.channels}
-        proper = any(problem.n_zeros[i][j] == order for (i, j), order in orders.items())
+        proper = direct or any(problem.n_zeros[i][j] == order for (i, j), order in orders.items())
         if inputs.held:
             return cls(int(proper), np.zeros(0))
         if proper or any(record.dt is None for record in inputs.records):
@@ -288,11 +290,11 @@ def _from(
     e: Array,
 ) -> tuple[Coming, Array]:
     """The test from so many samples ahead; what an input explains at its best one, each."""
-    past = [_moved(record.u - record.u[0], range(1 - first, PAST + 1)) for record in inputs.records]
+    past = [moved(record.u - record.u[0], range(1 - first, PAST + 1)) for record in inputs.records]
     ahead = range(-first, -first - COMING, -1)
     known = [np.hstack([np.nan_to_num(a), b]) for a, b in zip(own, past, strict=True)]
     basis = span(_white(known, residual, noise))
-    extra = _white([_moved(one, ahead) for one in inputs.surprises], residual, noise)
+    extra = _white([moved(one, ahead) for one in inputs.surprises], residual, noise)
     count = sum(int(np.isfinite(one).sum()) for one in residual)
     n_inputs = inputs.records[0].n_inputs
 
@@ -341,7 +343,7 @@ def misses(
     basis = span(_white([np.nan_to_num(one) for one in own], residual, noise))
     lags = range(1, PAST + 1)
     innovations = np.split(e, np.cumsum([one.size for one in residual])[:-1])
-    inputs = _white([_moved(one.u - one.u[0], lags) for one in records], residual, noise)
+    inputs = _white([moved(one.u - one.u[0], lags) for one in records], residual, noise)
     before = np.vstack([_before(one, lags) for one in innovations])
     # what the noise model took from the first lags is allowed for by as many columns
     count = sum(int(np.isfinite(one).sum()) for one in residual) - noise.size
@@ -352,12 +354,6 @@ def misses(
 def _before(e: Array, lags: range) -> Array:
     """A series so many samples ago, zero before its start."""
     return np.stack([np.concatenate([np.zeros(lag), e[:-lag]]) for lag in lags], axis=1)
-
-
-def _moved(u: Array, lags: range) -> Array:
-    """Signals so many samples ago (ahead, where negative), the ends held."""
-    rows, last = np.arange(u.shape[0]), u.shape[0] - 1
-    return np.hstack([u[np.clip(rows - lag, 0, last)] for lag in lags])
 
 
 def _white(columns: Sequence[Array], residual: Sequence[Array], noise: Array) -> Array:

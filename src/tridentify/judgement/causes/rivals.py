@@ -17,6 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.judgement.causes.present import Present
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles
@@ -259,7 +260,10 @@ def varying_rivals(present: Present) -> Iterator[Rival]:
 
 
 def order_rivals(present: Present) -> Iterator[Rival]:
-    """One or two poles more, or another zero, and where their new poles may begin."""
+    """One or two poles more, or another zero, and where their new poles may begin.
+
+    As many zeros as poles too, where an output follows an input at once.
+    """
     if not isinstance(present.order, int):
         return
     n, zeros = present.order, np.array(present.zeros)
@@ -274,6 +278,10 @@ def order_rivals(present: Present) -> Iterator[Rival]:
     if np.all(zeros < n):
         wanted.append((n, zeros + 1, (present.poles,)))
     wanted += [(n + 1, zeros, real), (n + 1, zeros + 1, real), (n + 2, zeros + 2, pairs)]
+    if np.any(zeros < n - 1) and has_direct_part(present.records):
+        full = np.ones_like(zeros)
+        wanted += [(n, n * full, (present.poles,)), (n + 1, (n + 1) * full, real)]
+        wanted += [(n + 2, (n + 2) * full, pairs)]
     for order, m, starts in wanted:
         if order > MOST_POLES:
             continue

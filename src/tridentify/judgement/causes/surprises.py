@@ -75,6 +75,28 @@ def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
     return found
 
 
+def moved(signals: Array, lags: Sequence[int]) -> Array:
+    """Signals so many samples ago (ahead, where negative), the ends held.
+
+    Parameters
+    ----------
+    signals : (n_samples, k) array
+    lags : sequence of int
+
+    Returns
+    -------
+    (n_samples, k * len(lags)) array
+        All signals at the first lag, then at the second.
+
+    Examples
+    --------
+    >>> moved(np.array([[1.0], [2.0], [3.0]]), [1, -1]).tolist()
+    [[1.0, 2.0], [1.0, 3.0], [2.0, 3.0]]
+    """
+    rows, last = np.arange(signals.shape[0]), signals.shape[0] - 1
+    return np.hstack([signals[np.clip(rows - lag, 0, last)] for lag in lags])
+
+
 def _lagged(u: Array, most: int) -> Array:
     """Inputs 1 to so many samples ago, and a constant; of the samples after these."""
     rows = u.shape[0] - most

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 from tridentify.errors import TridentifyError
 from tridentify.judgement.selection.orders import INTEGRATOR
@@ -20,8 +21,12 @@ from tridentify.judgement.selection.soundness import slowest_decay
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 
-MOST = 2
-"""Rows that are added: each costs a search of its own."""
+FIRST = 2
+"""The smallest rows, which are always added: each costs a search of its own."""
+CLEARLY = 10.0
+"""Fall of BIC from which a larger row is worth a search as well."""
+NEARLY = 1.1
+"""Of what the likeliest of the larger rows leaves, the part at which a smaller one will do."""
 LENGTHS = 1.0
 """Decay over the record [nepers] of a pole that may stand for an integrator: its time constant is
 longer than the record."""
@@ -52,10 +57,36 @@ def integrating(rows: Sequence[SelectionRow], records: Sequence[Record]) -> list
         if not able or _held_out(row) < enough:
             continue
         assert row.estimate is not None
-        if slowest_decay(row.estimate, longest) < LENGTHS:
-            found.append(_at_zero(row.structure))
-    kept = [one for one in found if one is not None]
-    return sorted(kept, key=lambda one: (one.common_poles, str(one.zeros)))[:MOST]
+        held = _at_zero(row.structure)
+        if held is not None and slowest_decay(row.estimate, longest) < LENGTHS:
+            found.append(_Slow(held, row.bic, 100.0 - _held_out(row)))
+    return _few(sorted(found, key=lambda one: (one.held.common_poles, str(one.held.zeros))))
+
+
+class _Slow(NamedTuple):
+    """A row with its pole held at zero, its BIC and what it leaves of held-out samples [%]."""
+
+    held: Structure
+    bic: float
+    left: float
+
+
+def _few(found: Sequence[_Slow]) -> list[Structure]:
+    """The smallest ones, and larger ones that explain clearly more.
+
+    Examples
+    --------
+    >>> sizes, bic, left = [(1, 0), (2, 0), (3, 0), (4, 1)], (90, 70, 31, 30), (9.0, 6.0, 1.0, 1.0)
+    >>> rows = [_Slow(Structure(*n), b, e) for n, b, e in zip(sizes, bic, left, strict=True)]
+    >>> [(one.poles, one.zeros) for one in _few(rows)]
+    [(1, 0), (2, 0), (3, 0), (4, 1)]
+    """
+    kept, rest = list(found[:FIRST]), list(found[FIRST:])
+    likeliest = min(rest, key=lambda one: one.bic, default=None)
+    if likeliest is not None and likeliest.bic < min(one.bic for one in kept) - CLEARLY:
+        enough = next(one for one in rest if one.left <= NEARLY * likeliest.left)
+        kept += [enough, likeliest] if enough is not likeliest else [likeliest]
+    return [one.held for one in kept]
 
 
 def _of_use(rows: Sequence[SelectionRow]) -> float:

@@ -23,7 +23,8 @@ def default_candidates(
 ) -> tuple[Structure, ...]:
     """Structures with 1 to ``max_poles`` poles and every number of zeros below that of the poles.
 
-    Where an output jumps with an input in the same sample, those with as many zeros as poles too.
+    Where an output follows an input in the same sample (`causes.direct_part`), those with as many
+    zeros as poles too; not beside a delay that is to be estimated, which has no such part.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def default_candidates(
         )
     samples = min((record.n_samples for record in records), default=0)
     found = []
-    direct = int(has_direct_part(records))
+    direct = int(plain.delay != "free" and has_direct_part(records))
     for n in range(1, max_poles + 1):
         for m in range(n + direct):
             if n == 1 or PER_COEFFICIENT * (n + m + 1) <= samples:

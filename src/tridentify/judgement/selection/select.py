@@ -20,11 +20,12 @@ from typing import Any
 
 import numpy as np
 
+from tridentify.checks.samples import Behaviour
 from tridentify.errors import DataError, TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.methods.base import Method, Progress, check_scale, check_signals
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.judgement.causes.intersample import IN_WORDS, behaviours
+from tridentify.judgement.causes.intersample import IN_WORDS, behaviours, is_staircase
 from tridentify.judgement.choice import checked_method, listed, with_behaviour, with_judgement
 from tridentify.judgement.selection.decide import OrderEvidence, decide, follows_input, misleads
 from tridentify.judgement.selection.finish_candidates import (
@@ -149,7 +150,7 @@ def select_structure(
         late = candidates is None if delays is None else delays
         work = _Work(settled.records, chosen, executor, say, settled.identified, free, late)
         opened = work.opened(structures)
-        other = _resettled(given, unseen, settled, opened.table)
+        other = _resettled(given, unseen, settled, opened.table, chosen)
         if other is not None:
             settled, work = other, replace(work, records=other.records, identified=None)
             opened = work.opened(structures)
@@ -203,23 +204,61 @@ def _resettled(
     unseen: tuple[Record, ...],
     settled: _Chosen,
     table: SelectionTable,
+    method: Method,
 ) -> _Chosen | None:
     """Another behaviour, where the likeliest candidate finds one clearly better.
 
     The candidate in the middle may explain little of the record (two resonances, three poles): what
     it says of the time between the samples is then worth little. The likeliest is heard when it is
-    known, before the whole searches.
+    known, before the whole searches, and plainer ones where the input may have been held.
     """
     place = table.best("bic") if settled.told else None
     estimate = None if place is None else table.entries[place].estimate
     if place is None or estimate is None:
         return None
     found = behaviours(estimate, settled.records)
-    if found is None or found.advised == found.present:
+    if found is not None and found.advised != found.present:
+        return _changed(records, unseen, found.advised, table.entries[place].structure)
+    return None if is_staircase(records) else _plainer(records, unseen, settled, table, method)
+
+
+def _changed(
+    records: tuple[Record, ...], unseen: tuple[Record, ...], to: Behaviour, by: Structure
+) -> _Chosen:
+    seen = tuple(record.settled(to) for record in records)
+    return _Chosen(seen, tuple(record.settled(to) for record in unseen), (_told(seen[0], by),))
+
+
+def _plainer(
+    records: tuple[Record, ...],
+    unseen: tuple[Record, ...],
+    settled: _Chosen,
+    table: SelectionTable,
+    method: Method,
+) -> _Chosen | None:
+    """Whether a plainer candidate with a held input explains more than the likeliest as it is.
+
+    An input that was held and is joined comes half a sample early, which further zeros and poles
+    make good: the likeliest candidate, which has them, is content with either.
+    """
+    place = table.best("bic")
+    if place is None or settled.records[0].behaviour == "zoh":
         return None
-    seen = tuple(record.settled(found.advised) for record in records)
-    others = tuple(record.settled(found.advised) for record in unseen)
-    return _Chosen(seen, others, (_told(seen[0], table.entries[place].structure),))
+    best, rows = table.criteria[place], table.contenders()
+    least = math.inf if best is None else best.bic
+    held = tuple(record.settled("zoh") for record in records)
+    orders = next((tuple(a.size for a in one) for one in table.noise if one), ())
+    for n in (rows[place].n_poles, rows[place].n_poles - 1):
+        alike = [k for k, row in enumerate(rows) if row.n_poles == n]
+        few = min(alike, key=lambda k: rows[k].criteria.n_unknowns, default=place)
+        asked = table.entries[few].structure
+        if few == place or asked.constrained:
+            continue
+        entry = run_task(CandidateTask(held, asked, method, shared=False))
+        own = table_of([entry], held, orders).criteria[0]
+        if own is not None and own.bic < least:
+            return _changed(records, unseen, "zoh", asked)
+    return None
 
 
 def _middle(structures: Sequence[Structure]) -> Structure:

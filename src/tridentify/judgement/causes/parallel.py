@@ -22,7 +22,6 @@ import scipy.linalg
 from scipy.special import fdtrc
 
 from tridentify.checks.samples import typical_step
-from tridentify.judgement.causes.direct_part import has_direct_part
 from tridentify.models.operators import Kautz, Laguerre, apply_operators
 from tridentify.numerics.arrays import Array, Flags
 from tridentify.numerics.autoregression import Whitener, fit_autoregression, most_coefficients
@@ -129,10 +128,16 @@ class Parallel:
     _columns: dict[object, Array] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, records: Sequence[Record], output: int, resonance: float = 0.0) -> Parallel:
+    def of(
+        cls,
+        records: Sequence[Record],
+        output: int,
+        resonance: float = 0.0,
+        *,
+        direct: bool = False,
+    ) -> Parallel:
         """Without delays, the noise taken for white."""
         none = (0.0,) * records[0].n_inputs
-        direct = has_direct_part(records)
         return cls(tuple(records), output, none, np.zeros(0), resonance=resonance, direct=direct)
 
     def changed(self, **fields: object) -> Parallel:
@@ -171,7 +176,7 @@ class Parallel:
         extra : sequence of (n_samples, k) arrays
             More columns, one array a record.
         """
-        blocks = [self._record_columns(e, pole, max(orders)) for e in range(len(self.records))]
+        blocks = [self.record_columns(e, pole, max(orders)) for e in range(len(self.records))]
         widths = [own.shape[1] for own, _ in blocks]
         n_inputs = self.records[0].n_inputs
         rows, targets, plain, scale = [], [], [], 0.0
@@ -182,7 +187,7 @@ class Parallel:
             added = extra[e] if extra else np.zeros((n, 0))
             at_once = self._at_once(e)
             whole = np.hstack([own, added, at_once, operators.reshape(n, -1)])
-            y, seen = self._target(e)
+            y, seen = self.target(e)
             whitener = Whitener(self.noise, whole.shape[1] + 1)
             joined = np.ascontiguousarray(np.column_stack([whole, y]).T)
             white = whitener.apply(joined, seen).T
@@ -200,14 +205,14 @@ class Parallel:
         """Offset, state at the beginning and drift alone, on the best pole for them."""
         fits = []
         for pole in self.poles():
-            blocks = [self._record_columns(e, pole, 1)[0] for e in range(len(self.records))]
+            blocks = [self.record_columns(e, pole, 1)[0] for e in range(len(self.records))]
             fits.append(self._alone(blocks, pole))
         return min(fits, key=lambda fit: fit.criterion)
 
     def _alone(self, blocks: Sequence[Array], pole: complex) -> WhitenedFit:
         rows, targets, scale = [], [], 0.0
         for e, own in enumerate(blocks):
-            y, seen = self._target(e)
+            y, seen = self.target(e)
             whitener = Whitener(self.noise, own.shape[1] + 1)
             white = whitener.apply(np.ascontiguousarray(np.column_stack([own, y]).T), seen).T
             scale += whitener.log_scale
@@ -236,7 +241,7 @@ class Parallel:
         fitted = tuple(part[:, :width] @ solution for part in plain)
         return _fit(rss, rank, target.size, scale, fitted, pole, order)
 
-    def _target(self, e: int) -> tuple[Array, Flags]:
+    def target(self, e: int) -> tuple[Array, Flags]:
         """Output with zeros where it is missing or comes too early, and where it is there."""
         record = self.records[e]
         y = record.y[:, self.output]
@@ -253,8 +258,18 @@ class Parallel:
         pairs = zip(self.delays, moved.T, strict=True)
         return np.column_stack([np.interp(since - late, since, one) for late, one in pairs])
 
-    def _record_columns(self, e: int, pole: complex, order: int) -> tuple[Array, Array]:
-        """Columns of one record's own, (n, k), and its operators, (n, order, n_inputs)."""
+    def record_columns(self, e: int, pole: complex, order: int) -> tuple[Array, Array]:
+        """Columns of one record's own, (n, k), and its operators, (n, order, n_inputs).
+
+        Parameters
+        ----------
+        e : int
+            Which record.
+        pole : complex
+            Of the operators [1/s].
+        order : int
+            How many.
+        """
         record = self.records[e]
         since = record.t - record.t[0]
         key = (e, pole)
