@@ -66,7 +66,8 @@ def test_the_direct_route_is_not_judged_by_a_simulation(seed):
 def test_every_fit_and_coefficient_starts_from_what_is_printed(seed, route):
     estimate = estimated(seed, route)
     for findings in (estimate.findings, validate(estimate, on_a_beam(seed)).findings):
-        for one in findings:
+        # two behaviours of the input are compared by fits of their own
+        for one in (own for own in findings if own.code != "intersample"):
             for before in re.findall(r"fit of position from (-?[\d.]+)", one.effect):
                 # samples that stand alone may be left out
                 assert float(before) == pytest.approx(estimate.fit[0], abs=2.0)

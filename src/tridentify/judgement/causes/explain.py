@@ -119,8 +119,9 @@ def _ranked(
         more = _fitted(neighbours(settled, named.rival), base)
         every = sorted([*result.found, *more], key=lambda one: -one.gain)
         result = replace(result, found=tuple(every))
-    most = max((one.gain for one in result.found), default=0.0)
-    rival = () if result.best is None else _with_inputs(result.best, settled.records)
+    others = replace(result, found=tuple(one for one in result.found if not one.rival.calms))
+    most = max((one.gain for one in others.found), default=0.0)
+    rival = () if others.best is None else _with_inputs(others.best, settled.records)
     return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0), rival)))
 
 
