@@ -216,3 +216,23 @@ def test_a_delay_is_to_be_estimated_only_where_it_can_be(zeros, free):
     found = first_of(record, Structure(2, zeros))
     assert found.code == "delay"
     assert ("delay='free'" in found.remedy) is free
+
+
+def test_small_moves_of_a_controller_are_no_noise_of_the_input():
+    """A position loop whose set point steps now and then: spikes of the input, and feedback."""
+    rng = np.random.default_rng(3)
+    n, place, before = 1500, np.zeros(2), 0.0
+    wanted = np.repeat(rng.uniform(-1.0, 1.0, n // 100), 100)
+    u, y = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        y[k] = place[0] + 0.02 * rng.standard_normal()
+        error = wanted[k] - y[k]
+        u[k] = error + 4.0 * (error - before)
+        before = error
+        for _ in range(5):
+            slope = 3.0 * u[k] - 4.0 * place[1]
+            place = place + 0.02 * np.array([place[1], slope])
+    record = Record(u, y, dt=0.1)
+    codes = [one.code for one in identify(record, Structure(2, 0), throw=False).findings]
+    assert "input-noise" not in codes
+    assert not [one for one in codes if one == "nonlinear"]

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from tridentify.cli.terminal import paragraph
 from tridentify.estimation.answer.estimate import Estimate, Parameter
-from tridentify.estimation.answer.finding import without_fewer
+from tridentify.estimation.answer.finding import beside_errors
 from tridentify.estimation.answer.parameter import NOT_DETERMINED
 from tridentify.estimation.answer.trust import unusable
 from tridentify.record.record import Record
@@ -136,7 +136,7 @@ def describe_status(estimate: Estimate) -> str:
     lines = [paragraph(f"{estimate.method}: {estimate.status.message}")]
     if estimate.status.ok and (why := unusable(estimate, estimate.findings)):
         lines.append(paragraph(why))
-    if remedy := without_fewer(estimate.status.remedy, estimate.findings):
+    if remedy := beside_errors(estimate.status.remedy, estimate.findings):
         lines.append(paragraph(remedy, "  what to do: ", "    "))
     lines += [paragraph(text, "  caution: ", "    ") for text in estimate.cautions]
     told = [finding.text for finding in estimate.findings if not finding.matters]

@@ -258,7 +258,9 @@ def default_frequencies(*models: Shown, n_points: int = 240) -> Array:
     nyquist = max(np.pi / one.dt if one.dt else np.inf for one in models)
     centre = np.median(sizes) if sizes.size else 1.0
     low, high = np.min(sizes, initial=centre) / 10, np.max(sizes, initial=centre) * 10
-    low = max(low, min((_seen_from(one) for one in models), default=0.0))
+    seen = min((_seen_from(one) for one in models), default=0.0)
+    if low < seen:
+        low, high = seen, max(high, seen * 1000.0)
     high = max(min(high, nyquist), low * 100)
     grid = [np.geomspace(low, high, n_points)]
     for root in roots[(roots.imag > 0) & (np.abs(roots.real) < 0.3 * np.abs(roots))]:

@@ -9,7 +9,7 @@ from pathlib import Path
 from tridentify.errors import SampleTypeError, TridentifyError
 from tridentify.estimation.answer.encoding import document_text
 from tridentify.estimation.answer.estimate import SCHEMA, Estimate
-from tridentify.estimation.answer.finding import joined, without_fewer
+from tridentify.estimation.answer.finding import beside_errors, joined
 from tridentify.estimation.answer.trust import class_of
 from tridentify.judgement.validation import Validation, validate
 from tridentify.record.record import Record
@@ -161,7 +161,7 @@ def report_page(
         class_of(estimate, findings),
         headline_of(estimate, findings),
         trust_of(estimate, findings, checked is not None),
-        without_fewer(estimate.status.remedy, findings),
+        beside_errors(estimate.status.remedy, findings),
         key_numbers(estimate) if estimate.status.ok else (),
         [p for p in model if p.place == "fit"],
         findings,

@@ -12,7 +12,7 @@ import numpy as np
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.encoding import document_text
 from tridentify.estimation.answer.estimate import SCHEMA
-from tridentify.estimation.answer.finding import Finding, joined, without_fewer
+from tridentify.estimation.answer.finding import Finding, beside_errors, joined
 from tridentify.estimation.answer.parameter import Parameter
 from tridentify.estimation.answer.trust import HEADS, class_of, unusable
 from tridentify.judgement.validation.residuals import look
@@ -114,7 +114,7 @@ def _physical_page(
         class_of(free, findings),
         _physical_headline(found, findings),
         trust_of(free, findings, checked is not None),
-        without_fewer(free.status.remedy, findings),
+        beside_errors(free.status.remedy, findings),
         _physical_numbers(found),
         _fits_of_map(found, records) or [p for p in model if p.place == "fit"],
         findings,

@@ -36,7 +36,7 @@ from tridentify.estimation.answer.encoding import (
     load_document,
     save_document,
 )
-from tridentify.estimation.answer.finding import Finding, without_fewer
+from tridentify.estimation.answer.finding import Finding, beside_errors
 from tridentify.estimation.answer.loop_taken import LoopTaken
 from tridentify.estimation.answer.parameter import NOT_DETERMINED, Nuisance, Parameter
 from tridentify.estimation.answer.trace import Pass, Start, Status, Step, Trace, freeze_arrays
@@ -543,7 +543,7 @@ class Estimate(EstimateViews):
 
     def summary(self) -> str:
         """Fixed-width text: status, model, coefficients, derived quantities, fit, decisions."""
-        advice = without_fewer(self.status.remedy, self.findings)
+        advice = beside_errors(self.status.remedy, self.findings)
         advice = f"what to do: {advice}" if advice else ""
         remedy = textwrap.wrap(advice, _WIDTH, initial_indent="  ", subsequent_indent="    ")
         head = [
@@ -605,7 +605,7 @@ class Estimate(EstimateViews):
         caption = f"{self.method}: {self.status.message}; fit {fits}"
         rows = [_row(p, self.held_note(p.name)) for p in self.parameters.values()]
         rows += [_row(quantity) for quantity in self.derived()]
-        remedy = without_fewer(self.status.remedy, self.findings)
+        remedy = beside_errors(self.status.remedy, self.findings)
         advice = [f"What to do: {remedy}."] if remedy else []
         doubts = "".join(f"<li>{html.escape(text)}</li>" for text in (*advice, *self.cautions))
         warned = f"<ul>{doubts}</ul>" if doubts else ""

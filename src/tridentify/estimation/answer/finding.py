@@ -223,6 +223,21 @@ def without_fewer(remedy: str, findings: Iterable[Finding]) -> str:
     return remedy.replace(FEWER, "") if more else remedy
 
 
+def beside_errors(remedy: str, findings: Iterable[Finding]) -> str:
+    """What an estimate's status advises, where no finding says that something else comes first.
+
+    Examples
+    --------
+    >>> wrong = Finding("delay", "error", "The input acts later.", "Use delay=0.1.")
+    >>> beside_errors("record longer", [wrong])
+    ''
+    """
+    found = tuple(findings)
+    if any(one.severity == "error" and one.remedy for one in found):
+        return ""
+    return without_fewer(remedy, found)
+
+
 def same_thing(one: Finding, other: Finding) -> bool:
     """Whether two findings say the same of outputs that they share."""
     shared = not (one.outputs and other.outputs) or set(one.outputs) & set(other.outputs)

@@ -12,6 +12,9 @@ from tridentify.estimation.answer.finding import CODES, Finding
 HEADS = {"good": "Usable", "caution": "Usable with caution", "bad": "Not usable"}
 """Class of an estimate -> how its headline begins."""
 
+KNOWN = 0.5
+"""Relative standard error below which a coefficient shows a response."""
+
 
 def class_of(estimate: Estimate, findings: Sequence[Finding]) -> str:
     """How far to trust the estimate: "good", "caution" or "bad"."""
@@ -19,6 +22,16 @@ def class_of(estimate: Estimate, findings: Sequence[Finding]) -> str:
         return "bad"
     doubts = any(finding.matters for finding in findings)
     return "caution" if doubts or estimate.status is not Status.CONVERGED else "good"
+
+
+def predicts(estimate: Estimate) -> bool:
+    """Whether an estimate is to predict its record from sample to sample, and the input tells.
+
+    On the direct route, where the response to some input is known to better than half.
+    """
+    response = [one for name, one in estimate.parameters.items() if name.startswith("b")]
+    known = any(one.std > 0 and one.relative_std < KNOWN for one in response)
+    return estimate.route == "direct" and known
 
 
 def unusable(estimate: Estimate, findings: Sequence[Finding]) -> str:
@@ -34,7 +47,9 @@ def unusable(estimate: Estimate, findings: Sequence[Finding]) -> str:
     -------
     str
         Where the search failed, a finding says that the numbers are wrong, or a constant follows
-        an output more closely than the model.
+        an output more closely than the model; not on the direct route, whose model predicts from
+        sample to sample: simulated without its controller, a plant that integrates leaves any
+        record in which something pushed it.
     """
     if not estimate.status.ok:
         why = [estimate.status.message.rstrip(".")]
@@ -42,7 +57,7 @@ def unusable(estimate: Estimate, findings: Sequence[Finding]) -> str:
         worse = [
             name
             for name, fit in zip(estimate.output_names, estimate.fit, strict=True)
-            if np.isfinite(fit) and fit < 0.0
+            if np.isfinite(fit) and fit < 0.0 and not predicts(estimate)
         ]
         wrong = [one for one in findings if one.severity == "error"]
         why = [f"a constant follows {', '.join(worse)} more closely than the model"] * bool(worse)

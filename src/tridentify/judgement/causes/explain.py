@@ -119,8 +119,9 @@ def _ranked(
         more = _fitted(neighbours(settled, named.rival), base)
         every = sorted([*result.found, *more], key=lambda one: -one.gain)
         result = replace(result, found=tuple(every))
-    most = max((one.gain for one in result.found), default=0.0)
-    rival = () if result.best is None else _with_inputs(result.best, settled.records)
+    others = replace(result, found=tuple(one for one in result.found if not one.rival.calms))
+    most = max((one.gain for one in others.found), default=0.0)
+    rival = () if others.best is None else _with_inputs(others.best, settled.records)
     return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0), rival)))
 
 
@@ -346,8 +347,19 @@ def _joint(ends: Sequence[Attempt]) -> float:
     return float(counts @ np.log(rss / counts + ROUNDING * size))
 
 
-def moved(explanation: Explanation, base: Attempt, std: Array) -> tuple[int, float, float, float]:
+def moved(
+    explanation: Explanation, base: Attempt, std: Array, theta: Array | None = None
+) -> tuple[int, float, float, float]:
     """The coefficient that moves most with an explanation of the same structure.
+
+    Parameters
+    ----------
+    explanation : Explanation
+    base : Attempt
+    std : (n_coefficients,) array
+        Standard errors.
+    theta : (n_coefficients,) array, optional
+        From where they move; from where the present explanation ended if left out.
 
     Returns
     -------
@@ -357,7 +369,8 @@ def moved(explanation: Explanation, base: Attempt, std: Array) -> tuple[int, flo
     (end, *others) = explanation.attempts
     if others or end.point.problem.n_coefficients != base.point.problem.n_coefficients:
         return -1, np.nan, np.nan, np.nan
-    a, b = coefficients(base.point), coefficients(end.point)
+    b = coefficients(end.point)
+    a = coefficients(base.point) if theta is None or theta.size != b.size else theta
     size = np.abs(b - a) / np.where(std > 0, std, np.inf)[: a.size]
     k = int(np.argmax(size))
     return k, float(a[k]), float(b[k]), float(size[k])

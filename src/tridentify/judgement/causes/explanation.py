@@ -98,12 +98,16 @@ class Explanations:
         Per output, what inputs to come explain where that is the cause: the input reacts.
     asked : Present, optional
         What all causes were tried on; None where only some were.
+    printed : (n_outputs,) array, optional
+        Fit [percent] of the estimate as it stands on the samples of the present explanation, which
+        is fitted anew and may end elsewhere; None where that is not of these records.
     """
 
     present: Attempt
     found: tuple[Explanation, ...]
     reacts: tuple[Coming | None, ...] = ()
     asked: Present | None = None
+    printed: Array | None = None
 
     @property
     def named(self) -> Explanation | None:

@@ -270,7 +270,12 @@ def by_predictor(inputs: Inputs, output: int, guard: int) -> Coming:
     """
     y = [np.ascontiguousarray(record.y[:, output]) for record in inputs.records]
     most = max(1, min(PAST, sum(one.size for one in y) // PER_PAST))
-    own = [np.column_stack([_before(one, range(1, most + 1)), np.ones(one.size)]) for one in y]
+    # inputs count from where each experiment begins, so that each has a level of its own
+    level = np.eye(len(y))
+    own = [
+        np.column_stack([_before(one, range(1, most + 1)), np.tile(level[e], (one.size, 1))])
+        for e, one in enumerate(y)
+    ]
     # a sample whose past is not known is none of the predictor's
     seen = [
         np.where(np.all(np.isfinite(past), axis=1), one, np.nan)

@@ -17,12 +17,14 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import fdtrc
 
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.rivals import Rival, one
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import median
 from tridentify.numerics.robust import median_scale
+from tridentify.record.record import Record
 
 AT_REST = 0.8
 """Share of the samples at which an input of pulses stands at one level."""
@@ -35,6 +37,15 @@ FLOOR = 0.02
 
 BESIDE = 1
 """Samples beside a pulse that belong to it: its flanks may be below the floor."""
+
+PAST = 3
+"""Samples of inputs and outputs that may tell what an input does at rest."""
+
+PER_COLUMN = 10
+"""Samples at rest for each of them, at least."""
+
+NO_NOISE = 1e-3
+"""p-value from which they do tell it."""
 
 LONGEST = 20
 """Samples of a pulse from which its size is known well enough."""
@@ -83,16 +94,41 @@ def _without_noise(present: Present, j: int, own: Sequence[tuple[int, int]]) -> 
     kept = np.zeros(record.n_samples, dtype=bool)
     for first, last in own:
         kept[max(first - BESIDE, 0) : last + BESIDE] = True
-    if not np.ptp(u[~kept, j]) > 0.0:
+    if not (np.ptp(u[~kept, j]) > 0.0 and _by_itself(record, j, ~kept)):
         return
     u[~kept, j] = median(u[~kept, j])
-    yield one(
+    found = one(
         "input-noise",
         replace(present, records=(record._derive(u=u),)),
         f"an input {name} that stands still between its pulses",
         f"Set {name} to its level at rest between the pulses (a force window), if nothing acted "
         "there.",
     )
+    yield replace(found, calms=True)
+
+
+def _by_itself(record: Record, j: int, rest: NDArray[np.bool_]) -> bool:
+    """Whether what an input does at rest is white and follows no output: noise of its own sensor.
+
+    A controller that answers to an output moves its input at rest, too, and that acts.
+    """
+    now = np.flatnonzero(rest)
+    now = now[now >= PAST]
+    u = record.u[:, j] - record.u[rest, j].mean()
+    before = [u[now - lag] * rest[now - lag] for lag in range(1, PAST + 1)]
+    beside = [record.y[now - lag] for lag in range(PAST + 1)]
+    columns = np.column_stack([np.ones(now.size), *before, *beside])
+    there = np.isfinite(columns).all(axis=1)
+    columns, wanted = columns[there], u[now][there]
+    if wanted.size < PER_COLUMN * columns.shape[1]:
+        return False
+    scale = np.maximum(np.linalg.norm(columns, axis=0), np.finfo(float).tiny)
+    left = wanted - columns / scale @ np.linalg.lstsq(columns / scale, wanted, rcond=1e-10)[0]
+    k, n = columns.shape[1] - 1, wanted.size
+    spread = float(np.sum((wanted - wanted.mean()) ** 2))
+    told = max(spread - float(left @ left), 0.0)
+    p_value = float(fdtrc(k, n - k - 1, told / k / (float(left @ left) / (n - k - 1))))
+    return p_value > NO_NOISE
 
 
 def pulses(u: Array) -> list[tuple[int, int]]:

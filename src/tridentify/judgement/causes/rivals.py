@@ -113,6 +113,9 @@ class Rival:
         What an output is driven through.
     changes : int
         Remedies that it takes together.
+    calms : bool
+        Whether it takes away small moves of an input, in which feedback shows: it does not compete
+        with that.
     """
 
     code: str
@@ -126,6 +129,7 @@ class Rival:
     limits: Limits | None = None
     gap: Gap | None = None
     changes: int = 1
+    calms: bool = False
 
 
 def one(code: str, present: Present, what: str, advice: str, *, refits: bool = True) -> Rival:

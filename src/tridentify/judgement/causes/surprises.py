@@ -60,18 +60,17 @@ def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
     >>> bool(np.any(small_surprises([held])[0]))
     False
     """
-    n_inputs = records[0].n_inputs
-    rows = sum(record.n_samples for record in records)
-    most = max(1, min(PAST, rows // (PER_PAST * n_inputs)))
-    found = tuple(np.zeros((record.n_samples, n_inputs)) for record in records)
-    known = [_lagged(record.u, most) for record in records]
-    lengths = np.cumsum([one.shape[0] for one in known])[:-1]
-    for j in range(n_inputs):
-        now = np.concatenate([record.u[most:, j] for record in records])
-        spread = max(float(np.std(record.u[:, j])) for record in records)
-        left = _small(np.vstack(known), now, COMMANDED * spread)
-        for one, own in zip(found, np.split(left, lengths), strict=True):
-            one[most:, j] = own
+    return tuple(_of_one(record) for record in records)
+
+
+def _of_one(record: Record) -> Array:
+    """Of one experiment, whose input may be of another kind than those of the others."""
+    most = max(1, min(PAST, record.n_samples // (PER_PAST * record.n_inputs)))
+    found = np.zeros((record.n_samples, record.n_inputs))
+    known = _lagged(record.u, most)
+    for j in range(record.n_inputs if known.size else 0):
+        spread = float(np.std(record.u[:, j]))
+        found[most:, j] = _small(known, np.asarray(record.u[most:, j]), COMMANDED * spread)
     return found
 
 

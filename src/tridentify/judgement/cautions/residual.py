@@ -11,6 +11,7 @@ from scipy.special import chdtri
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
 from tridentify.estimation.answer.trace import FAR_LIKELIER, RESPONSE_AS_NOISE, SLOW_AS_NOISE
+from tridentify.estimation.answer.trust import predicts
 from tridentify.estimation.likelihood.raster import on_raster, places_on_raster, spread_out
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.causes.slow import HALVES, slow_waves
@@ -158,7 +159,12 @@ def far_likelier(estimate: Estimate) -> list[Finding]:
 
 
 def response_as_noise(estimate: Estimate) -> list[Finding]:
-    """Slow parts of the output that are a response or noise, as the method saw it."""
+    """Slow parts of the output that are a response or noise, as the method saw it.
+
+    On the direct route neither the fit of a simulation nor white weights say which.
+    """
+    if predicts(estimate):
+        return _leaves_its_record(estimate)
     return [
         Finding(
             "noise-model",
@@ -168,6 +174,27 @@ def response_as_noise(estimate: Estimate) -> list[Finding]:
         )
         for told in estimate.trace.decisions
         if told.startswith((RESPONSE_AS_NOISE, SLOW_AS_NOISE))
+    ]
+
+
+def _leaves_its_record(estimate: Estimate) -> list[Finding]:
+    """That a simulation by itself is no measure of an estimate by the direct route."""
+    away = [
+        f"{name} (fit {fit:.0f} %)"
+        for name, fit in zip(estimate.output_names, estimate.fit, strict=True)
+        if fit < 0.0
+    ]
+    if not away:
+        return []
+    return [
+        Finding(
+            "noise-model",
+            "note",
+            f"Simulated without its controller the model leaves {' and '.join(away)}: what pushed "
+            "the plant adds up there, and the controller answered to it. The coefficients are "
+            "those that predict the output from sample to sample; the fit of a simulation, which "
+            "white weights make larger, is no measure of them.",
+        )
     ]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -109,7 +110,23 @@ def explanations(
         return None
     skip = ("delay",) if estimate.structure.delay == "free" else ()
     present = _present(view, estimate, noises)
-    return explain(present, skip=skip, torn=torn, only=only, known=known)
+    found = explain(present, skip=skip, torn=torn, only=only, known=known)
+    if found is None or not view.own:
+        return found
+    return replace(found, printed=_printed(view, estimate, found.present))
+
+
+def _printed(view: View, estimate: Estimate, base: Attempt) -> Array:
+    """(n_outputs,) fit [percent] of an estimate where the present explanation has a residual.
+
+    What a finding says of a fit "from" is what stands in the estimate's own table, but for samples
+    that are left out: one model has one fit.
+    """
+    energy = np.zeros(len(view.outputs))
+    for e, (record, seen) in enumerate(zip(view.records, base.residuals(), strict=True)):
+        left = np.where(np.isfinite(seen), estimate.residual(record, experiment=e), np.nan)
+        energy = energy + np.nansum(left**2, axis=0)
+    return np.asarray(100.0 * (1.0 - np.sqrt(energy / base.spread)))
 
 
 def _integrates(estimate: Estimate) -> bool:
@@ -207,13 +224,13 @@ def finding_of(
     where : str
         What the residual shows, a sentence.
     """
-    rival, base = found.rival, explained.present
+    rival = found.rival
     if rival.code == "order-low":
-        return _order_low(found, base, estimate, outputs, where)
+        return _order_low(found, explained, estimate, outputs, where)
     verb = "explain" if rival.code == "lost-rows" else "explains"
     message = f"{where}: {HEADLINES[rival.code]}. {TRIED}, {rival.what} {verb} it best."
     message += _not_told_from(found, explained)
-    remedy, effect = rival.advice, _effect(found, base, estimate)
+    remedy, effect = rival.advice, _effect(found, explained, estimate)
     if rival.code == "drift" and not rival.refits:
         remedy, brings = _about_slow(explained, estimate)
         effect = f"{effect} {brings}".rstrip()
@@ -260,7 +277,7 @@ def drift_tried(explained: Explanations | None, estimate: Estimate) -> tuple[str
         return "", ""
     if not best.is_clear:
         return "", f"{best.rival.what[0].upper()}{best.rival.what[1:]} does not stand for it."
-    brings = _effect(best, explained.present, estimate)
+    brings = _effect(best, explained, estimate)
     what = best.rival.what
     return best.rival.advice, f"With {what}{brings.removeprefix('With it')}"
 
@@ -306,9 +323,14 @@ def _not_told_from(found: Explanation, explained: Explanations) -> str:
 
 
 def _order_low(
-    found: Explanation, base: Attempt, estimate: Estimate, outputs: Sequence[str], where: str
+    found: Explanation,
+    explained: Explanations,
+    estimate: Estimate,
+    outputs: Sequence[str],
+    where: str,
 ) -> Finding:
     """A larger model: advice only where the response is followed better, and is determined."""
+    base = explained.present
     rival, rise = found.rival, raised(found, base)
     tried = f"{TRIED}, {rival.what} explain it best"
     severity: Severity = "warning"
@@ -323,20 +345,22 @@ def _order_low(
         said = f"{where}: {HEADLINES[rival.code]}. {tried}"
         if rise >= HALVED and np.max(estimate.fit) < LITTLE:
             severity = "error"
-    effect = _effect(found, base, estimate)
+    effect = _effect(found, explained, estimate)
     return Finding("order-low", severity, f"{said}.", remedy, tuple(outputs), effect=effect)
 
 
-def _effect(found: Explanation, base: Attempt, estimate: Estimate) -> str:
-    """Fit from ... to ..., coefficient from ... to ...."""
-    said = []
+def _effect(found: Explanation, explained: Explanations, estimate: Estimate) -> str:
+    """Fit from ... to ..., coefficient from ... to ..., as the estimate itself states them."""
+    said, base, printed = [], explained.present, explained.printed
     if len(found.attempts) == 1:
-        pairs = zip(estimate.output_names, base.fits, found.fits(base), strict=True)
+        before = base.fits if printed is None else printed
+        pairs = zip(estimate.output_names, before, found.fits(base), strict=True)
         said += [f"fit of {name} from {a:.2f} to {b:.2f} %" for name, a, b in pairs]
-    k, before, after, size = moved(found, base, np.asarray(estimate.std))
+    theta = None if printed is None else np.asarray(estimate.theta)
+    k, old, new, size = moved(found, base, np.asarray(estimate.std), theta)
     if k >= 0 and size > 0.1:
         name = estimate.names[k]
-        said.append(f"{name} from {before:.4g} to {after:.4g} ({size:.1f} standard errors)")
+        said.append(f"{name} from {old:.4g} to {new:.4g} ({size:.1f} standard errors)")
     said.append(f"the sum of squares of the whitened residual falls by {_percent(found.share)}")
     return f"With it: {', '.join(said)}."
 

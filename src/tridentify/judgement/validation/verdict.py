@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -180,7 +181,19 @@ def findings(
         found.append(finding_of(beside.alone, beside.explained, beside.estimate, (), where))
     if transfer is not None:
         found += _carried(view, transfer, rejected)
+    if beside.estimate.route == "direct":
+        found = [_as_noise(one) if one.code == "drift" else one for one in found]
     return ranked(found)
+
+
+def _as_noise(drift: Finding) -> Finding:
+    """What is slow beside an estimate by the direct route, whose noise model stands for it.
+
+    A drift that is fitted with white weights, as all causes are, would be biased by the feedback.
+    """
+    seen = drift.message.split(": ")[0].rstrip(".")
+    said = f"{seen}: something pushes the plant slowly, and the model of the noise stands for it."
+    return replace(drift, severity="note", message=said, remedy="", effect="")
 
 
 def _left(
