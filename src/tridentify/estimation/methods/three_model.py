@@ -169,6 +169,7 @@ class ThreeModel:
         progress: Progress | None = None,
         *,
         near: Complex | None = None,
+        put_off: bool = False,
     ) -> Estimate:
         """Estimate the coefficients.
 
@@ -183,6 +184,9 @@ class ThreeModel:
             Poles that the record may well have: the search begins there and, on a record that is
             not long, ends there if nothing speaks against it. Not used by the reference route, by
             other losses, nor within constraints or where delays are estimated along.
+        put_off : bool
+            Whether the maximum will do where the posterior would be weighed, which takes most of
+            the time there; a decision of the trace then says so.
 
         Returns
         -------
@@ -210,7 +214,8 @@ class ThreeModel:
             return within_constraints(self, asked, say, self.patience, noise)
         near_them = partial(self.maximise, near=near)
         way = partial(over_delays, self) if structure.delay == "free" else near_them
-        return estimate_from(self.weighed(way(with_all_rows, structure, say), say), asked)
+        reached = way(with_all_rows, structure, say)
+        return estimate_from(self.weighed(reached, say, put_off=put_off), asked)
 
     def maximise(
         self,
@@ -255,9 +260,9 @@ class ThreeModel:
         reached = Reached.of(best.end, told, starts.scan, best.moved)
         return replace(reached, reacts=in_loop)
 
-    def weighed(self, reached: Reached, say: Progress) -> Ending:
+    def weighed(self, reached: Reached, say: Progress, *, put_off: bool = False) -> Ending:
         """Where to end: at the maximum or, where that is not to be trusted, beyond it."""
-        return weigh(self.finish, reached, say, reached.scan)
+        return weigh(self.finish, reached, say, reached.scan, put_off=put_off)
 
     def _by_reference(
         self, records: Sequence[Record], structure: Structure, say: Progress

@@ -51,6 +51,7 @@ CONTRADICTED = (
     "the likelihood's maximum: the posterior weighs models by the likelihood, which the scatter "
     "of the scores contradicts"
 )
+PUT_OFF = "the likelihood's maximum: the posterior, which the record calls for, was not weighed"
 NOT_ROBUST = "the maximum of the robust likelihood: the posterior mean is for squared loss"
 LOST = 0.5
 """Standard error over natural size above which a maximum is not kept for that reason."""
@@ -86,7 +87,12 @@ def refuse_posterior(finish: str) -> None:
 
 
 def weigh(
-    finish: FinishChoice, best: Ending, say: Callable[[str], None], scan: Scan | None = None
+    finish: FinishChoice,
+    best: Ending,
+    say: Callable[[str], None],
+    scan: Scan | None = None,
+    *,
+    put_off: bool = False,
 ) -> Ending:
     """The likelihood's maximum or, where that is not to be trusted, the posterior mean.
 
@@ -99,6 +105,8 @@ def weigh(
         Is told what is going on.
     scan : Scan, optional
         The search's last look at other places.
+    put_off : bool
+        Whether the maximum will do where the posterior would be weighed; it is told (`PUT_OFF`).
     """
     problem = best.point.problem
     if finish == "likelihood" or not is_short(problem) or at_rounding(best.point):
@@ -116,6 +124,8 @@ def weigh(
     known = vague is not None and vague.share < LOST
     if finish == "auto" and sound and known and scatter is not None:
         return best.told(CONTRADICTED)
+    if put_off:
+        return best.told(PUT_OFF)
     say("the posterior, as the record leaves coefficients open")
     found = posterior(problem, [(best.point.poles, cov)])
     if not found.usable:

@@ -26,7 +26,13 @@ from tridentify.estimation.methods.base import Method, Progress, check_scale, ch
 from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import IN_WORDS, behaviours
 from tridentify.judgement.choice import checked_method, listed, with_behaviour, with_judgement
-from tridentify.judgement.selection.decide import OrderEvidence, decide, follows_input, misleads
+from tridentify.judgement.selection.decide import (
+    Decision,
+    OrderEvidence,
+    decide,
+    follows_input,
+    misleads,
+)
 from tridentify.judgement.selection.finish_candidates import (
     MOST_ROUNDS,
     WORSE,
@@ -42,6 +48,7 @@ from tridentify.judgement.selection.finish_candidates import (
 )
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
+from tridentify.judgement.selection.in_question import in_question
 from tridentify.judgement.selection.integrators import integrating
 from tridentify.judgement.selection.late import delayed
 from tridentify.judgement.selection.orders import (
@@ -312,27 +319,57 @@ class _Work:
         if self.free:
             asked = integrating(evidence.rows(), self.records)
             evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
-        found = decide(evidence)
+        evidence, found = self._decided(evidence, unseen)
         if self.late and isinstance(self.method, ThreeModel):
             self.say("whether a delay is missing")
             asked = delayed(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a delay", unseen)
-            found = decide(evidence) if asked else found
-        whole, table = list(evidence.whole), evidence.table
+            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
+        table = evidence.table
         hankel = self._hankel(table, found.verdict.place)
         if hankel is not None:
-            again = decide(evidence, hankel.order)
+            weighed, again = self._decided(evidence, unseen, hankel.order)
             if again.verdict.place != found.verdict.place:
-                found, hankel = again, self._hankel(table, again.verdict.place)
+                evidence, found = weighed, again
+                hankel = self._hankel(table, again.verdict.place)
         rows, verdict = list(found.rows), found.verdict
         place = verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
-        missed = place is not None and self._missed(whole[place])
-        coloured = place is not None and misleads(whole[place], self.records)
+        missed = place is not None and self._missed(evidence.whole[place])
+        coloured = place is not None and misleads(evidence.whole[place], self.records)
         reason = in_words(rows, found.contenders, verdict, missed, coloured)
-        notes = (*told, *_notes(table, unseen))
+        notes = (*told, *_notes(table, unseen, any(e.put_off for e in evidence.whole)))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, notes)
+
+    def _decided(
+        self, known: OrderEvidence, unseen: tuple[Record, ...], least: int = 0
+    ) -> tuple[OrderEvidence, Decision]:
+        """The recommendation, the posterior weighed of the rows that it could turn on."""
+        found = decide(known, least)
+        while asked := in_question(known, found):
+            labels = [order_label(known.structures[k]) for k in asked]
+            self.say(f"the posterior of {'; '.join(labels)}")
+            tasks = [
+                CandidateTask(self.records, known.whole[k].structure, self.method, shared=False)
+                for k in asked
+            ]
+            entries = dict(zip(asked, self.run(run_task, tasks, "weighed"), strict=True))
+            known = self._replaced(known, entries, unseen)
+            found = decide(known, least)
+        return known, found
+
+    def _replaced(
+        self, known: OrderEvidence, entries: dict[int, Entry], unseen: tuple[Record, ...]
+    ) -> OrderEvidence:
+        """The same with other entries for some rows."""
+        asked = [known.structures[k] for k in entries]
+        held = dict(zip(entries, self._held_out([*entries.values()], asked, unseen), strict=True))
+        return replace(
+            known,
+            whole=tuple(entries.get(k, one) for k, one in enumerate(known.whole)),
+            held=tuple(held.get(k, one) for k, one in enumerate(known.held)),
+        )
 
     def _held_out(
         self, whole: Sequence[Entry], asked: Sequence[Structure], unseen: tuple[Record, ...]
@@ -495,7 +532,7 @@ class _Work:
     def _identified(self, tasks: Sequence[CandidateTask], table: SelectionTable) -> list[Entry]:
         """What `identify` gives for every candidate."""
         wanted = [k for k, entry in enumerate(table.entries) if entry.shared]
-        whole = [replace(tasks[k], shared=False) for k in wanted]
+        whole = [replace(tasks[k], shared=False, put_off=True) for k in wanted]
         outcomes = dict(
             zip(wanted, self.counted(run_task, whole, "the whole search for each"), strict=True)
         )
@@ -527,7 +564,7 @@ class _Work:
             return None
 
 
-def _notes(table: SelectionTable, unseen: Sequence[Record]) -> tuple[str, ...]:
+def _notes(table: SelectionTable, unseen: Sequence[Record], put_off: bool) -> tuple[str, ...]:
     told = []
     noise = next((noise for noise in table.noise if noise), ())
     if any(a.size for a in noise):
@@ -543,5 +580,12 @@ def _notes(table: SelectionTable, unseen: Sequence[Record]) -> tuple[str, ...]:
             "held-out: fit of blocks of the record that were left out in turn, offset and initial "
             "state fitted to the whole record"
         )
-    told.append("fit and coefficients of every row are those that identify gives for it alone")
+    if put_off:
+        told.append(
+            "fit and coefficients of every row are those of its own search; where identify would "
+            "weigh the posterior and the recommendation does not turn on it, those of the "
+            "likelihood's maximum"
+        )
+    else:
+        told.append("fit and coefficients of every row are those that identify gives for it alone")
     return tuple(told)
