@@ -182,8 +182,9 @@ class ThreeModel:
             Told in words what is going on.
         near : (n,) complex array, optional
             Poles that the record may well have: the search begins there and, on a record that is
-            not long, ends there if nothing speaks against it. Not used by the reference route, by
-            other losses, nor within constraints or where delays are estimated along.
+            not long, ends there if nothing speaks against it; the trace then ends without the
+            series model. Not used by the reference route, by other losses, nor within constraints
+            or where delays are estimated along.
         put_off : bool
             Whether the maximum will do where the posterior would be weighed, which takes most of
             the time there; a decision of the trace then says so.
@@ -254,8 +255,10 @@ class ThreeModel:
         # the noise modelled where it is not white, and all steps again on whitened samples
         ended, in_loop = question.ended(best.end.point), route == "direct"
         best = with_noise_model(noise, ended, starts, best, in_loop=in_loop)
-        # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
-        trail = certified(best.end.point, [*best.trail, *best.end.recorder.passes])
+        trail = (*best.trail, *best.end.recorder.passes)
+        if near is None:
+            # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
+            trail = certified(best.end.point, trail)
         told = Trace(trail, best.tried, best.decisions, best.end.why)
         reached = Reached.of(best.end, told, starts.scan, best.moved)
         return replace(reached, reacts=in_loop)

@@ -33,7 +33,7 @@ from tridentify.judgement.validation.evidence import (
     suspicious,
 )
 from tridentify.judgement.validation.likelihood_ratio import CALLED
-from tridentify.judgement.validation.remembered import remember, remembered
+from tridentify.judgement.validation.remembered import kept_look, remember, remembered
 from tridentify.judgement.validation.residuals import View, look
 from tridentify.judgement.validation.result import (
     Check,
@@ -256,11 +256,16 @@ def own_look(
     """A quick look at the records that were identified; None where there is nothing to test."""
     short = [beginning(record, LONGEST_LOOK) for record in records]
     whole = all(one is record for one, record in zip(short, records, strict=True))
-    try:
-        view = look(estimate, short, None, own=True, known=known if whole else None)
-    except (TridentifyError, np.linalg.LinAlgError):
-        return None
-    return None if any(output.is_rounding for output in view.outputs) else view
+
+    def made() -> View | None:
+        try:
+            view = look(estimate, short, None, own=True, known=known if whole else None)
+        except (TridentifyError, np.linalg.LinAlgError):
+            return None
+        return None if any(output.is_rounding for output in view.outputs) else view
+
+    # what is kept keeps its records
+    return kept_look(estimate, records, made) if whole else made()
 
 
 def may_react_at_all(estimate: Estimate, records: Sequence[Record]) -> bool:
