@@ -202,7 +202,7 @@ def _trial(
     """A candidate on samples that it has not seen."""
     if row.estimate is None:
         return Trial(0, Unseen(), Unseen(), False, False)
-    unseen = _unseen(held, records)
+    unseen = unseen_errors(held, records)
     size, order = _sizes(row)
     return Trial(
         size,
@@ -230,7 +230,7 @@ def _sizes(row: SelectionRow) -> tuple[int, tuple[int, int]]:
     return size, (poles + zeros, poles)
 
 
-def _unseen(held: HeldOut, records: Sequence[Record]) -> Unseen:
+def unseen_errors(held: HeldOut, records: Sequence[Record]) -> Unseen:
     """The errors, each output over its spread and over their number; none where they grow."""
     if not held.errors:
         return Unseen()

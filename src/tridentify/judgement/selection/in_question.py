@@ -1,18 +1,62 @@
-"""Rows whose posterior may have a say in the recommendation.
+"""Rows that may have a say in the recommendation, and those that get less than a whole search.
 
 Candidates with needless poles are those whose posterior is weighed, and weighing it takes most of
 the time of a selection. A posterior changes what is said of a candidate (its coefficients and how
 well they are known, hence what speaks against it), and hardly what it predicts: held-out
 samples are fitted to their likelihood. So all rows are first taken at the likelihood's maximum,
 and only those are weighed that the recommendation could turn on.
+
+A candidate that leaves far more than the best one, in the likelihood and on held-out samples, has
+coloured residuals of its own making, and a search that gives them a noise model takes longer than
+any other. Such a row is shown as the comparison left it.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-from tridentify.judgement.selection.decide import Decision, OrderEvidence
-from tridentify.judgement.selection.rule import Contender, adequate, choose, is_alike, is_as_good
+from tridentify.judgement.selection.decide import Decision, OrderEvidence, unseen_errors
+from tridentify.judgement.selection.rule import (
+    LARGE,
+    TWICE,
+    Contender,
+    adequate,
+    choose,
+    is_alike,
+    is_as_good,
+)
+from tridentify.judgement.selection.table import SelectionTable
+
+FAR = 0.5
+"""Deviance a sample above the lowest, on the same terms, from which a candidate is far behind: its
+noise has 1.65 times the power. Candidates that are only somewhat too small stay below."""
+
+
+def far_behind(table: SelectionTable) -> list[int]:
+    """Rows that explain far less than the best one (`FAR`).
+
+    Parameters
+    ----------
+    table : SelectionTable
+    """
+    known = [(k, one) for k, one in enumerate(table.criteria) if one is not None]
+    least = min((one.deviance / one.n_samples for _, one in known), default=math.inf)
+    far = [k for k, one in known if one.deviance / one.n_samples > least + FAR]
+    return [k for k in far if table.entries[k].shared]
+
+
+def not_beaten(known: OrderEvidence, among: Sequence[int]) -> list[int]:
+    """Those of some rows that do not leave far more of held-out samples than the best row.
+
+    Parameters
+    ----------
+    known : OrderEvidence
+    among : sequence of int
+    """
+    losses = [unseen_errors(held, known.judges).loss for held in known.held]
+    least = min((loss for loss in losses if math.isfinite(loss)), default=math.inf)
+    return [k for k in among if not losses[k] > max(TWICE * least, least + LARGE)]
 
 
 def in_question(known: OrderEvidence, found: Decision) -> list[int]:

@@ -48,7 +48,7 @@ from tridentify.judgement.selection.finish_candidates import (
 )
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
-from tridentify.judgement.selection.in_question import in_question
+from tridentify.judgement.selection.in_question import far_behind, in_question, not_beaten
 from tridentify.judgement.selection.integrators import integrating
 from tridentify.judgement.selection.late import delayed
 from tridentify.judgement.selection.orders import (
@@ -316,6 +316,10 @@ class _Work:
             tuple(whole),
             tuple(held),
         )
+        behind = not_beaten(evidence, [k for k in far_behind(table) if evidence.whole[k].put_off])
+        if behind:
+            searched = self._searched(opened.tasks, behind)
+            evidence = self._replaced(evidence, searched, unseen)
         if self.free:
             asked = integrating(evidence.rows(), self.records)
             evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
@@ -530,14 +534,20 @@ class _Work:
         return found
 
     def _identified(self, tasks: Sequence[CandidateTask], table: SelectionTable) -> list[Entry]:
-        """What `identify` gives for every candidate."""
-        wanted = [k for k, entry in enumerate(table.entries) if entry.shared]
-        whole = [replace(tasks[k], shared=False, put_off=True) for k in wanted]
-        outcomes = dict(
-            zip(wanted, self.counted(run_task, whole, "the whole search for each"), strict=True)
-        )
+        """What `identify` gives for every candidate that is not far behind, the posterior aside."""
+        far = far_behind(table)
+        wanted = [k for k, entry in enumerate(table.entries) if entry.shared and k not in far]
+        outcomes = self._searched(tasks, wanted)
         # one that the whole search refuses is refused, whatever the contest made of it
-        return [outcomes.get(k, entry) for k, entry in enumerate(table.entries)]
+        return [
+            replace(entry, put_off=True) if k in far else outcomes.get(k, entry)
+            for k, entry in enumerate(table.entries)
+        ]
+
+    def _searched(self, tasks: Sequence[CandidateTask], wanted: Sequence[int]) -> dict[int, Entry]:
+        whole = [replace(tasks[k], shared=False, put_off=True) for k in wanted]
+        found = self.counted(run_task, whole, "the whole search for each")
+        return dict(zip(wanted, found, strict=True))
 
     def _hankel(self, table: SelectionTable, place: int | None) -> Hankel | None:
         """On operators with the poles of the recommended candidate."""
@@ -582,9 +592,10 @@ def _notes(table: SelectionTable, unseen: Sequence[Record], put_off: bool) -> tu
         )
     if put_off:
         told.append(
-            "fit and coefficients of every row are those of its own search; where identify would "
-            "weigh the posterior and the recommendation does not turn on it, those of the "
-            "likelihood's maximum"
+            "fit and coefficients of a row are those that identify gives for it alone, where the "
+            "recommendation could turn on it; of the others those of the likelihood's maximum, "
+            "no posterior weighed, and where far more is left than by the best one without a noise "
+            "model of their own"
         )
     else:
         told.append("fit and coefficients of every row are those that identify gives for it alone")
