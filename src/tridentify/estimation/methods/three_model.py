@@ -30,6 +30,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from weakref import WeakKeyDictionary
 
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
@@ -59,6 +60,7 @@ from tridentify.estimation.methods.route import (
 )
 from tridentify.estimation.posterior.maximum_or_mean import (
     NOT_ROBUST,
+    PUT_OFF,
     FinishChoice,
     check_finish,
     refuse_posterior,
@@ -71,6 +73,9 @@ from tridentify.numerics.arrays import Complex
 from tridentify.numerics.robust import Loss
 from tridentify.record.record import Record
 from tridentify.structure import Structure
+
+_UNWEIGHED: WeakKeyDictionary[Estimate, tuple[Reached, Request]] = WeakKeyDictionary()
+"""Where the posterior was put off: as long as the estimate lives, it need not be searched again."""
 
 
 @dataclass(frozen=True)
@@ -216,7 +221,30 @@ class ThreeModel:
         near_them = partial(self.maximise, near=near)
         way = partial(over_delays, self) if structure.delay == "free" else near_them
         reached = way(with_all_rows, structure, say)
-        return estimate_from(self.weighed(reached, say, put_off=put_off), asked)
+        found = estimate_from(self.weighed(reached, say, put_off=put_off), asked)
+        if put_off and PUT_OFF in found.trace.decisions:
+            _UNWEIGHED[found] = reached, asked
+        return found
+
+    def resumed(self, estimate: Estimate, progress: Progress | None = None) -> Estimate | None:
+        """An estimate whose posterior was put off, with the posterior weighed.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            As `estimate` gave it.
+        progress : callable, optional
+
+        Returns
+        -------
+        Estimate or None
+            None where nothing was put off, or in another process.
+        """
+        known = _UNWEIGHED.get(estimate)
+        if known is None:
+            return None
+        reached, asked = known
+        return estimate_from(self.weighed(reached, progress or silently), asked)
 
     def maximise(
         self,

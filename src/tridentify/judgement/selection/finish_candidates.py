@@ -83,7 +83,8 @@ class CandidateTask:
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
     Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
     search for. ``found`` is what ``method`` gave where it was asked already. ``put_off`` says that
-    the likelihood's maximum will do for now where the posterior would be weighed.
+    the likelihood's maximum will do for now where the posterior would be weighed; ``begun`` is
+    where that left off.
     """
 
     records: tuple[Record, ...]
@@ -96,6 +97,7 @@ class CandidateTask:
     reach: float = -np.inf
     found: Estimate | None = None
     put_off: bool = False
+    begun: Estimate | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,6 +139,10 @@ def run_task(task: CandidateTask) -> Entry:
 def _identified(task: CandidateTask) -> Estimate:
     if task.found is not None:
         return task.found
+    if task.begun is not None and isinstance(task.method, ThreeModel):
+        weighed = task.method.resumed(task.begun)
+        if weighed is not None:
+            return weighed
     if task.put_off and isinstance(task.method, ThreeModel):
         return task.method.estimate(task.records, task.structure, put_off=True)
     return task.method.estimate(task.records, task.structure)

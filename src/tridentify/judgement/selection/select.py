@@ -1,8 +1,9 @@
 """From records and candidates to a recommendation.
 
-What is shown belongs to each candidate alone: every row holds the estimate that `identify` gives
-for its structure, its fit, and the fit on samples left out in turn. A row does not change with the
-company it keeps.
+What is shown belongs to each candidate alone: a row holds the estimate that `identify` gives for
+its structure, its fit, and the fit on samples left out in turn. A row that the recommendation could
+turn on does not change with the company it keeps. The others are spared what takes longest
+(`in_question`): no posterior is weighed for them, and those far behind get no search of their own.
 
 What decides compares them, and a likelihood can only be compared on the same terms. So the
 candidates are finished once more on the maximum of one likelihood, with one noise model and the
@@ -340,6 +341,13 @@ class _Work:
         place = verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
+        # a copy: what the posterior was put off with lives as long as the estimate itself
+        rows = [
+            row
+            if row.identified or row.estimate is None
+            else replace(row, estimate=replace(row.estimate))
+            for row in rows
+        ]
         missed = place is not None and self._missed(evidence.whole[place])
         coloured = place is not None and misleads(evidence.whole[place], self.records)
         reason = in_words(rows, found.contenders, verdict, missed, coloured)
@@ -353,12 +361,18 @@ class _Work:
         found = decide(known, least)
         while asked := in_question(known, found):
             labels = [order_label(known.structures[k]) for k in asked]
-            self.say(f"the posterior of {'; '.join(labels)}")
             tasks = [
-                CandidateTask(self.records, known.whole[k].structure, self.method, shared=False)
+                CandidateTask(
+                    self.records,
+                    known.whole[k].structure,
+                    self.method,
+                    shared=False,
+                    begun=known.whole[k].estimate,
+                )
                 for k in asked
             ]
-            entries = dict(zip(asked, self.run(run_task, tasks, "weighed"), strict=True))
+            said = f"the posterior of {'; '.join(labels)}"
+            entries = dict(zip(asked, self.run(run_task, tasks, said), strict=True))
             known = self._replaced(known, entries, unseen)
             found = decide(known, least)
         return known, found
