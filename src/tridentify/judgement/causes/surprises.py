@@ -17,6 +17,7 @@ import numpy as np
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import least_squares
 from tridentify.numerics.quantiles import median
+from tridentify.numerics.recent import recent
 from tridentify.record.record import Record
 
 PAST = 12
@@ -27,6 +28,9 @@ PER_PAST = 12
 
 LARGE = 3.0
 """Standard deviations of small surprises from which one is large: a move of a reference."""
+
+KEPT = 4
+"""Records whose surprises are kept: the quick look and the tests ask for the same."""
 
 ROUNDS = 15
 """Weighted fits; the weights stand still after about ten."""
@@ -60,18 +64,27 @@ def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
     >>> bool(np.any(small_surprises([held])[0]))
     False
     """
-    n_inputs = records[0].n_inputs
-    rows = sum(record.n_samples for record in records)
+    return _surprises_of(tuple(np.asarray(record.u) for record in records))
+
+
+# the same test is often made on many plants
+@recent(KEPT)
+def _surprises_of(inputs: tuple[Array, ...]) -> tuple[Array, ...]:
+    """`small_surprises` of (n_samples, n_inputs) inputs; nobody may write into them."""
+    n_inputs = inputs[0].shape[1]
+    rows = sum(len(u) for u in inputs)
     most = max(1, min(PAST, rows // (PER_PAST * n_inputs)))
-    found = tuple(np.zeros((record.n_samples, n_inputs)) for record in records)
-    known = [_lagged(record.u, most) for record in records]
+    found = tuple(np.zeros(u.shape) for u in inputs)
+    known = [_lagged(u, most) for u in inputs]
     lengths = np.cumsum([one.shape[0] for one in known])[:-1]
     for j in range(n_inputs):
-        now = np.concatenate([record.u[most:, j] for record in records])
-        spread = max(float(np.std(record.u[:, j])) for record in records)
+        now = np.concatenate([u[most:, j] for u in inputs])
+        spread = max(float(np.std(u[:, j])) for u in inputs)
         left = _small(np.vstack(known), now, COMMANDED * spread)
         for one, own in zip(found, np.split(left, lengths), strict=True):
             one[most:, j] = own
+    for one in found:
+        one.flags.writeable = False
     return found
 
 

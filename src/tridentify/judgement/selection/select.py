@@ -364,7 +364,7 @@ class _Work:
             tasks = [
                 CandidateTask(
                     self.records,
-                    known.whole[k].structure,
+                    known.structures[k],
                     self.method,
                     shared=False,
                     begun=known.whole[k].estimate,

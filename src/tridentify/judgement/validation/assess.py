@@ -25,6 +25,7 @@ from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, joined
 from tridentify.estimation.methods.explained import explained_records
+from tridentify.judgement.causes.feedback import Inputs
 from tridentify.judgement.causes.fewer import VAGUE
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.validation.correlation import correlate
@@ -270,6 +271,9 @@ def own_look(
 
 def may_react_at_all(estimate: Estimate, records: Sequence[Record]) -> bool:
     """Whether a quick look at the identified records suspects that an input reacts to an output."""
+    plain = not any(a.size for a in estimate.noise_model)
+    if plain and Inputs.of([beginning(one, LONGEST_LOOK) for one in records]).commanded:
+        return False  # whatever is left of the outputs
     view = own_look(estimate, records)
     return view is not None and may_react(view)
 
