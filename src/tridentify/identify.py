@@ -20,6 +20,7 @@ from tridentify.estimation.methods.base import Method, Progress
 from tridentify.judgement.causes.intersample import IN_WORDS
 from tridentify.judgement.choice import (
     METHODS,
+    beside_stated,
     checked_method,
     listed,
     with_behaviour,
@@ -204,6 +205,7 @@ def search(
                 estimate = with_judgement(widened(again, used), used, chosen, None, told)
             return Searched(estimate, used, lambda: estimate)
         found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
+        first, stated = found, all(record.intersample != "auto" for record in given)
         found = widened(directly(chosen, found, seen, wanted, progress) or found, seen)
         found = not_stable(chosen, found, seen, wanted, progress) or found
 
@@ -211,7 +213,8 @@ def search(
         if progress is not None:
             progress("testing the residual")
         with one_blas_thread():
-            return with_judgement(found, seen, chosen, between, told)
+            compared = beside_stated(first, seen) if stated else between
+            return with_judgement(found, seen, chosen, compared, told)
 
     return Searched(found, tuple(seen), judged)
 

@@ -66,7 +66,8 @@ def with_behaviour(
     """The estimate, with what explains the record best where the input's behaviour is left open.
 
     The search runs with what the samples suggest; at its end every behaviour is fitted from there,
-    and another search with the best of them follows where that is another one.
+    and another search with the best of them follows where that is another one. Where it was
+    stated, nothing is compared: that is for who judges the estimate (`beside_stated`).
     """
     stated = all(record.intersample != "auto" for record in records)
     left_open = [record.behaviour for record in records if record.intersample == "auto"]
@@ -77,10 +78,9 @@ def with_behaviour(
         seen = [record.settled(wanted) for record in records]
         tried.append(wanted)
         estimate = method.estimate(seen, structure, progress)
-        # what lies between the samples of a loop is no matter of the input's samples alone
-        found = None if estimate.route == "reference" else behaviours(estimate, seen)
         if stated:
-            return estimate, seen, found and replace(found, stated=True), ()
+            return estimate, seen, None, ()
+        found = _compared(estimate, seen)
         if found is None:
             told = f"input taken as {IN_WORDS[wanted]}, which its samples suggest"
             return estimate, seen, None, (told,)
@@ -88,6 +88,25 @@ def with_behaviour(
         if better in tried or not _can_be(better, method):
             return estimate, seen, found, (found.in_words(),)
         wanted = better
+
+
+def beside_stated(estimate: Estimate, records: Sequence[Record]) -> Behaviours | None:
+    """How other behaviours of the input compare with one that was stated.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        Where they begin.
+    records : sequence of Record
+        With the behaviour that was used.
+    """
+    found = _compared(estimate, records)
+    return found and replace(found, stated=True)
+
+
+def _compared(estimate: Estimate, records: Sequence[Record]) -> Behaviours | None:
+    # what lies between the samples of a loop is no matter of the input's samples alone
+    return None if estimate.route == "reference" else behaviours(estimate, records)
 
 
 def still_references(estimate: Estimate, records: Sequence[Record]) -> tuple[str, ...]:

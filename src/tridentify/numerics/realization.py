@@ -83,6 +83,8 @@ def sort_poles(poles: Complex) -> Complex:
     """
     poles = np.asarray(poles, dtype=np.complex128)
     listed = poles.tolist()
+    if len(listed) == 2 and listed[0].imag > 0 and listed[1].imag < 0:
+        return np.array([listed[0], listed[0].conjugate()], dtype=np.complex128)
     try:
         sizes = [abs(z) for z in listed]
     except OverflowError:  # beyond the largest number
@@ -309,6 +311,8 @@ def row_of(bank: Cascade, roots: Complex) -> Array | None:
     >>> roots_of(bank, row).round(9).tolist()
     [(-1.5+0j), (-2+2j), (-2-2j)]
     """
+    if bank.order == 2:
+        return _row_of_two(bank, roots)
     z, right = np.linalg.eig(bank.a)
     apart = z[:, None] - z[None, :]
     others = ~np.eye(z.size, dtype=bool)
@@ -318,6 +322,24 @@ def row_of(bank: Cascade, roots: Complex) -> Array | None:
     residues = np.prod((z[:, None] - roots[None, :]) / apart, axis=1)
     drive = np.linalg.solve(right, bank.b.astype(np.complex128))
     return np.asarray(np.linalg.solve(right.T, residues / drive).real)
+
+
+def _row_of_two(bank: Cascade, roots: Complex) -> Array | None:
+    """`row_of` by sum and product of the roots, those of ``A - B row``: two linear equations."""
+    (a, b), (c, d) = bank.a.tolist()
+    one, other = bank.poles.tolist()
+    if abs(one - other) < APART * abs(one) or abs(one - other) < APART * abs(other):
+        return None
+    x, y = bank.b.tolist()
+    first, second = roots.tolist()
+    fall = a + d - (first + second).real
+    rest = a * d - b * c - (first * second).real
+    # row times B is the fall of the trace, row times adj(A) B that of the determinant
+    u, v = d * x - b * y, a * y - c * x
+    size = x * v - y * u
+    if size == 0.0:
+        return None
+    return np.array([(fall * v - rest * y) / size, (rest * x - fall * u) / size])
 
 
 def side_by_side(banks: Sequence[Cascade]) -> Cascade:

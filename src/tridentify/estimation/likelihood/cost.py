@@ -345,7 +345,11 @@ class Point:
 
     def decrease(self, damping: float = 0.0) -> float:
         """The fall of `objective` that a step promises, for less than the step itself costs."""
-        return self._promised(self._decomposition, damping)
+        return self._promised(self._decomposition, damping) if damping else self._undamped
+
+    @cached_property
+    def _undamped(self) -> float:
+        return self._promised(self._decomposition, 0.0)
 
     @property
     def is_far(self) -> bool:

@@ -288,6 +288,10 @@ class Problem:
         b : dict of (output, input) to slice
             Delays that are estimated along stand behind all of them.
         """
+        return self._places
+
+    @cached_property
+    def _places(self) -> tuple[tuple[slice, ...], dict[tuple[int, int], slice]]:
         a: dict[int, slice] = {}
         b: dict[tuple[int, int], slice] = {}
         at = 0
@@ -306,12 +310,12 @@ class Problem:
         every = np.arange(self.n_coefficients)
         return np.concatenate([every[place] for place in self.places()[0]])
 
-    @property
+    @cached_property
     def n_coefficients(self) -> int:
         """Number of physical coefficients."""
         return self.n_poles + sum(m + 1 for row in self.n_zeros for m in row) + self.n_delays
 
-    @property
+    @cached_property
     def n_nuisance(self) -> int:
         """Number of nuisance terms over all experiments and outputs."""
         states = sum(self.free_order(i) for i in range(self.n_outputs))
@@ -329,7 +333,7 @@ class Problem:
         experiments = tuple(replace(e, noise=noise) for e in self.experiments)
         return replace(self, experiments=experiments)
 
-    @property
+    @cached_property
     def slowest(self) -> float:
         """Slowest decay that can be told from a constant [rad/s]."""
         return SLOWEST / max(e.duration for e in self.experiments)
@@ -339,7 +343,12 @@ class Problem:
         """Length of the shortest experiment [s]."""
         return min(e.duration for e in self.experiments)
 
-    @property
+    @cached_property
+    def nyquist(self) -> float:
+        """Largest imaginary part of a pole that the sampling shows [rad/s]."""
+        return float(BELOW_NYQUIST * np.pi / min(e.dt for e in self.experiments))
+
+    @cached_property
     def fastest(self) -> float:
         """Fastest pole that leaves a trace between two samples [rad/s]."""
         return FASTEST / min(e.dt for e in self.experiments)
@@ -359,7 +368,7 @@ class Problem:
             What was done; empty when nothing was.
         """
         fastest, slowest, reflected, fast, slow = self.fastest, self.slowest, False, False, False
-        nyquist = float(BELOW_NYQUIST * np.pi / min(e.dt for e in self.experiments))
+        nyquist = self.nyquist
         kept = []
         # the poles are few: numbers one by one take a fraction of the time of so small arrays
         for z, size in zip(poles.tolist(), np.abs(poles).tolist(), strict=True):
@@ -374,6 +383,8 @@ class Problem:
             slow |= -real < floor
             kept.append(complex(-max(-real, floor), imag))
         note = TOO_SLOW if slow else TOO_FAST if fast else REFLECTED if reflected else ""
+        if len(self.groups) == 1:
+            return sort_poles(np.array(kept, dtype=np.complex128)), note
         own = self.split(np.array(kept, dtype=np.complex128))
         return np.concatenate([sort_poles(one) for one in own]), note
 

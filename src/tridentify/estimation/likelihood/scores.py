@@ -255,10 +255,11 @@ def _scatter_along(g: Array, innovations: Array, own: int) -> ScoreScatter | Non
     counts = [n for n in BLOCKS if n * FEWEST <= used]
     if not counts or k == 0:
         return None
-    blocks = _Blocks.of(g, scores, weight, counts[0])
+    share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
+    blocks = _Blocks.of(g, scores, _edges(share, counts[0]))
     found = None
     for n in counts:
-        one = _on_blocks(blocks.joined(weight, n), own, FALSE_ALARMS / (2 * len(counts)))
+        one = _on_blocks(blocks.joined(_edges(share, n)), own, FALSE_ALARMS / (2 * len(counts)))
         if one is not None and (found is None or one.ratio > found.ratio):
             found = one
     return found
@@ -280,9 +281,8 @@ class _Blocks(NamedTuple):
     held: Array
 
     @classmethod
-    def of(cls, g: Array, scores: Array, weight: Array, count: int) -> _Blocks:
-        """About so many blocks of equal weight."""
-        edges = _edges(weight, count)
+    def of(cls, g: Array, scores: Array, edges: NDArray[np.intp]) -> _Blocks:
+        """Blocks that begin there."""
         width, k = g.shape[1:]
         rows = np.ascontiguousarray(g).reshape(-1, k)
         stops = np.append(edges[1:], len(g))
@@ -290,20 +290,20 @@ class _Blocks(NamedTuple):
         held = np.array([rows[a:b].T @ rows[a:b] for a, b in pairs])
         return cls(edges, np.add.reduceat(scores, edges, axis=0), held)
 
-    def joined(self, weight: Array, count: int) -> _Blocks:
-        """About so many blocks, each made of whole ones of these: every second, fourth ... edge."""
-        edges = _edges(weight, count)
+    def joined(self, edges: NDArray[np.intp]) -> _Blocks:
+        """Blocks made of whole ones of these: of every second, fourth ... edge."""
         at = np.searchsorted(self.edges, edges)
         sums, held = (np.add.reduceat(one, at, axis=0) for one in (self.sums, self.held))
         return _Blocks(edges, sums, held)
 
 
-def _edges(weight: Array, count: int) -> NDArray[np.intp]:
-    """First samples of about so many blocks of equal weight."""
-    share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
-    edges = np.unique(np.searchsorted(share, np.arange(count) / count))
+def _edges(share: Array, count: int) -> NDArray[np.intp]:
+    """First samples of about so many blocks of equal weight, of its share up to each sample."""
+    edges = np.searchsorted(share, np.arange(count) / count)
     # where the last sample holds most of it, the last blocks would begin behind it
-    return np.asarray(edges[edges < weight.size])
+    kept = edges < share.size
+    kept[1:] &= edges[1:] != edges[:-1]
+    return np.asarray(edges[kept])
 
 
 def _on_blocks(found: _Blocks, own: int, rate: float) -> ScoreScatter | None:
@@ -314,7 +314,7 @@ def _on_blocks(found: _Blocks, own: int, rate: float) -> ScoreScatter | None:
         return None
     square = float(np.sum(held * held))
     # sum of h (1 - h) over the eigenvalues
-    expected = float(np.sum(np.trace(held, axis1=1, axis2=2))) - square
+    expected = float(np.einsum("bii->", held)) - square
     variance = 2.0 * square
     # half of the degrees of freedom of the chi-square with that mean and variance
     statistic = float(np.sum(sums * sums))

@@ -30,6 +30,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from weakref import WeakKeyDictionary
 
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
@@ -59,6 +60,7 @@ from tridentify.estimation.methods.route import (
 )
 from tridentify.estimation.posterior.maximum_or_mean import (
     NOT_ROBUST,
+    PUT_OFF,
     FinishChoice,
     check_finish,
     refuse_posterior,
@@ -71,6 +73,9 @@ from tridentify.numerics.arrays import Complex
 from tridentify.numerics.robust import Loss
 from tridentify.record.record import Record
 from tridentify.structure import Structure
+
+_UNWEIGHED: WeakKeyDictionary[Estimate, tuple[Reached, Request]] = WeakKeyDictionary()
+"""Where the posterior was put off: as long as the estimate lives, it need not be searched again."""
 
 
 @dataclass(frozen=True)
@@ -169,6 +174,7 @@ class ThreeModel:
         progress: Progress | None = None,
         *,
         near: Complex | None = None,
+        put_off: bool = False,
     ) -> Estimate:
         """Estimate the coefficients.
 
@@ -181,8 +187,12 @@ class ThreeModel:
             Told in words what is going on.
         near : (n,) complex array, optional
             Poles that the record may well have: the search begins there and, on a record that is
-            not long, ends there if nothing speaks against it. Not used by the reference route, by
-            other losses, nor within constraints or where delays are estimated along.
+            not long, ends there if nothing speaks against it; the trace then ends without the
+            series model. Not used by the reference route, by other losses, nor within constraints
+            or where delays are estimated along.
+        put_off : bool
+            Whether the maximum will do where the posterior would be weighed, which takes most of
+            the time there; a decision of the trace then says so.
 
         Returns
         -------
@@ -210,7 +220,31 @@ class ThreeModel:
             return within_constraints(self, asked, say, self.patience, noise)
         near_them = partial(self.maximise, near=near)
         way = partial(over_delays, self) if structure.delay == "free" else near_them
-        return estimate_from(self.weighed(way(with_all_rows, structure, say), say), asked)
+        reached = way(with_all_rows, structure, say)
+        found = estimate_from(self.weighed(reached, say, put_off=put_off), asked)
+        if put_off and PUT_OFF in found.trace.decisions:
+            _UNWEIGHED[found] = reached, asked
+        return found
+
+    def resumed(self, estimate: Estimate, progress: Progress | None = None) -> Estimate | None:
+        """An estimate whose posterior was put off, with the posterior weighed.
+
+        Parameters
+        ----------
+        estimate : Estimate
+            As `estimate` gave it.
+        progress : callable, optional
+
+        Returns
+        -------
+        Estimate or None
+            None where nothing was put off, or in another process.
+        """
+        known = _UNWEIGHED.get(estimate)
+        if known is None:
+            return None
+        reached, asked = known
+        return estimate_from(self.weighed(reached, progress or silently), asked)
 
     def maximise(
         self,
@@ -249,15 +283,17 @@ class ThreeModel:
         # the noise modelled where it is not white, and all steps again on whitened samples
         ended, in_loop = question.ended(best.end.point), route == "direct"
         best = with_noise_model(noise, ended, starts, best, in_loop=in_loop)
-        # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
-        trail = certified(best.end.point, [*best.trail, *best.end.recorder.passes])
+        trail = (*best.trail, *best.end.recorder.passes)
+        if near is None:
+            # Step 3, the series model, checks the end: its weights are (1, 0, ..., 0) there
+            trail = certified(best.end.point, trail)
         told = Trace(trail, best.tried, best.decisions, best.end.why)
         reached = Reached.of(best.end, told, starts.scan, best.moved)
         return replace(reached, reacts=in_loop)
 
-    def weighed(self, reached: Reached, say: Progress) -> Ending:
+    def weighed(self, reached: Reached, say: Progress, *, put_off: bool = False) -> Ending:
         """Where to end: at the maximum or, where that is not to be trusted, beyond it."""
-        return weigh(self.finish, reached, say, reached.scan)
+        return weigh(self.finish, reached, say, reached.scan, put_off=put_off)
 
     def _by_reference(
         self, records: Sequence[Record], structure: Structure, say: Progress

@@ -136,7 +136,8 @@ def search(
         Whether noise that is not white will get a model, and whitened samples a search of their
         own: then this one need not follow what only coloured noise asks for.
     near : (n,) complex array, optional
-        Poles that the record may well have: the search begins there and not with Laguerre models.
+        Poles that the record may well have: the search begins there and not with Laguerre models,
+        and ends there where they are then known to `CERTAIN`.
     """
     worker = Search(n_starts, far=far, whitened_later=whitened_later, near=near)
     worker.run(question.base, question.variants)
@@ -387,12 +388,18 @@ class Search:
         self.recorder.passes[:], self.variant = own.passes, variant
         return SearchEnd(base, point, variant, np.inf, False)
 
+    def _is_certain(self, point: Point) -> bool:
+        """Whether poles that the record may well have are known too well to lie elsewhere."""
+        return self.near is not None and point.looseness <= CERTAIN
+
     def following(
         self, base: Problem, variants: Sequence[Variant], where: str = ""
     ) -> Slices[SearchEnd]:
         """Follow starts until the model explains the record as well as the parallel model does."""
         found = yield from self._beginning(base, variants, where)
         best, variant, reachable = found.point, found.variant, found.reachable
+        if self._is_certain(best):
+            return SearchEnd(base, best, variant, reachable, True)
         extremes = _extremes(variants)
         further = list(self.further)
         if len(base.groups) > 1 and "discrete" in further:
@@ -434,6 +441,9 @@ class Search:
     def moving(self, found: SearchEnd, where: str = "") -> Slices[Point]:
         """`move` in slices."""
         if at_rounding(found.point) or explained(found.point) < WORTHWHILE:
+            return found.point
+        if self._is_certain(found.point):
+            self.scan = Scan(found.base, found.variant, found.point.poles, [])
             return found.point
         at = partial(evaluate_variant, found.base, found.variant)
         start = at(found.point.poles)

@@ -17,6 +17,7 @@ import numpy as np
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.least_squares import least_squares
 from tridentify.numerics.quantiles import median
+from tridentify.numerics.recent import recent
 from tridentify.record.record import Record
 
 PAST = 12
@@ -27,6 +28,9 @@ PER_PAST = 12
 
 LARGE = 3.0
 """Standard deviations of small surprises from which one is large: a move of a reference."""
+
+KEPT = 4
+"""Records whose surprises are kept: the quick look and the tests ask for the same."""
 
 ROUNDS = 15
 """Weighted fits; the weights stand still after about ten."""
@@ -60,17 +64,24 @@ def small_surprises(records: Sequence[Record]) -> tuple[Array, ...]:
     >>> bool(np.any(small_surprises([held])[0]))
     False
     """
-    return tuple(_of_one(record) for record in records)
+    return tuple(_of_one(np.asarray(record.u)) for record in records)
 
 
-def _of_one(record: Record) -> Array:
-    """Of one experiment, whose input may be of another kind than those of the others."""
-    most = max(1, min(PAST, record.n_samples // (PER_PAST * record.n_inputs)))
-    found = np.zeros((record.n_samples, record.n_inputs))
-    known = _lagged(record.u, most)
-    for j in range(record.n_inputs if known.size else 0):
-        spread = float(np.std(record.u[:, j]))
-        found[most:, j] = _small(known, np.asarray(record.u[most:, j]), COMMANDED * spread)
+# the same test is often made on many plants
+@recent(KEPT)
+def _of_one(u: Array) -> Array:
+    """Of the inputs of one experiment, which may be of another kind than those of the others.
+
+    Nobody may write into them.
+    """
+    n_samples, n_inputs = u.shape
+    most = max(1, min(PAST, n_samples // (PER_PAST * n_inputs)))
+    found = np.zeros((n_samples, n_inputs))
+    known = _lagged(u, most)
+    for j in range(n_inputs if known.size else 0):
+        spread = float(np.std(u[:, j]))
+        found[most:, j] = _small(known, np.asarray(u[most:, j]), COMMANDED * spread)
+    found.flags.writeable = False
     return found
 
 

@@ -83,11 +83,12 @@ class OrderEvidence:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """The rows, what the likelihood says of them, and the verdict."""
+    """The rows, what likelihood and held-out samples say of them, and the verdict."""
 
     rows: tuple[SelectionRow, ...]
     contenders: tuple[Contender, ...]
     verdict: Verdict
+    trials: tuple[Trial, ...] = ()
 
 
 def decide(known: OrderEvidence, least: int = 0) -> Decision:
@@ -115,8 +116,11 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
         and not misleads(table.entries[likeliest], known.records)
     )
     noise = () if likeliest is None else table.noise[likeliest]
+    trials = [
+        _trial(row, fit, noise, known.judges) for row, fit in zip(rows, known.held, strict=True)
+    ]
     verdict = recommend(
-        [_trial(row, fit, noise, known.judges) for row, fit in zip(rows, known.held, strict=True)],
+        trials,
         likeliest,
         explains=explains,
         sharp=likeliest is not None and (found or _is_sharp(rows[likeliest])),
@@ -126,7 +130,7 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     place = verdict.place
     if place is not None and verdict.by == "likelihood":
         rows[place] = replace(rows[place], doubts=objections[place])
-    return Decision(tuple(rows), tuple(contenders), verdict)
+    return Decision(tuple(rows), tuple(contenders), verdict, tuple(trials))
 
 
 def _row(
@@ -157,7 +161,7 @@ def _row(
         relative_std=widest_std,
         widest=widest,
         n_coefficients=free_coefficients(estimate),
-        identified=True,
+        identified=not entry.put_off,
         ok=estimate.status.ok,
     )
     if criteria is None or maximum is None:
@@ -198,7 +202,7 @@ def _trial(
     """A candidate on samples that it has not seen."""
     if row.estimate is None:
         return Trial(0, Unseen(), Unseen(), False, False)
-    unseen = _unseen(held, records)
+    unseen = unseen_errors(held, records)
     size, order = _sizes(row)
     return Trial(
         size,
@@ -226,7 +230,7 @@ def _sizes(row: SelectionRow) -> tuple[int, tuple[int, int]]:
     return size, (poles + zeros, poles)
 
 
-def _unseen(held: HeldOut, records: Sequence[Record]) -> Unseen:
+def unseen_errors(held: HeldOut, records: Sequence[Record]) -> Unseen:
     """The errors, each output over its spread and over their number; none where they grow."""
     if not held.errors:
         return Unseen()

@@ -25,6 +25,7 @@ from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding, joined
 from tridentify.estimation.methods.explained import explained_records
+from tridentify.judgement.causes.feedback import Inputs
 from tridentify.judgement.causes.fewer import VAGUE
 from tridentify.judgement.causes.first_samples import Predictions, beginning
 from tridentify.judgement.validation.correlation import correlate
@@ -33,7 +34,7 @@ from tridentify.judgement.validation.evidence import (
     suspicious,
 )
 from tridentify.judgement.validation.likelihood_ratio import CALLED
-from tridentify.judgement.validation.remembered import remember, remembered
+from tridentify.judgement.validation.remembered import kept_look, remember, remembered
 from tridentify.judgement.validation.residuals import View, look
 from tridentify.judgement.validation.result import (
     Check,
@@ -256,15 +257,23 @@ def own_look(
     """A quick look at the records that were identified; None where there is nothing to test."""
     short = [beginning(record, LONGEST_LOOK) for record in records]
     whole = all(one is record for one, record in zip(short, records, strict=True))
-    try:
-        view = look(estimate, short, None, own=True, known=known if whole else None)
-    except (TridentifyError, np.linalg.LinAlgError):
-        return None
-    return None if any(output.is_rounding for output in view.outputs) else view
+
+    def made() -> View | None:
+        try:
+            view = look(estimate, short, None, own=True, known=known if whole else None)
+        except (TridentifyError, np.linalg.LinAlgError):
+            return None
+        return None if any(output.is_rounding for output in view.outputs) else view
+
+    # what is kept keeps its records
+    return kept_look(estimate, records, made) if whole else made()
 
 
 def may_react_at_all(estimate: Estimate, records: Sequence[Record]) -> bool:
     """Whether a quick look at the identified records suspects that an input reacts to an output."""
+    plain = not any(a.size for a in estimate.noise_model)
+    if plain and Inputs.of([beginning(one, LONGEST_LOOK) for one in records]).commanded:
+        return False  # whatever is left of the outputs
     view = own_look(estimate, records)
     return view is not None and may_react(view)
 

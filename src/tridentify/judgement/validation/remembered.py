@@ -2,12 +2,12 @@
 
 `identify` judges what it found by all tests where a first look calls for them, and a report, or the
 user, validates the same estimate on the same records right after that. One judgement is kept, until
-it is asked for or the next one is made.
+it is asked for or the next one is made; so is one quick look.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -15,6 +15,7 @@ import numpy as np
 
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.validation.residuals import View
 from tridentify.judgement.validation.result import Validation
 from tridentify.record.record import Record
 
@@ -78,6 +79,47 @@ def remembered(estimate: Estimate, records: Sequence[Record]) -> Validation | No
         return None
     _last.clear()
     return last.validation
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """A quick look, and whose it is."""
+
+    judged: tuple[Any, ...]
+    records: tuple[Record, ...]
+    view: View | None
+
+
+_looks: list[_Look] = []
+
+
+def kept_look(
+    estimate: Estimate, records: Sequence[Record], made: Callable[[], View | None]
+) -> View | None:
+    """The last quick look where it is of this very estimate and these records, else a new one.
+
+    Two questions that follow one another are asked of it: whether an input reacts, and whether the
+    residual calls for tests.
+
+    Parameters
+    ----------
+    estimate : Estimate
+        What is said of it, its trace and its call may have been added since.
+    records : sequence of Record
+    made : callable
+        Takes a look.
+    """
+    judged, last = _judged(estimate), next(iter(_looks), None)
+    if last is not None and _are(last.judged, judged) and _are(last.records, records):
+        return last.view
+    found = made()
+    _looks[:] = [_Look(judged, tuple(records), found)]
+    return found
+
+
+def _are(some: Sequence[Any], others: Sequence[Any]) -> bool:
+    """Whether these are the same objects."""
+    return len(some) == len(others) and all(a is b for a, b in zip(some, others, strict=True))
 
 
 def _judged(estimate: Estimate) -> tuple[Any, ...]:

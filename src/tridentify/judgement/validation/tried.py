@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -111,8 +112,19 @@ def torn_at(view: View) -> list[Place]:
     return jumps(residuals, [one.inner for one in view.point.branches], noise, view.step)
 
 
+_REACTS: WeakKeyDictionary[View, bool] = WeakKeyDictionary()
+"""What `may_react` said of looks that are still in use."""
+
+
 def may_react(view: View) -> bool:
     """Whether inputs to come explain what is left of an output, as far as one look tells."""
+    said = _REACTS.get(view)
+    if said is None:
+        said = _REACTS[view] = _may_react(view)
+    return said
+
+
+def _may_react(view: View) -> bool:
     if view.uneven:
         return False
     inputs = Inputs.of(view.records)
