@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import json
 import os
 import shutil
 import sys
@@ -11,6 +12,8 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 sys.path[:0] = [str(HERE.parent / "src"), str(HERE / "extensions")]
+
+import warm  # noqa: E402
 
 import tridentify  # noqa: E402
 
@@ -74,6 +77,16 @@ os.environ["PYTHONPATH"] = os.pathsep.join(
 )
 os.environ["DOCS_ROOT"] = str(HERE.parent)
 os.environ.pop("MPLBACKEND", None)
+os.environ["DOCS_WARM"] = warm.start(kernels)
+if os.environ["DOCS_WARM"]:
+    os.environ["JUPYTER_PATH"] = str(kernels)
+    spec = {
+        "argv": [*warm.COMMAND, os.environ["DOCS_WARM"], "kernel", "-f", "{connection_file}"],
+        "display_name": "Python 3",
+        "language": "python",
+    }
+    (kernels / "kernels" / "python3").mkdir(parents=True)
+    (kernels / "kernels" / "python3" / "kernel.json").write_text(json.dumps(spec))
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence"]
 myst_heading_anchors = 3
 nb_execution_mode = "force"

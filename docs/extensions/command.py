@@ -9,12 +9,14 @@ expected. `first` shows only so many of the first lines.
 from __future__ import annotations
 
 import os
+import shlex
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 from typing import Any, ClassVar
 
+import warm
 from docutils import nodes
 from docutils.parsers.rst import directives
 from sphinx.application import Sphinx
@@ -29,6 +31,9 @@ from tridentify.cli import main
 if __name__ == "__main__":
     sys.exit(main())
 """
+WARM = """#!/bin/sh
+exec {command} tridentify "$@"
+"""
 _FOLDERS: dict[str, tempfile.TemporaryDirectory[str]] = {}
 
 
@@ -38,7 +43,10 @@ def folder_of(page: str) -> Path:
         _FOLDERS[page] = tempfile.TemporaryDirectory(prefix="docs-")
         shim = Path(_FOLDERS[page].name) / ".bin" / "tridentify"
         shim.parent.mkdir()
-        shim.write_text(SHIM.format(python=sys.executable))
+        served = os.environ.get("DOCS_WARM", "")
+        command = shlex.join([*warm.COMMAND, served])
+        text = WARM.format(command=command) if served else SHIM.format(python=sys.executable)
+        shim.write_text(text)
         shim.chmod(0o755)
     return Path(_FOLDERS[page].name)
 

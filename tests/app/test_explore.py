@@ -18,6 +18,7 @@ import pytest
 
 from tridentify import Record, identify
 from tridentify.app.notebook import PATIENCE, _asked, _free_port
+from tridentify.cli import main
 from tridentify.data import short_period
 
 pytest.importorskip("fastapi", reason="the extra app is not installed")
@@ -45,6 +46,18 @@ def test_a_record_in_memory_is_opened_with_its_roles(tmp_path):
     assert (tmp_path / ".tridentify-session.sqlite").exists()
 
 
+@pytest.fixture
+def refused(tmp_path, monkeypatch, capsys):
+    """What the command says that does not start, in a folder of the test."""
+    monkeypatch.chdir(tmp_path)
+
+    def call(*arguments):
+        assert main(["app", *arguments, "--no-open"]) == 2
+        return capsys.readouterr().err
+
+    return call
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -52,27 +65,19 @@ def test_a_record_in_memory_is_opened_with_its_roles(tmp_path):
         (["--session", "/nowhere/at/all.sqlite"], "session"),
     ],
 )
-def test_mistakes_on_the_command_line_are_one_line(tmp_path, arguments, words):
-    done = subprocess.run(
-        [sys.executable, "-m", "tridentify", "app", *arguments, "--no-open"],
-        cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
-    )  # fmt: skip
-    assert done.returncode == 2
-    assert words in done.stderr
-    assert len(done.stderr.strip().splitlines()) <= 3
+def test_mistakes_on_the_command_line_are_one_line(refused, arguments, words):
+    said = refused(*arguments)
+    assert words in said
+    assert len(said.strip().splitlines()) <= 3
 
 
-def test_a_port_in_use_is_told(tmp_path):
+def test_a_port_in_use_is_told(refused):
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = str(taken.getsockname()[1])
-        done = subprocess.run(
-            [sys.executable, "-m", "tridentify", "app", "--port", port, "--no-open"],
-            cwd=tmp_path, capture_output=True, text=True, timeout=60, check=False,
-        )  # fmt: skip
-    assert done.returncode == 2
-    assert f"found the port {port} in use" in done.stderr
+        said = refused("--port", port)
+    assert f"found the port {port} in use" in said
 
 
 def test_a_session_is_open_in_one_workbench_at_a_time(tmp_path):

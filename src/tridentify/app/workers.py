@@ -1,6 +1,6 @@
 """Processes that read and estimate beside the server, warm from the start.
 
-Each worker is one spawned process at the end of a pipe. It takes one task at a time: a name of
+Each worker is one process at the end of a pipe. It takes one task at a time: a name of
 `tasks` and plain arguments. What a task raises comes back as its one line; a worker that dies, or
 is ended because its task was cancelled, is replaced by a new one.
 """
@@ -13,6 +13,7 @@ import multiprocessing
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from types import MappingProxyType
@@ -49,19 +50,30 @@ class CancelledError(TaskError):
     """A task was cancelled by whoever asked for it."""
 
 
+@cache
+def _context() -> Any:
+    """How processes begin: as copies of one that has loaded what all need, where there are copies.
+
+    Compiled loops are not loaded there: the first time they are compiled, and a copy that only
+    reads would wait for them.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["tridentify.app.loaded"])
+    return context
+
+
 def _silent(fraction: float, words: str) -> None:
     """Say nothing."""
 
 
 def serve(end: Connection) -> None:
     """What a worker does: take a task, answer, until the pipe closes."""
-    import os
     import signal
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    for name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-    from tridentify.app import tasks
+    from tridentify.app.loaded import tasks
 
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -175,9 +187,9 @@ class Worker:
             self._cancelled = False
             if self._process is not None and self._process.is_alive():
                 return
-            spawn = multiprocessing.get_context("spawn")
-            here, there = spawn.Pipe()
-            self._process = spawn.Process(target=serve, args=(there,), daemon=True)
+            context = _context()
+            here, there = context.Pipe()
+            self._process = context.Process(target=serve, args=(there,), daemon=True)
             self._process.start()
             there.close()
             self._pipe = here

@@ -6,6 +6,7 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import cache
 from types import FrameType
 from typing import Annotated, Any
 
@@ -124,7 +125,7 @@ def run(arguments: Sequence[str]) -> int:
     with terminal.patient_streams(), _termination_as_interrupt(), unseen():
         try:
             terminal.check_output()
-            code = get_command(app).main(given, prog_name=terminal.PROGRAM, standalone_mode=False)
+            code = _command().main(given, prog_name=terminal.PROGRAM, standalone_mode=False)
             if code == INTERRUPTED:  # newer versions of typer turn an interrupt into this code
                 raise KeyboardInterrupt
             terminal.see_off()
@@ -139,6 +140,12 @@ def run(arguments: Sequence[str]) -> int:
                 terminal.complain_in_full(error)
             return _explain(error)
     return code if isinstance(code, int) else DONE
+
+
+@cache
+def _command() -> Any:
+    """The commands as they are run, made of their functions once."""
+    return get_command(app)
 
 
 def _explain(error: BaseException) -> int:
