@@ -8,7 +8,8 @@ and only those are weighed that the recommendation could turn on.
 
 A candidate that leaves far more than the best one, in the likelihood and on held-out samples, has
 coloured residuals of its own making, and a search that gives them a noise model takes longer than
-any other. Such a row is shown as the comparison left it.
+any other. Such a row is searched with white noise alone: not left as the comparison has it, whose
+few starts may have ended in a minimum that is not the least.
 """
 
 from __future__ import annotations
@@ -49,6 +50,8 @@ def far_behind(table: SelectionTable) -> list[int]:
 def not_beaten(known: OrderEvidence, among: Sequence[int]) -> list[int]:
     """Those of some rows that do not leave far more of held-out samples than the best row.
 
+    One that could not be estimated is among them.
+
     Parameters
     ----------
     known : OrderEvidence
@@ -56,7 +59,8 @@ def not_beaten(known: OrderEvidence, among: Sequence[int]) -> list[int]:
     """
     losses = [unseen_errors(held, known.judges).loss for held in known.held]
     least = min((loss for loss in losses if math.isfinite(loss)), default=math.inf)
-    return [k for k in among if not losses[k] > max(TWICE * least, least + LARGE)]
+    most = max(TWICE * least, least + LARGE)
+    return [k for k in among if known.whole[k].estimate is None or not losses[k] > most]
 
 
 def in_question(known: OrderEvidence, found: Decision) -> list[int]:

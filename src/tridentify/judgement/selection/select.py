@@ -3,7 +3,7 @@
 What is shown belongs to each candidate alone: a row holds the estimate that `identify` gives for
 its structure, its fit, and the fit on samples left out in turn. A row that the recommendation could
 turn on does not change with the company it keeps. The others are spared what takes longest
-(`in_question`): no posterior is weighed for them, and those far behind get no search of their own.
+(`in_question`): no posterior is weighed for them, and those far behind get no noise model.
 
 What decides compares them, and a likelihood can only be compared on the same terms. So the
 candidates are finished once more on the maximum of one likelihood, with one noise model and the
@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -356,7 +356,7 @@ class _Work:
             tuple(whole),
             tuple(held),
         )
-        behind = not_beaten(evidence, [k for k in far_behind(table) if evidence.whole[k].put_off])
+        behind = not_beaten(evidence, self._far(table))
         if behind:
             searched = self._searched(opened.tasks, behind)
             evidence = self._replaced(evidence, searched, unseen)
@@ -588,14 +588,21 @@ class _Work:
 
     def _identified(self, tasks: Sequence[CandidateTask], table: SelectionTable) -> list[Entry]:
         """What `identify` gives for every candidate that is not far behind, the posterior aside."""
-        far = far_behind(table)
+        far = self._far(table)
         wanted = [k for k, entry in enumerate(table.entries) if entry.shared and k not in far]
         outcomes = self._searched(tasks, wanted)
+        if far:
+            plain = replace(cast("ThreeModel", self.method), noise="white", finish="likelihood")
+            found = self._searched([replace(task, method=plain) for task in tasks], far)
+            outcomes |= {k: replace(one, put_off=True) for k, one in found.items()}
         # one that the whole search refuses is refused, whatever the contest made of it
-        return [
-            replace(entry, put_off=True) if k in far else outcomes.get(k, entry)
-            for k, entry in enumerate(table.entries)
-        ]
+        return [outcomes.get(k, entry) for k, entry in enumerate(table.entries)]
+
+    def _far(self, table: SelectionTable) -> list[int]:
+        """Rows far behind, where they can be spared a noise model and a posterior."""
+        method = self.method
+        able = isinstance(method, ThreeModel) and (method.noise, method.finish) == ("auto", "auto")
+        return far_behind(table) if able else []
 
     def _searched(self, tasks: Sequence[CandidateTask], wanted: Sequence[int]) -> dict[int, Entry]:
         whole = [replace(tasks[k], shared=False, put_off=True) for k in wanted]
