@@ -83,6 +83,19 @@ def test_a_row_is_what_identify_gives_for_it_alone_to_the_last_bit(
         assert row.estimate.findings == alone.findings
 
 
+def test_rows_far_behind_are_searched_with_white_noise_alone(record, monkeypatch):
+    asked = []
+    whole = ThreeModel.estimate
+
+    def estimate(self, records, structure, progress=None, **options):
+        asked.append((structure.poles, structure.zeros, self.noise))
+        return whole(self, records, structure, progress, **options)
+
+    monkeypatch.setattr(ThreeModel, "estimate", estimate)
+    select_structure(record, CANDIDATES[1:3])
+    assert sorted(asked) == [(2, 0, "white"), (2, 1, "auto")]
+
+
 def test_a_row_far_behind_is_near_what_identify_gives_for_it(record, selection):
     row = selection.rows[1]
     alone = identify(record, row.structure, throw=False)
