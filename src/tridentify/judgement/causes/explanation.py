@@ -137,6 +137,8 @@ class Explanations:
         code = min((one.rival.code for one in clear if one.gain >= enough), key=rank.index)
         if code in BENT and self._is_slow(code, clear):
             code = "drift"
+        if code == "nonlinear" and self._disagree(clear):
+            code = "disagreeing-experiments"
         if code == "intersample" and self._is_late(clear):
             code = "delay"
         own = [one for one in clear if one.rival.code == code]
@@ -162,6 +164,17 @@ class Explanations:
         # a change that goes on is not one between two halves, and waves follow it
         waves = waves if code == "nonlinear" else -np.inf
         return bool(lines >= min(bent, AS_MUCH * clear[0].gain) or AS_MUCH * waves > bent)
+
+    def _disagree(self, clear: Sequence[Explanation]) -> bool:
+        """Whether coefficients of each experiment's own explain clearly more than any bend.
+
+        A system that bends is explained by its bend at all amplitudes; two systems in part only.
+        """
+        own, bent = (
+            max((one.gain for one in clear if one.rival.code == code), default=-np.inf)
+            for code in ("disagreeing-experiments", "nonlinear")
+        )
+        return bool(AS_MUCH * own > bent)
 
     def _is_late(self, clear: Sequence[Explanation]) -> bool:
         """Whether a delay explains clearly more than any behaviour between the samples.
