@@ -10,6 +10,7 @@ import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate, Status
 from tridentify.estimation.likelihood.raster import are_even
+from tridentify.judgement.causes.surprises import moved
 from tridentify.judgement.selection.criteria import (
     Criteria,
     free_coefficients,
@@ -246,19 +247,33 @@ def _spread(records: Sequence[Record]) -> Array:
 
 
 def follows_input(entry: Entry, noise: tuple[Array, ...], records: Sequence[Record]) -> bool:
-    """Whether the whitened residual knows the input (a chi-square test at 0.1 %)."""
+    """Whether the whitened residual knows the input (a chi-square test at 0.1 %).
+
+    An input that is held acts on a strictly proper candidate from the next sample on: what goes
+    along with it in the same one made the input (a controller, by the noise at its sensor), and no
+    candidate explains that.
+    """
     from scipy.special import chdtri
 
     from tridentify.numerics.whiteness import input_share
 
     if not are_even(records):
         return False
+    held = all(record.behaviour == "zoh" for record in records)
+    late = int(held and _is_strictly_proper(entry.structure, records[0]))
     for i, a in enumerate(noise):
         for one, record in zip(entry.residuals, records, strict=True):
-            _, statistic, dimension = input_share(one[:, i], np.asarray(record.u), a)
+            u = moved(np.asarray(record.u), [late])
+            _, statistic, dimension = input_share(one[:, i], u, a)
             if statistic > chdtri(dimension, SURE):
                 return True
     return False
+
+
+def _is_strictly_proper(structure: Structure, record: Record) -> bool:
+    shape = record.n_outputs, record.n_inputs
+    pairs = zip(structure.poles_matrix(*shape), structure.zeros_matrix(*shape), strict=True)
+    return all(m < n for rows in pairs for n, m in zip(*rows, strict=True))
 
 
 def misleads(entry: Entry, records: Sequence[Record]) -> bool:
