@@ -357,6 +357,7 @@ def draw(
     excitation: str | None = None,
     moving: bool = False,
     keep: Callable[[Drawn], bool] = lambda _: True,
+    of: Callable[[Controller, str], bool] = lambda law, kind: True,
 ) -> Drawn:
     """A random loop.
 
@@ -374,10 +375,12 @@ def draw(
         by default it is held, as by a converter.
     keep : callable, optional
         Which loops to take; others are drawn again.
+    of : callable, optional
+        The same by the controller and its kind alone: others are not simulated.
     """
     rng = np.random.default_rng([seed, 18])
     while True:
-        found = _drawn(rng, n, snr, excitation, moving)
+        found = _drawn(rng, n, snr, excitation, moving, of)
         if found is not None and keep(found):
             return found
 
@@ -388,6 +391,7 @@ def _drawn(
     snr: float | None,
     excitation: str | None,
     moving: bool,
+    of: Callable[[Controller, str], bool],
 ) -> Drawn | None:
     count = int(10.0 ** rng.uniform(np.log10(200), np.log10(2000)))
     level, moved = float(rng.uniform(5.0, 30.0)), str(rng.choice(EXCITATIONS[:3]))
@@ -405,10 +409,23 @@ def _drawn(
         return None
     r, w = moved_by(rng, moved, count, dt)
     w = w * 10.0 ** rng.uniform(-0.5, 0.5)
+    if not of(law, kind):  # its noise is drawn all the same, so that the next loop stays what it is
+        _noise(rng, law, r.size, coloured, moving)
+        return None
     return _recorded(
         rng, (num, den), law, (r, w), dt, level,
         (kind, moved, coloured), moving,
     )  # fmt: skip
+
+
+def _noise(
+    rng: np.random.Generator, law: Controller, n: int, coloured: bool, moving: bool
+) -> Array:
+    v = noise_of(rng, n, coloured)
+    if law.sampled:
+        return v
+    # the sensor holds what it measured, or the noise is that of a process
+    return _moving_noise(rng, n, coloured) if moving else np.repeat(v, FINE)
 
 
 def _recorded(
@@ -423,10 +440,7 @@ def _recorded(
 ) -> Drawn | None:
     (num, den), (r, w), (kind, excitation, coloured) = system, moved, words
     plant, n = System.of(num, den), r.size
-    v = noise_of(rng, n, coloured)
-    if not law.sampled:
-        # the sensor holds what it measured, or the noise is that of a process
-        v = _moving_noise(rng, n, coloured) if moving else np.repeat(v, FINE)
+    v = _noise(rng, law, n, coloured, moving)
     silent = run(plant, law, r[:, None], np.zeros((v.size, 1)), w[:, None], dt)[1]
     size = float(np.std(silent))
     v = v * (size * 10.0 ** (-snr / 20.0) if size > 0 else 0.1)

@@ -21,10 +21,8 @@ def silent(controller: str, delay: int, seed: int = 0, order: int = 2, **options
         seed,
         excitation="none",
         n=400,
-        keep=lambda d: (
-            (d.controller, d.delay, d.sampled) == (controller, delay, True)
-            and d.poles.size == order
-        ),
+        of=lambda law, kind: (kind, law.delay, law.sampled) == (controller, delay, True),
+        keep=lambda d: d.poles.size == order,
         **options,
     )
 

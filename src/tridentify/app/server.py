@@ -74,6 +74,7 @@ def create(bench: Bench, settings: Settings) -> FastAPI:
     app.include_router(page())
     app.include_router(session(bench), prefix="/api")
     app.include_router(records(bench), prefix="/api")
+    app.include_router(views(bench), prefix="/api")
     app.include_router(models(bench), prefix="/api")
     app.add_exception_handler(TridentifyError, _refused)
     app.add_exception_handler(RequestValidationError, _malformed)
@@ -220,7 +221,7 @@ async def _events(bench: Bench, request: Request) -> AsyncIterator[str]:
 
 # ---------------------------------------------------------------------------------------- records
 def records(bench: Bench) -> APIRouter:
-    """Opening, looking, changing."""
+    """Opening, changing, dropping."""
     router = APIRouter()
 
     @router.post("/records")
@@ -249,6 +250,13 @@ def records(bench: Bench) -> APIRouter:
     def dropped(name: str) -> dict[str, Any]:
         bench.drop_record(name)
         return {"revision": bench.session.revision}
+
+    return router
+
+
+def views(bench: Bench) -> APIRouter:
+    """Looking at a record: its samples, and what they tell by themselves."""
+    router = APIRouter()
 
     @router.get("/records/{name}/series")
     def series(
