@@ -91,8 +91,7 @@ class Ending:
     @cached_property
     def curvature(self) -> Curvature:
         """Of the likelihood, there."""
-        found = Curvature.at(self.point)
-        return found.reacting() if self.reacts else found
+        return replace(Curvature.at(self.point), reacts=self.reacts)
 
     @property
     def aicc(self) -> float:

@@ -12,7 +12,7 @@ one matrix product.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -20,13 +20,7 @@ import numpy as np
 from tridentify.errors import UnsupportedOrderError
 from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.levenberg_marquardt import ROUNDING_SQUARED, coefficients
-from tridentify.estimation.likelihood.noise_information import past_noise, turned
-from tridentify.estimation.likelihood.scores import (
-    LONGEST_SCORED,
-    ScoreScatter,
-    scatter_of_scores,
-    scores_at,
-)
+from tridentify.estimation.likelihood.scores import ScoreScatter, scatter_of_scores
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.realization import denominator, numerators
 
@@ -113,18 +107,6 @@ class Curvature:
     def scatter(self) -> ScoreScatter | None:
         """What the scores say of the covariance (`likelihood.scores`)."""
         return scatter_of_scores(self.point, self.root, self.noise, self.reacts, self.along)
-
-    def reacting(self) -> Curvature:
-        """The same where the inputs hold past noise: beside coefficients of the noise.
-
-        Very long records are left as they are.
-        """
-        long = self.point.counts.sum() > LONGEST_SCORED
-        if long or not any(a.size for a in self.point.problem.noise) or not np.all(self.noise > 0):
-            return replace(self, reacts=True)
-        directions = [g for g, _ in scores_at(self.point, self.root, self.noise)]
-        turn = turned(directions, past_noise(self.point))
-        return replace(self, root=self.root @ turn, reacts=True)
 
     def refuse_undetermined(self) -> None:
         """Refuse coefficients that the samples cannot tell apart, or only rounding determines.

@@ -55,7 +55,6 @@ from scipy.fft import dctn
 from scipy.special import ndtri, stdtrit
 
 from tridentify.estimation.likelihood.cost import Point
-from tridentify.estimation.likelihood.noise_information import past_noise, without
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
 
@@ -137,14 +136,12 @@ def scatter_of_scores(
     """
     if point.counts.sum() > LONGEST_SCORED or not np.all(noise > 0):
         return None
-    directions, scores = zip(*scores_at(point, root, noise), strict=True)
-    if reacts:
-        directions = tuple(without(directions, past_noise(point)))
+    directions, scores = zip(*_scores(point, root, noise), strict=True)
     return judged_scatter(directions, scores, reacts, along)
 
 
-def scores_at(point: Point, root: Array, noise: Array) -> list[tuple[Array, Array]]:
-    """``g`` and ``e`` of every experiment; as of `scatter_of_scores`."""
+def _scores(point: Point, root: Array, noise: Array) -> list[tuple[Array, Array]]:
+    """``g`` and ``e`` of every experiment."""
     moved = [point.sensitivities(root, i) for i in range(point.problem.n_outputs)]
     return whitened_scores(point.residuals(), moved, point.problem.noise, noise)
 
