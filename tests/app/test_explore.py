@@ -118,6 +118,7 @@ def test_a_session_that_is_none_of_ours_is_told(tmp_path, change, words):
         Session(tmp_path / "s.sqlite")
 
 
+@pytest.mark.slow
 def test_a_report_says_how_to_open_its_record_here(tmp_path):
     record = short_period().select(outputs=["q"])
     (tmp_path / "short_period.csv").write_bytes(

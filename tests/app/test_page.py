@@ -289,6 +289,7 @@ def test_a_link_of_another_page_opens_the_workbench(browser, server):
     context.close()
 
 
+@pytest.mark.slow
 def test_two_tabs_show_the_same(browser, server, seen):
     with tab(browser, server) as other:
         seen.open("second.csv")

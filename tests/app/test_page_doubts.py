@@ -79,6 +79,7 @@ def test_what_a_sensor_clipped_is_left_out_by_a_button(seen):
     expect(seen.page.locator(".row.range .swatch.bad")).to_have_count(before)
 
 
+@pytest.mark.slow
 def test_what_was_clipped_is_left_out_though_the_limit_was_tried(seen):
     seen.open("clipped.csv")
     seen.estimated(lambda: seen.drag(0.05, 0.95))

@@ -12,6 +12,7 @@ pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from in_browser import expect, flight, serving, tab, table
 
 
+@pytest.mark.slow
 def test_a_file_that_is_changed_on_disk_is_told_as_it_happens(browser, flights, tmp_path):
     """Without a reload: what changed, which models are older, and the way on."""
     with (
@@ -74,6 +75,7 @@ def test_mistakes_lead_to_one_sentence_each(browser, server):
         expect(seen.page.locator("#messages .message")).to_have_count(0)
 
 
+@pytest.mark.slow
 def test_a_refusal_goes_when_another_record_is_looked_at_or_something_succeeds(browser, server):
     with tab(browser, server, refused=True) as seen:
         seen.open("first.csv")

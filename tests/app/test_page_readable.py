@@ -98,6 +98,7 @@ NAMELESS = """() => [...document.querySelectorAll("button, select, input, summar
   .map((node) => node.outerHTML.slice(0, 80))"""
 
 
+@pytest.mark.slow
 def test_an_estimate_is_made_by_the_keyboard_alone(browser, flights, tmp_path):
     """From an empty session to a model, a range for validation and other orders."""
     with serving(tmp_path, flights, ["first.csv"]) as server, tab(browser, server) as seen:

@@ -35,6 +35,10 @@ TOLD_APART = 1e-2
 it counts: the position of an integrator is an offset, and what tells the two apart may be nothing
 but rounding and the limits of what is driven, with derivatives that are as large as it is small."""
 
+ROUNDING = 1e-13
+"""The same of a record by itself: the errors at the best start are what is minimised there, and of
+a plant that runs away all starts look alike."""
+
 
 class _Seen(NamedTuple):
     """One record's predictor, what drives it, and what is there of its output."""
@@ -48,21 +52,22 @@ class _Seen(NamedTuple):
 
     def derivatives(self) -> tuple[Array, Array]:
         """Minus those of the driven part of the errors, and of all of it."""
-        every = self._slopes(self.signals, self.errors)
         driven = driven_signals(self.loop)
         if driven.is_same(self.signals):
+            every = self._slopes(self.signals, self.errors, ROUNDING)
             return every, every
-        return self._slopes(driven, self.predictor.errors(driven)), every
+        every = self._slopes(self.signals, self.errors, TOLD_APART)
+        return self._slopes(driven, self.predictor.errors(driven), TOLD_APART), every
 
-    def _slopes(self, signals: Signals, errors: Array) -> Array:
-        """At the start and offset that suit the signals best."""
+    def _slopes(self, signals: Signals, errors: Array, apart: float) -> Array:
+        """At the start and offset that suit the signals best, told apart beyond a cutoff."""
         if not (np.isfinite(errors).all() and np.isfinite(self.rest).all()):
             return np.full((len(errors), self.predictor.plant.theta.size), np.nan)
-        start = suiting(self.rest[self.seen], errors[self.seen])
+        start = suiting(self.rest[self.seen], errors[self.seen], apart)
         return slopes(self.predictor, signals, start)
 
 
-def suiting(rest: Array, errors: Array) -> Array:
+def suiting(rest: Array, errors: Array, apart: float = TOLD_APART) -> Array:
     """(k,) start and offset that suit errors best, the smallest where they are not told apart.
 
     Parameters
@@ -70,9 +75,11 @@ def suiting(rest: Array, errors: Array) -> Array:
     rest : (n_samples, k) array
         What start and offset make of the errors.
     errors : (n_samples,) array
+    apart : float
+        Part of a start or an offset that the others do not make, from which it counts.
     """
     size = np.linalg.norm(rest, axis=0) + 1e-300
-    return np.asarray(np.linalg.lstsq(rest / size, errors, rcond=TOLD_APART)[0] / size)
+    return np.asarray(np.linalg.lstsq(rest / size, errors, rcond=apart)[0] / size)
 
 
 @dataclass(frozen=True, eq=False)
