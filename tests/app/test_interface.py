@@ -865,7 +865,8 @@ def test_every_request_has_a_type_and_every_type_was_asked_for(ask, request):
               for method in methods if path.startswith("/api")}  # fmt: skip
     untyped = {"GET /api/events", "GET /api/models/{name}/export/{kind}"}
     assert routes - untyped == set(ANSWERS)
-    own = [one for one in request.session.items if one.module is request.module]
+    items = request.session.items
+    own = [one for one in items if getattr(one, "module", None) is request.module]
     names = {name for name in vars(request.module) if name.startswith("test_")}
     before = {one.nodeid for one in own[: own.index(request.node)]}
     # not where some of them ran in another process, or were not asked for
