@@ -68,50 +68,25 @@ def test_the_true_order_is_recommended_with_reasons(selection):
     assert [row.structure for row in selection.rows] == CANDIDATES
 
 
-@pytest.mark.parametrize(("place", "finish"), [(2, "auto"), (3, "likelihood")])
-def test_a_row_is_what_identify_gives_for_it_alone_to_the_last_bit(
-    record, selection, place, finish
-):
-    row = selection.rows[place]
-    alone = identify(record, row.structure, ThreeModel(finish=finish), throw=False)
-    assert row.identified == (finish == "auto")
-    assert np.array_equal(row.estimate.theta, alone.theta)
-    assert np.array_equal(row.estimate.cov, alone.cov)
-    assert np.array_equal(row.fit, alone.fit)
-    if row.identified:
-        assert row is selection.recommended
-        assert row.estimate.findings == alone.findings
-
-
-def test_rows_far_behind_are_searched_with_white_noise_alone(record, monkeypatch):
-    asked = []
-    whole = ThreeModel.estimate
-
-    def estimate(self, records, structure, progress=None, **options):
-        asked.append((structure.poles, structure.zeros, self.noise))
-        return whole(self, records, structure, progress, **options)
-
-    monkeypatch.setattr(ThreeModel, "estimate", estimate)
-    select_structure(record, CANDIDATES[1:3])
-    assert sorted(asked) == [(2, 0, "white"), (2, 1, "auto")]
-
-
-def test_a_row_far_behind_is_near_what_identify_gives_for_it(record, selection):
-    row = selection.rows[1]
-    alone = identify(record, row.structure, throw=False)
-    assert not row.identified
-    assert np.allclose(row.fit, alone.fit, atol=0.1)
-    assert np.max(np.abs(row.estimate.theta - alone.theta) / alone.std) < 0.1
+def test_every_row_is_what_identify_gives_for_it_alone_to_the_last_bit(record, selection):
+    for row in selection.rows[1:3]:
+        alone = identify(record, row.structure)
+        assert row.identified
+        assert np.array_equal(row.estimate.theta, alone.theta)
+        assert np.array_equal(row.estimate.cov, alone.cov)
+        assert np.array_equal(row.fit, alone.fit)
+    assert row is selection.recommended
+    assert row.estimate.findings == alone.findings
 
 
 @pytest.mark.slow
-def test_a_row_in_question_does_not_change_with_the_company_it_keeps(record, selection):
-    alone = select_structure(record, CANDIDATES[2:3]).rows[0]
-    row = selection.rows[2]
+def test_a_row_does_not_change_with_the_company_it_keeps(record, selection):
+    alone = select_structure(record, CANDIDATES[1:2]).rows[0]
+    row = selection.rows[1]
     assert np.array_equal(row.fit, alone.fit)
     assert np.array_equal(row.cross_fit, alone.cross_fit)
     assert row.doubts == alone.doubts
-    assert row.n_coefficients == alone.n_coefficients == 4
+    assert row.n_coefficients == alone.n_coefficients == 3
 
 
 def test_the_first_block_left_out_with_a_free_initial_state_stays_readable():
@@ -219,13 +194,13 @@ def test_an_input_that_was_left_open_costs_no_second_search(record, monkeypatch)
     asked = []
     whole = ThreeModel.estimate
 
-    def estimate(self, records, structure, progress=None, **options):
+    def estimate(self, records, structure, progress=None):
         asked.append((structure, records[0].behaviour))
-        return whole(self, records, structure, progress, **options)
+        return whole(self, records, structure, progress)
 
     monkeypatch.setattr(ThreeModel, "estimate", estimate)
     left_open = Record(record.u, record.y, dt=record.dt, intersample="auto")
-    found = select_structure(left_open, CANDIDATES[2:4])
+    found = select_structure(left_open, CANDIDATES[1:3])
     assert all(row.estimate is not None for row in found.rows)
     assert len(asked) == len(set(asked))
     assert len(asked) >= 2

@@ -105,7 +105,7 @@ def _selection_page(selection: Selection, given: Sequence[Record], heading: str)
 def _candidate_section(selection: Selection) -> Section:
     rows = selection.table()
     marked = tuple(k for k, row in enumerate(selection.rows) if row is selection.recommended)
-    title = "Each candidate"
+    title = "What identify gives for each"
     return Section(
         "candidates",
         "Candidates",

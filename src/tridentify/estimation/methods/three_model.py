@@ -30,7 +30,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from weakref import WeakKeyDictionary
 
 from tridentify.estimation.answer.assemble import Request
 from tridentify.estimation.answer.estimate import Estimate, Trace
@@ -60,7 +59,6 @@ from tridentify.estimation.methods.route import (
 )
 from tridentify.estimation.posterior.maximum_or_mean import (
     NOT_ROBUST,
-    PUT_OFF,
     FinishChoice,
     check_finish,
     refuse_posterior,
@@ -73,9 +71,6 @@ from tridentify.numerics.arrays import Complex
 from tridentify.numerics.robust import Loss
 from tridentify.record.record import Record
 from tridentify.structure import Structure
-
-_UNWEIGHED: WeakKeyDictionary[Estimate, tuple[Reached, Request]] = WeakKeyDictionary()
-"""Where the posterior was put off: as long as the estimate lives, it need not be searched again."""
 
 
 @dataclass(frozen=True)
@@ -174,7 +169,6 @@ class ThreeModel:
         progress: Progress | None = None,
         *,
         near: Complex | None = None,
-        put_off: bool = False,
     ) -> Estimate:
         """Estimate the coefficients.
 
@@ -190,9 +184,6 @@ class ThreeModel:
             not long, ends there if nothing speaks against it; the trace then ends without the
             series model. Not used by the reference route, by other losses, nor within constraints
             or where delays are estimated along.
-        put_off : bool
-            Whether the maximum will do where the posterior would be weighed, which takes most of
-            the time there; a decision of the trace then says so.
 
         Returns
         -------
@@ -220,31 +211,7 @@ class ThreeModel:
             return within_constraints(self, asked, say, self.patience, noise)
         near_them = partial(self.maximise, near=near)
         way = partial(over_delays, self) if structure.delay == "free" else near_them
-        reached = way(with_all_rows, structure, say)
-        found = estimate_from(self.weighed(reached, say, put_off=put_off), asked)
-        if put_off and PUT_OFF in found.trace.decisions:
-            _UNWEIGHED[found] = reached, asked
-        return found
-
-    def resumed(self, estimate: Estimate, progress: Progress | None = None) -> Estimate | None:
-        """An estimate whose posterior was put off, with the posterior weighed.
-
-        Parameters
-        ----------
-        estimate : Estimate
-            As `estimate` gave it.
-        progress : callable, optional
-
-        Returns
-        -------
-        Estimate or None
-            None where nothing was put off, or in another process.
-        """
-        known = _UNWEIGHED.get(estimate)
-        if known is None:
-            return None
-        reached, asked = known
-        return estimate_from(self.weighed(reached, progress or silently), asked)
+        return estimate_from(self.weighed(way(with_all_rows, structure, say), say), asked)
 
     def maximise(
         self,
@@ -291,9 +258,9 @@ class ThreeModel:
         reached = Reached.of(best.end, told, starts.scan, best.moved)
         return replace(reached, reacts=in_loop)
 
-    def weighed(self, reached: Reached, say: Progress, *, put_off: bool = False) -> Ending:
+    def weighed(self, reached: Reached, say: Progress) -> Ending:
         """Where to end: at the maximum or, where that is not to be trusted, beyond it."""
-        return weigh(self.finish, reached, say, reached.scan, put_off=put_off)
+        return weigh(self.finish, reached, say, reached.scan)
 
     def _by_reference(
         self, records: Sequence[Record], structure: Structure, say: Progress

@@ -56,7 +56,6 @@ SLOW = (
     "the likelihood's maximum: the record sees a pole that is slower than one over its length, "
     "which the posterior's prior leaves out"
 )
-PUT_OFF = "the likelihood's maximum: the posterior, which the record calls for, was not weighed"
 NOT_ROBUST = "the maximum of the robust likelihood: the posterior mean is for squared loss"
 LOST = 0.5
 """Standard error over natural size above which a maximum is not kept for that reason."""
@@ -92,12 +91,7 @@ def refuse_posterior(finish: str) -> None:
 
 
 def weigh(
-    finish: FinishChoice,
-    best: Ending,
-    say: Callable[[str], None],
-    scan: Scan | None = None,
-    *,
-    put_off: bool = False,
+    finish: FinishChoice, best: Ending, say: Callable[[str], None], scan: Scan | None = None
 ) -> Ending:
     """The likelihood's maximum or, where that is not to be trusted, the posterior mean.
 
@@ -110,8 +104,6 @@ def weigh(
         Is told what is going on.
     scan : Scan, optional
         The search's last look at other places.
-    put_off : bool
-        Whether the maximum will do where the posterior would be weighed; it is told (`PUT_OFF`).
     """
     problem = best.point.problem
     if finish == "likelihood" or not is_short(problem) or at_rounding(best.point):
@@ -132,8 +124,6 @@ def weigh(
     slow = cov is not None and is_slower_than_assumed(best.point.poles, cov, longest)
     if finish == "auto" and sound and known and slow:
         return best.told(SLOW)
-    if put_off:
-        return best.told(PUT_OFF)
     say("the posterior, as the record leaves coefficients open")
     found = posterior(problem, [(best.point.poles, cov)])
     if not found.usable:

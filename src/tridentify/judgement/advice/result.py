@@ -82,16 +82,15 @@ class Advice:
                     rows.append((f"{output} answers {name}", _band(self.frequency.seen(i, j))))
         rows += [(f"{seen.output} after {seen.input}", _late(seen)) for seen in self.delays]
         rows.append(("input between samples", self._between()))
-        rows.append(("response above the noise", self._directions()))
+        rows.append(("poles it may support", self._supported()))
         return rows
 
-    def _directions(self) -> str:
+    def _supported(self) -> str:
         if self.poles is None:
             return "not told"
-        several = "" if self.poles == 1 else "s"
         return (
-            f"{self.poles} direction{several} of fixed operators, which is no number of poles: "
-            "tridentify select compares these"
+            f"about {self.poles} at first sight; lags close together, an integrator and coloured "
+            "noise blur the count: tridentify select compares orders"
         )
 
     def _between(self) -> str:

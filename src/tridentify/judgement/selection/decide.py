@@ -84,12 +84,11 @@ class OrderEvidence:
 
 @dataclass(frozen=True, eq=False)
 class Decision:
-    """The rows, what likelihood and held-out samples say of them, and the verdict."""
+    """The rows, what the likelihood says of them, and the verdict."""
 
     rows: tuple[SelectionRow, ...]
     contenders: tuple[Contender, ...]
     verdict: Verdict
-    trials: tuple[Trial, ...] = ()
 
 
 def decide(known: OrderEvidence, least: int = 0) -> Decision:
@@ -117,11 +116,8 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
         and not misleads(table.entries[likeliest], known.records)
     )
     noise = () if likeliest is None else table.noise[likeliest]
-    trials = [
-        _trial(row, fit, noise, known.judges) for row, fit in zip(rows, known.held, strict=True)
-    ]
     verdict = recommend(
-        trials,
+        [_trial(row, fit, noise, known.judges) for row, fit in zip(rows, known.held, strict=True)],
         likeliest,
         explains=explains,
         sharp=likeliest is not None and (found or _is_sharp(rows[likeliest])),
@@ -131,7 +127,7 @@ def decide(known: OrderEvidence, least: int = 0) -> Decision:
     place = verdict.place
     if place is not None and verdict.by == "likelihood":
         rows[place] = replace(rows[place], doubts=objections[place])
-    return Decision(tuple(rows), tuple(contenders), verdict, tuple(trials))
+    return Decision(tuple(rows), tuple(contenders), verdict)
 
 
 def _row(
@@ -162,7 +158,7 @@ def _row(
         relative_std=widest_std,
         widest=widest,
         n_coefficients=free_coefficients(estimate),
-        identified=not entry.put_off,
+        identified=True,
         ok=estimate.status.ok,
     )
     if criteria is None or maximum is None:
@@ -203,7 +199,7 @@ def _trial(
     """A candidate on samples that it has not seen."""
     if row.estimate is None:
         return Trial(0, Unseen(), Unseen(), False, False)
-    unseen = unseen_errors(held, records)
+    unseen = _unseen(held, records)
     size, order = _sizes(row)
     return Trial(
         size,
@@ -231,7 +227,7 @@ def _sizes(row: SelectionRow) -> tuple[int, tuple[int, int]]:
     return size, (poles + zeros, poles)
 
 
-def unseen_errors(held: HeldOut, records: Sequence[Record]) -> Unseen:
+def _unseen(held: HeldOut, records: Sequence[Record]) -> Unseen:
     """The errors, each output over its spread and over their number; none where they grow."""
     if not held.errors:
         return Unseen()

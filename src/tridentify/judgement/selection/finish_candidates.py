@@ -48,7 +48,6 @@ from tridentify.estimation.likelihood.raster import are_even
 from tridentify.estimation.likelihood.thresholds import ALLOWANCE
 from tridentify.estimation.methods.base import Method, check
 from tridentify.estimation.methods.three_model import ThreeModel
-from tridentify.estimation.posterior.maximum_or_mean import PUT_OFF
 from tridentify.estimation.search.found import SearchEnd
 from tridentify.estimation.search.search import Search, search_again
 from tridentify.estimation.search.starts import discrete_poles
@@ -82,9 +81,7 @@ class CandidateTask:
 
     ``shared`` says that it can be finished from ``seeds``; otherwise ``method`` identifies it.
     Where a candidate comes to ``reach``, the AICc of the parallel model, there is nothing left to
-    search for. ``found`` is what ``method`` gave where it was asked already. ``put_off`` says that
-    the likelihood's maximum will do for now where the posterior would be weighed; ``begun`` is
-    where that left off.
+    search for. ``found`` is what ``method`` gave where it was asked already.
     """
 
     records: tuple[Record, ...]
@@ -96,16 +93,13 @@ class CandidateTask:
     search: bool = True
     reach: float = -np.inf
     found: Estimate | None = None
-    put_off: bool = False
-    begun: Estimate | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Entry:
     """What became of a candidate: an estimate with its residuals, or the reason why not.
 
-    ``longest`` is the duration of the longest experiment [s]. ``put_off`` says that the posterior
-    was left out, so that the estimate is not yet what `identify` gives.
+    ``longest`` is the duration of the longest experiment [s].
     """
 
     structure: Structure
@@ -115,7 +109,6 @@ class Entry:
     poles: Complex | None = None
     shared: bool = True
     longest: float = 1.0
-    put_off: bool = False
 
 
 def run_task(task: CandidateTask) -> Entry:
@@ -132,20 +125,11 @@ def run_task(task: CandidateTask) -> Entry:
         reason = str(error).partition("\n")[0] or type(error).__name__
         return Entry(task.structure, None, reason, shared=task.shared)
     longest = max(record.duration for record in task.records)
-    late = PUT_OFF in estimate.trace.decisions
-    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest, late)
+    return Entry(task.structure, estimate, "", residuals, poles, task.shared, longest)
 
 
 def _identified(task: CandidateTask) -> Estimate:
-    if task.found is not None:
-        return task.found
-    if task.begun is not None and isinstance(task.method, ThreeModel):
-        weighed = task.method.resumed(task.begun)
-        if weighed is not None:
-            return weighed
-    if task.put_off and isinstance(task.method, ThreeModel):
-        return task.method.estimate(task.records, task.structure, put_off=True)
-    return task.method.estimate(task.records, task.structure)
+    return task.found or task.method.estimate(task.records, task.structure)
 
 
 def _finished(task: CandidateTask) -> tuple[Estimate, Complex]:

@@ -47,7 +47,7 @@ class SelectionRow:
         the candidate failed.
     fit, cross_fit : ndarray, shape (n_outputs,)
         NRMSE [percent] of ``estimate`` on the samples that were fitted, and on samples that were
-        not (`selection.held_out`), of the candidate alone.
+        not (`selection.held_out`). They are those of the candidate alone, as is ``estimate``.
     held_out_reason : str
         Why there is no ``cross_fit``; empty where there is one.
     doubts : tuple of str
@@ -64,9 +64,7 @@ class SelectionRow:
     deviance : float
         ``-2 log L`` without constants.
     identified : bool
-        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit: where not,
-        the recommendation does not turn on the row, and it is at the likelihood's maximum, without
-        a posterior (`selection.in_question`).
+        Whether ``estimate`` is what `identify` gives for ``structure``, to the last bit.
     ok : bool
         Whether the estimate is usable.
     """

@@ -139,11 +139,11 @@ def choose(rows: Sequence[Contender]) -> int | None:
         return rows[k].criteria.n_unknowns, rows[k].criteria.deviance
 
     first = min(kept, key=price)
-    known = [k for k in kept if rows[k].known and is_alike(rows[k], rows[first])]
+    known = [k for k in kept if rows[k].known and _is_alike(rows[k], rows[first])]
     return min(known or [first], key=price)
 
 
-def is_alike(one: Contender, first: Contender) -> bool:
+def _is_alike(one: Contender, first: Contender) -> bool:
     """Whether one has as many poles or as many unknowns as the other."""
     as_many = one.criteria.n_unknowns == first.criteria.n_unknowns
     return as_many or one.n_poles == first.n_poles
@@ -333,7 +333,7 @@ def _of_held_out(
     as_good = [
         k
         for k in judged
-        if is_as_good(trials[k], trials[best])
+        if _as_good(trials[k], trials[best])
         and not (trials[k].order[1] < least and _is_far(trials[k], trials[best]))
     ]
     place = _smallest(trials, [k for k in as_good if k in eligible])
@@ -350,7 +350,7 @@ def _of_held_out(
         vague = [k for k in as_good if trials[k].vague and trials[k].size < trials[place].size]
         return _smallest(trials, vague or [place]), "held-out"
     first = min(lesser, key=lambda k: trials[k].unseen.loss)
-    return _smallest(trials, [k for k in lesser if is_as_good(trials[k], trials[first])]), "useful"
+    return _smallest(trials, [k for k in lesser if _as_good(trials[k], trials[first])]), "useful"
 
 
 def _smallest(trials: Sequence[Trial], among: Sequence[int]) -> int:
@@ -362,7 +362,7 @@ def _smallest(trials: Sequence[Trial], among: Sequence[int]) -> int:
     alike = sorted(
         (k for k in among if _price(trials[k]) == least), key=lambda k: trials[k].unseen.loss
     )
-    near = [k for k in alike if is_as_good(trials[k], trials[alike[0]])] or alike[:1]
+    near = [k for k in alike if _as_good(trials[k], trials[alike[0]])] or alike[:1]
     return min(near, key=lambda k: trials[k].order)
 
 
@@ -370,7 +370,7 @@ def _price(trial: Trial) -> tuple[int, bool]:
     return trial.size, not trial.sound
 
 
-def is_as_good(one: Trial, best: Trial) -> bool:
+def _as_good(one: Trial, best: Trial) -> bool:
     """Whether a candidate predicts as well as the best: as it is, or on fair terms."""
     return any(contrast.as_good for contrast in contrasts(one.unseen, best.unseen))
 
@@ -387,7 +387,7 @@ def _is_believed(likeliest: Trial, place: Trial) -> bool:
     """Whether what the likelihood says stands before what held-out samples say."""
     if likeliest.size > place.size:
         return _no_worse(likeliest.whitened, place.whitened)
-    return is_as_good(
+    return _as_good(
         replace(likeliest, unseen=likeliest.whitened), replace(place, unseen=place.whitened)
     )
 

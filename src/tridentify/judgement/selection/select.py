@@ -1,9 +1,8 @@
 """From records and candidates to a recommendation.
 
-What is shown belongs to each candidate alone: a row holds the estimate that `identify` gives for
-its structure, its fit, and the fit on samples left out in turn. A row that the recommendation could
-turn on does not change with the company it keeps. The others are spared what takes longest
-(`in_question`): no posterior is weighed for them, and those far behind get no noise model.
+What is shown belongs to each candidate alone: every row holds the estimate that `identify` gives
+for its structure, its fit, and the fit on samples left out in turn. A row does not change with the
+company it keeps.
 
 What decides compares them, and a likelihood can only be compared on the same terms. So the
 candidates are finished once more on the maximum of one likelihood, with one noise model and the
@@ -17,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +28,6 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import IN_WORDS, behaviours, is_staircase
 from tridentify.judgement.choice import checked_method, listed, with_behaviour, with_judgement
 from tridentify.judgement.selection.decide import (
-    Decision,
     OrderEvidence,
     decide,
     follows_input,
@@ -50,7 +48,6 @@ from tridentify.judgement.selection.finish_candidates import (
 )
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
-from tridentify.judgement.selection.in_question import far_behind, in_question, not_beaten
 from tridentify.judgement.selection.integrators import integrating
 from tridentify.judgement.selection.late import delayed
 from tridentify.judgement.selection.orders import (
@@ -356,77 +353,31 @@ class _Work:
             tuple(whole),
             tuple(held),
         )
-        behind = not_beaten(evidence, self._far(table))
-        if behind:
-            searched = self._searched(opened.tasks, behind)
-            evidence = self._replaced(evidence, searched, unseen)
         if self.free:
             asked = integrating(evidence.rows(), self.records)
             evidence = self._with(evidence, asked, "candidates with a pole at zero", unseen)
-        evidence, found = self._decided(evidence, unseen)
+        found = decide(evidence)
         if self.late and isinstance(self.method, ThreeModel):
             self.say("whether a delay is missing")
             asked = delayed(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a delay", unseen)
-            evidence, found = self._decided(evidence, unseen) if asked else (evidence, found)
+            found = decide(evidence) if asked else found
         table = evidence.table
         hankel = self._hankel(table, found.verdict.place)
         if hankel is not None:
-            weighed, again = self._decided(evidence, unseen, hankel.order)
+            again = decide(evidence, hankel.order)
             if again.verdict.place != found.verdict.place:
-                evidence, found = weighed, again
+                found = again
                 hankel = self._hankel(table, again.verdict.place)
         rows, verdict = list(found.rows), found.verdict
         place = verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
-        # a copy: what the posterior was put off with lives as long as the estimate itself
-        rows = [
-            row
-            if row.identified or row.estimate is None
-            else replace(row, estimate=replace(row.estimate))
-            for row in rows
-        ]
         missed = place is not None and self._missed(evidence.whole[place])
         coloured = place is not None and misleads(evidence.whole[place], self.records)
         reason = in_words(rows, found.contenders, verdict, missed, coloured)
-        notes = (*told, *_notes(table, unseen, any(e.put_off for e in evidence.whole)))
+        notes = (*told, *_notes(table, unseen))
         return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, notes)
-
-    def _decided(
-        self, known: OrderEvidence, unseen: tuple[Record, ...], least: int = 0
-    ) -> tuple[OrderEvidence, Decision]:
-        """The recommendation, the posterior weighed of the rows that it could turn on."""
-        found = decide(known, least)
-        while asked := in_question(known, found):
-            labels = [order_label(known.structures[k]) for k in asked]
-            tasks = [
-                CandidateTask(
-                    self.records,
-                    known.structures[k],
-                    self.method,
-                    shared=False,
-                    begun=known.whole[k].estimate,
-                )
-                for k in asked
-            ]
-            said = f"the posterior of {'; '.join(labels)}"
-            entries = dict(zip(asked, self.run(run_task, tasks, said), strict=True))
-            known = self._replaced(known, entries, unseen)
-            found = decide(known, least)
-        return known, found
-
-    def _replaced(
-        self, known: OrderEvidence, entries: dict[int, Entry], unseen: tuple[Record, ...]
-    ) -> OrderEvidence:
-        """The same with other entries for some rows."""
-        asked = [known.structures[k] for k in entries]
-        held = dict(zip(entries, self._held_out([*entries.values()], asked, unseen), strict=True))
-        return replace(
-            known,
-            whole=tuple(entries.get(k, one) for k, one in enumerate(known.whole)),
-            held=tuple(held.get(k, one) for k, one in enumerate(known.held)),
-        )
 
     def _held_out(
         self, whole: Sequence[Entry], asked: Sequence[Structure], unseen: tuple[Record, ...]
@@ -587,27 +538,13 @@ class _Work:
         return found
 
     def _identified(self, tasks: Sequence[CandidateTask], table: SelectionTable) -> list[Entry]:
-        """What `identify` gives for every candidate that is not far behind, the posterior aside."""
-        far = self._far(table)
-        wanted = [k for k, entry in enumerate(table.entries) if entry.shared and k not in far]
-        outcomes = self._searched(tasks, wanted)
-        if far:
-            plain = replace(cast("ThreeModel", self.method), noise="white", finish="likelihood")
-            found = self._searched([replace(task, method=plain) for task in tasks], far)
-            outcomes |= {k: replace(one, put_off=True) for k, one in found.items()}
+        """What `identify` gives for every candidate."""
+        wanted = [k for k, entry in enumerate(table.entries) if entry.shared]
+        whole = [replace(tasks[k], shared=False) for k in wanted]
+        found = self.counted(run_task, whole, "the whole search for each")
+        outcomes = dict(zip(wanted, found, strict=True))
         # one that the whole search refuses is refused, whatever the contest made of it
         return [outcomes.get(k, entry) for k, entry in enumerate(table.entries)]
-
-    def _far(self, table: SelectionTable) -> list[int]:
-        """Rows far behind, where they can be spared a noise model and a posterior."""
-        method = self.method
-        able = isinstance(method, ThreeModel) and (method.noise, method.finish) == ("auto", "auto")
-        return far_behind(table) if able else []
-
-    def _searched(self, tasks: Sequence[CandidateTask], wanted: Sequence[int]) -> dict[int, Entry]:
-        whole = [replace(tasks[k], shared=False, put_off=True) for k in wanted]
-        found = self.counted(run_task, whole, "the whole search for each")
-        return dict(zip(wanted, found, strict=True))
 
     def _hankel(self, table: SelectionTable, place: int | None) -> Hankel | None:
         """On operators with the poles of the recommended candidate."""
@@ -634,7 +571,7 @@ class _Work:
             return None
 
 
-def _notes(table: SelectionTable, unseen: Sequence[Record], put_off: bool) -> tuple[str, ...]:
+def _notes(table: SelectionTable, unseen: Sequence[Record]) -> tuple[str, ...]:
     told = []
     noise = next((noise for noise in table.noise if noise), ())
     if any(a.size for a in noise):
@@ -650,13 +587,5 @@ def _notes(table: SelectionTable, unseen: Sequence[Record], put_off: bool) -> tu
             "held-out: fit of blocks of the record that were left out in turn, offset and initial "
             "state fitted to the whole record"
         )
-    if put_off:
-        told.append(
-            "fit and coefficients of a row are those that identify gives for it alone, where the "
-            "recommendation could turn on it; of the others those of the likelihood's maximum, "
-            "no posterior weighed, and where far more is left than by the best one without a noise "
-            "model of their own"
-        )
-    else:
-        told.append("fit and coefficients of every row are those that identify gives for it alone")
+    told.append("fit and coefficients of every row are those that identify gives for it alone")
     return tuple(told)
