@@ -272,10 +272,12 @@ def test_the_current_model_is_in_sight_after_a_reload(seen):
         seen.estimated(lambda start=start: seen.drag(start, 0.6))
     seen.page.reload()
     expect(seen.page.locator("#result .sentence")).not_to_be_empty()
-    list_, card = (seen.page.locator(query).bounding_box()
-                   for query in (".models", ".card.model.current"))  # fmt: skip
-    assert list_["y"] <= card["y"]
-    assert card["y"] + card["height"] <= list_["y"] + list_["height"] + 1
+    # the list of the records, which comes meanwhile, takes room from that of the models
+    seen.page.wait_for_function("""() => {
+      const [list, card] = [".models", ".card.model.current"].map(
+        (query) => document.querySelector(query).getBoundingClientRect());
+      return list.top <= card.top && card.bottom <= list.bottom + 1;
+    }""")
 
 
 def test_a_link_of_another_page_opens_the_workbench(browser, server):

@@ -24,8 +24,11 @@ export function startTray() {
     make("h2", {}, "Models"), models);
   listen(["session", "records"], () => fillList(records, recordCards(), state.record));
   listen(["session", "models", "theme"], () => fillList(models, modelCards(), state.model));
-  new ResizeObserver(() => { bring(records, state.record); bring(models, state.model); })
-    .observe(byId("tray"));
+  const room = new ResizeObserver(() => {
+    bring(records, state.record);
+    bring(models, state.model);
+  });
+  for (const place of [byId("tray"), records, models]) room.observe(place);
   listen(["session"], () => { if (!files.length) refreshFiles(); });
   addEventListener("focus", refreshFiles);
   dropAnywhere();
@@ -38,10 +41,10 @@ function fillList(place, cards, current) {
   bring(place, current);
 }
 
-/** Brings the current card into sight where it is another one, or has another height. */
+/** Brings the current card into sight where it is another one, or it or its room is of another height. */
 function bring(place, current) {
   const card = place.querySelector(".current");
-  const now = `${current} ${card?.offsetHeight} ${place.scrollHeight}`;
+  const now = [current, card?.offsetHeight, place.scrollHeight, place.clientHeight].join(" ");
   if (!card || place.dataset.current === now) return;
   place.dataset.current = now;
   const beyond = card.offsetTop + card.offsetHeight - place.clientHeight;
