@@ -236,3 +236,61 @@ def test_small_moves_of_a_controller_are_no_noise_of_the_input():
     codes = [one.code for one in identify(record, Structure(2, 0), throw=False).findings]
     assert "input-noise" not in codes
     assert not [one for one in codes if one == "nonlinear"]
+
+
+def drive(gap, seed):
+    """Motor speed of two masses whose coupling has a gap [rad], moved by steps of the torque."""
+    rng = np.random.default_rng(seed)
+    n, dt, parts = 1500, 0.002, 6
+    stiff, damp, drag = rng.uniform(20.0, 40.0), 0.01, rng.uniform(0.003, 0.006)
+    motor, load = 0.002, rng.uniform(0.003, 0.006)
+    u = np.repeat(rng.choice([-1.0, -0.4, 0.4, 1.0], n // 50), 50)
+    y, twist, one, other, h = np.zeros(n), 0.0, 0.0, 0.0, dt / parts
+    for k in range(n):
+        y[k] = one
+        for _ in range(parts):
+            beyond = twist - min(max(twist, -gap / 2), gap / 2)
+            torque = stiff * beyond + (damp * (one - other) if beyond else 0.0)
+            one += h * (u[k] - torque - drag * one) / motor
+            other += h * (torque - drag * other) / load
+            twist += h * (one - other)
+    return Record(u, y + 0.3 * rng.standard_normal(n), dt=dt)
+
+
+def bends_of(gap, seed):
+    found = identify(drive(gap, seed), Structure(3, 2)).findings
+    return [one for one in found if one.code == "nonlinear" and one.matters]
+
+
+def test_play_between_two_masses_shows_in_the_speed_of_one():
+    assert not bends_of(0.0, 1)
+    (told,) = bends_of(0.01, 1)
+    assert "between its parts" in told.message
+    assert "larger amplitudes" in told.remedy
+
+
+@pytest.mark.slow
+def test_play_between_two_masses_is_told_and_nearly_always_named():
+    assert not any(bends_of(0.0, seed) for seed in range(2, 8))
+    told = [bends_of(gap, seed) for gap in (0.005, 0.01) for seed in range(2, 8)]
+    assert all(told)
+    assert sum("between its parts" in one[0].message for one in told) >= 10
+
+
+@pytest.mark.parametrize(
+    "seed", [11, *(pytest.param(k, marks=pytest.mark.slow) for k in range(12, 17))]
+)
+def test_friction_of_a_motor_is_named_where_its_speed_is_recorded(seed):
+    rng = np.random.default_rng(seed)
+    n, dt, parts = 1000, 0.01, 10
+    u = np.repeat(rng.uniform(-10.0, 10.0, n // 50), 50)
+    rubs = rng.uniform(15.0, 60.0)
+    y, speed = np.zeros(n), 0.0
+    for k in range(n):
+        y[k] = speed
+        for _ in range(parts):
+            speed += dt / parts * (50.0 * u[k] - 4.0 * speed - rubs * np.tanh(speed / 0.3))
+    found = first_of(Record(u, y + 0.3 * rng.standard_normal(n), dt=dt), Structure(1, 0))
+    assert found.code == "nonlinear"
+    assert "dry friction against y" in found.message
+    assert "larger amplitudes" in found.remedy

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tridentify.judgement.causes.direct_part import has_direct_part
+from tridentify.judgement.causes.inner_states import against, gripping, inner_states, turns
 from tridentify.judgement.causes.present import Present
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import sort_poles
@@ -153,6 +154,10 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
         "Use smaller amplitudes, or identify each operating point on its own; no order of a linear "
         "model stands for it."
     )
+    larger = (
+        "Use larger amplitudes, where play and dry friction weigh less, and away from standstill; "
+        "no order of a linear model stands for them."
+    )
     for j, name in enumerate(records[0].input_names):
         for power, which in ((2, "even"), (3, "odd")):
             extra = _bent([record.u[:, j] for record in records], power)
@@ -170,10 +175,28 @@ def nonlinear_rivals(present: Present, fitted: Sequence[Array]) -> Iterator[Riva
             what = f"an {which} non-linearity in the output {name} (a stiffness, a level)"
             other = present.with_inputs(extra, "non-linear", 0)
             yield one("nonlinear", other, what, advice, refits=False)
-        extra = [_friction(_smooth_slope(f[:, i])) for f in fitted]
+        slopes = [_smooth_slope(f[:, i]) for f in fitted]
         what = f"dry friction against the movement of {name}"
-        other = present.with_inputs(extra, "friction", min(1, present.order))
-        yield one("nonlinear", other, what, advice, refits=False)
+        yield one("nonlinear", _rubbing(present, slopes), what, larger, refits=False)
+        speeds = [_filled(f[:, i]) for f in fitted]
+        if turns(np.concatenate(speeds)):
+            what = f"dry friction against {name} itself, as of a speed"
+            yield one("nonlinear", _rubbing(present, speeds), what, larger, refits=False)
+    den = np.asarray(np.poly(present.poles).real)
+    for j, name in enumerate(records[0].input_names):
+        for state in inner_states(den, float(present.delay[0, j]), records, j):
+            what = (
+                f"what takes hold within the system, between {name} and the outputs (play or "
+                "friction between its parts)"
+            )
+            other = present.with_inputs(gripping(state), "non-linear", present.order - 1)
+            yield one("nonlinear", other, what, larger, refits=False)
+
+
+def _rubbing(present: Present, speeds: Sequence[Array]) -> Present:
+    assert isinstance(present.order, int)
+    extra = [against(one, STICKS) for one in speeds]
+    return present.with_inputs(extra, "friction", min(1, present.order - 1))
 
 
 def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:
@@ -195,12 +218,6 @@ def _bent(signals: Sequence[Array], power: int) -> list[Array] | None:
     pieces = np.split(size**power * left, np.cumsum([one.size for one in signals])[:-1])
     # a start from rest is one without a bend, too: no constant begins to act there
     return [np.asarray(one - one[0]) for one in pieces]
-
-
-def _friction(speed: Array) -> Array:
-    """Against the motion, of one size; what stands still is held, by less."""
-    size = float(np.sqrt(np.mean(speed**2)))
-    return np.asarray(np.tanh(speed / (STICKS * size))) if size > 0.0 else np.zeros(speed.size)
 
 
 def _filled(values: Array) -> Array:

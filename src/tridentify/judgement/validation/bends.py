@@ -5,9 +5,11 @@ of its own, made as the cause would make them:
 
 *Non-linearity within the loop.* A restoring force ``a(p) y + k f(y) = b(p) u`` adds the response of
 ``1 / a(p)`` to ``-f(y)``, not ``f(y)`` itself; an actuator that is not linear the response of the
-model to ``f(u)``; dry friction that of ``1 / a(p)`` to ``-sign(dy/dt)``. The fitted output stands
-for ``y``: it carries no noise, so that the columns are as good as fixed (Ramsey, J. Royal
-Statistical Society B 31, 1969, 350-371; Billings, *Nonlinear System Identification*, 2013).
+model to ``f(u)``; dry friction that of ``1 / a(p)`` to ``-sign(dy/dt)``, or to ``-sign(y)`` where
+the output is a speed. The fitted output stands for ``y``, and the states of the model for motions
+that are not recorded (`causes.inner_states`): they carry no noise, so that the columns are as good
+as fixed (Ramsey, J. Royal Statistical Society B 31, 1969, 350-371; Billings, *Nonlinear System
+Identification*, 2013).
 
 *Limits.* A sensor that saturates takes away the part of the output beyond a level; as the level is
 unknown, those beyond several quantiles are added. An actuator likewise, through the model.
@@ -23,6 +25,7 @@ from typing import NamedTuple
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.judgement.causes.inner_states import gripping, inner_states, turns
 from tridentify.judgement.validation.residuals import View
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import quantiles
@@ -83,6 +86,10 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
         _through(inner, records, [np.sign(np.gradient(y))[:, None] for y in shapes]),
         _limits(shapes, TAILS),
     ]
+    speeds = [np.nan_to_num(one) for one in view.outputs[output].fitted]
+    if turns(np.concatenate(speeds)):
+        found.append(_through(inner, records, [np.sign(one)[:, None] for one in speeds]))
+    found += _within(view, output, estimate)
     powers, limited = [], []
     for j in range(records[0].n_inputs):
         own = _channel(estimate, output, j)
@@ -91,6 +98,18 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
         if np.unique(np.concatenate(u)).size >= LEVELS:
             limited.append(_through(own, records, _limits(u, INPUT_TAILS)))
     return found + [_beside(several) for several in (powers, limited) if several]
+
+
+def _within(view: View, output: int, estimate: Estimate) -> list[Columns]:
+    """What takes hold of a motion within the model, state by state, wherever it comes out."""
+    found = []
+    for j in range(view.records[0].n_inputs):
+        own = _channel(estimate, output, j)
+        for state in inner_states(own.den, own.delay, view.records, j):
+            held = [one[:, None] for one in gripping(state)]
+            ways = [Channel(np.eye(k + 1)[0], own.den, 0.0) for k in range(len(own.den) - 1)]
+            found.append(_beside([_through(way, view.records, held) for way in ways]))
+    return found
 
 
 def late(view: View, output: int, estimate: Estimate) -> list[Columns]:

@@ -34,6 +34,7 @@ from tridentify.judgement.validation import bends, columns
 from tridentify.judgement.validation.distribution import distribution
 from tridentify.judgement.validation.likelihood_ratio import (
     CALLED,
+    LONG,
     ROUNDS,
     Known,
     checked,
@@ -60,6 +61,8 @@ PRETEST = 0.05
 """p-value of whiteness up to which a noise model is fitted before other tests."""
 SUSPICIOUS = 0.01
 """p-value of a score test from which an estimate is looked at more closely."""
+WORTH_MODELLING = 0.02
+"""p-value of a score test up to which the noise is modelled again beside its columns."""
 LEAST_FEEDBACK = 0.02
 """Share of the residual that samples of the input to come must explain to be called feedback."""
 PER_STRETCH = 25
@@ -246,8 +249,21 @@ class _Tests:
 
     @cached_property
     def linear(self) -> float:
-        bent = [(self._score(one, self._wide), one) for one in self._found.bends]
+        bent = [(self._bent(one), one) for one in self._found.bends]
         return min(1.0, len(bent) * least_checked(self._wide, bent))
+
+    def _bent(self, extra: tuple[Array, ...]) -> float:
+        """By score, with a noise model that has not taken for noise what the columns explain."""
+        p = self._score(extra, self._wide)
+        output, known = self._output, self._wide
+        if not self.noise.size or not CALLED < p < WORTH_MODELLING or output.count > LONG:
+            return p
+        noise = np.zeros(0)
+        for _ in range(ROUNDS):
+            noise = modelled(output, joined(known.columns, extra), noise, known.most, 0)
+        e, basis = whitened(output, noise, known.columns)
+        (test,) = added_each(e, basis, [output.white(extra, noise)], output.count)
+        return min(p, test.p_value)
 
     def _score(self, extra: tuple[Array, ...], known: Known, least: float = 0.0) -> float:
         output, e = self._output, self._white_fit[0]

@@ -1,0 +1,85 @@
+"""What moves within a model between its input and its output, for non-linearity in there.
+
+A clutch with play, friction in a gear or a stiffening coupling acts on a twist or a relative speed
+that is nowhere recorded. Of ``y = b(p) / a(p) u`` every inner motion is a combination of the states
+``p^k / a(p) u``, ``k = 0 .. n - 1``; for drives of masses and springs the leading ones are single
+states themselves. What acts there comes out through numerators of its own: a force ``f(z)`` adds
+``c(p) / a(p) f(z)``. The states carry no noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
+from tridentify.simulate import simulate_each
+
+SOFT = 0.5
+"""Standard deviations of a motion within which what takes hold of it is soft: ``tanh(z / SOFT)``
+stands for play, friction and a stop alike; a third power stiffens."""
+
+MOST = 6
+"""Poles up to which states are looked at: each is a test of its own."""
+
+
+def inner_states(den: Array, delay: float, records: Sequence[Record], j: int) -> list[list[Array]]:
+    """The states of a channel that is driven from rest, of standard deviation one.
+
+    Parameters
+    ----------
+    den : (n + 1,) array
+        Monic, descending powers.
+    delay : float
+        [s].
+    records : sequence of Record
+    j : int
+        Of the input.
+
+    Returns
+    -------
+    list of lists of (n_samples,) arrays
+        Per state, one array per experiment; none where there are no states beside the output.
+    """
+    n = len(den) - 1
+    if not 2 <= n <= MOST:
+        return []
+    found = []
+    for k in range(n):
+        num = np.zeros(k + 1)
+        num[0] = 1.0
+        moved = [
+            simulate_each(
+                num, den, delay, record._on_its_times(record.u), record.u[:, [j]] - record.u[0, j]
+            )[:, 0]
+            for record in records
+        ]
+        size = float(np.std(np.concatenate(moved)))
+        if size > 0.0:
+            found.append([one / size for one in moved])
+    return found
+
+
+def gripping(state: Sequence[Array]) -> list[Array]:
+    """What takes hold of a motion beyond a small one."""
+    return [np.asarray(np.tanh(one / SOFT)) for one in state]
+
+
+def against(speed: Array, soft: float) -> Array:
+    """Against a motion, of one size; what stands still is held, by less.
+
+    Parameters
+    ----------
+    speed : (n_samples,) array
+    soft : float
+        Speeds up to which it is less, over their root mean square.
+    """
+    size = float(np.sqrt(np.mean(speed**2)))
+    return np.asarray(np.tanh(speed / (soft * size))) if size > 0.0 else np.zeros(speed.size)
+
+
+def turns(speed: Array) -> bool:
+    """Whether a motion goes both ways, so that friction against it is more than an offset."""
+    return bool(np.min(speed, initial=0.0) < 0.0 < np.max(speed, initial=0.0))
