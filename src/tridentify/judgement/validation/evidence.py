@@ -249,14 +249,15 @@ class _Tests:
 
     @cached_property
     def linear(self) -> float:
-        bent = [(self._bent(one), one) for one in self._found.bends]
+        kinds = self._found.bends
+        bent = [(self._bent(one, CALLED / len(kinds)), one) for one in kinds]
         return min(1.0, len(bent) * least_checked(self._wide, bent))
 
-    def _bent(self, extra: tuple[Array, ...]) -> float:
+    def _bent(self, extra: tuple[Array, ...], enough: float) -> float:
         """By score, with a noise model that has not taken for noise what the columns explain."""
         p = self._score(extra, self._wide)
         output, known = self._output, self._wide
-        if not self.noise.size or not CALLED < p < WORTH_MODELLING or output.count > LONG:
+        if not self.noise.size or not enough < p < WORTH_MODELLING or output.count > LONG:
             return p
         noise = np.zeros(0)
         for _ in range(ROUNDS):
