@@ -28,7 +28,7 @@ from scipy.linalg import lapack
 from scipy.special import fdtrc
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.least_squares import triangle, upper
+from tridentify.numerics.least_squares import least, triangle, upper
 
 SPAN_CUTOFF = 1e-6
 
@@ -93,10 +93,15 @@ def _orthonormal(columns: Array, cutoff: float) -> Array:
     n, k = columns.shape
     factors, tau, _, failed = lapack.dgeqrf(columns)
     of = upper(factors[:k])
-    if n < k or failed or np.linalg.svd(of, compute_uv=False)[-1] <= cutoff:
+    if n < k or failed or not _is_free(of, cutoff):
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(u[:, s > cutoff])
     return np.asarray(lapack.dorgqr(factors, tau, overwrite_a=1)[0])
+
+
+def _is_free(of: Array, cutoff: float) -> bool:
+    """Whether no singular value of a square triangle is below a cutoff."""
+    return least(of) > cutoff or bool(np.linalg.svd(of, compute_uv=False)[-1] > cutoff)
 
 
 def added_each(
@@ -147,9 +152,8 @@ def added_each(
             continue
         r = triangle(columns[:, [*there, -1]])
         along, of = r[:, -1], r[:, :-1]
-        s = np.linalg.svd(of, compute_uv=False)
         kept = there.size
-        if s[-1] <= cutoff:
+        if of.shape[0] < kept or not _is_free(of[:kept], cutoff):
             u, s, _ = np.linalg.svd(of, full_matrices=False)
             along, kept = u[:, s > cutoff].T @ along, int(np.sum(s > cutoff))
         explained = float(along[:kept] @ along[:kept])

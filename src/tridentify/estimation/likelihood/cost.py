@@ -470,6 +470,10 @@ class Point:
         output : (rows,) int array
             The output that a row belongs to.
         """
+        return self._jacobian
+
+    @cached_property
+    def _jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
         columns = ColumnBlocks()
         owner = []
         for i in range(self.problem.n_outputs):

@@ -78,18 +78,21 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     records, shapes = view.records, _shapes(view, output)
     den = estimate.model.den[output][0]
     inner = Channel(np.array([den[-1] or 1.0]), den, 0.0)
-    found = [
-        _through(inner, records, [np.stack([y**2, y**3], axis=1) for y in shapes]),
-        _through(inner, records, [np.sign(np.gradient(y))[:, None] for y in shapes]),
-        _limits(shapes, TAILS),
-    ]
+    bent = [np.stack([y**2, y**3, np.sign(np.gradient(y))], axis=1) for y in shapes]
+    kinds = zip(*((one[:, :2], one[:, 2:]) for one in _through(inner, records, bent)), strict=True)
+    found = [*kinds, _limits(shapes, TAILS)]
     powers, limited = [], []
     for j in range(records[0].n_inputs):
         own = _channel(estimate, output, j)
         u = _scaled([np.asarray(record.u[:, j]) for record in records])
-        powers.append(_through(own, records, [np.stack([x**2, x**3], axis=1) for x in u]))
-        if np.unique(np.concatenate(u)).size >= LEVELS:
-            limited.append(_through(own, records, _limits(u, INPUT_TAILS)))
+        asked = [np.stack([x**2, x**3], axis=1) for x in u]
+        many = np.unique(np.concatenate(u)).size >= LEVELS
+        if many:
+            asked = [np.hstack(both) for both in zip(asked, _limits(u, INPUT_TAILS), strict=True)]
+        driven = _through(own, records, asked)
+        powers.append(tuple(one[:, :2] for one in driven))
+        if many:
+            limited.append(tuple(one[:, 2:] for one in driven))
     return found + [_beside(several) for several in (powers, limited) if several]
 
 
