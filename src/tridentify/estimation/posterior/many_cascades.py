@@ -72,12 +72,14 @@ class Sections:
         """(s, n + 1) coefficients, descending powers."""
         found: Array = np.ones((self.damping.shape[0], 1))
         for i in range(self.damping.shape[1]):
-            grown = np.pad(found, ((0, 0), (0, 2)))
+            grown = np.zeros((len(found), found.shape[1] + 2))
+            grown[:, :-2] = found
             grown[:, 1:-1] += self.damping[:, i : i + 1] * found
             grown[:, 2:] += self.frequency[:, i : i + 1] ** 2 * found
             found = grown
         for i in range(self.rate.shape[1]):
-            grown = np.pad(found, ((0, 0), (0, 1)))
+            grown = np.zeros((len(found), found.shape[1] + 1))
+            grown[:, :-1] = found
             grown[:, 1:] += self.rate[:, i : i + 1] * found
             found = grown
         return np.asarray(found)
