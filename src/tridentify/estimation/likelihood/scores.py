@@ -255,7 +255,7 @@ def _scatter_along(g: Array, innovations: Array, own: int) -> ScoreScatter | Non
         return None
     rate = FALSE_ALARMS / (2 * len(counts))
     table = scatter_at(g, innovations, np.array(counts, dtype=np.int64)).tolist()
-    if not any(blocks > 1 and _is_more(*one, rate) for *one, blocks in table):
+    if not any(n > 1 and _is_more(total, mean, var, rate) for total, mean, var, n in table):
         return None
     scores = np.einsum("toi,to->ti", g, innovations)
     share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
