@@ -78,7 +78,7 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     records, shapes = view.records, _shapes(view, output)
     den = estimate.model.den[output][0]
     inner = Channel(np.array([den[-1] or 1.0]), den, 0.0)
-    bent = [np.stack([y**2, y**3, np.sign(np.gradient(y))], axis=1) for y in shapes]
+    bent = [np.stack([y**2, y**3, _turns(y)], axis=1) for y in shapes]
     kinds = zip(*((one[:, :2], one[:, 2:]) for one in _through(inner, records, bent)), strict=True)
     found = [*kinds, _limits(shapes, TAILS)]
     powers, limited = [], []
@@ -154,6 +154,13 @@ def _through(model: Channel, records: Sequence[Record], inputs: Sequence[Array])
         own = record._on_its_times(record.u)
         found.append(simulate_each(*model, own, columns - columns[0]))
     return tuple(found)
+
+
+def _turns(y: Array) -> Array:
+    """The sign of the slope: of the central difference, at the ends of the one beside."""
+    slope = np.empty(y.size)
+    slope[1:-1], slope[0], slope[-1] = y[2:] - y[:-2], y[1] - y[0], y[-1] - y[-2]
+    return np.sign(slope)
 
 
 def _limits(series: Sequence[Array], tails: Sequence[float]) -> Columns:
