@@ -84,7 +84,10 @@ class StudentKernels:
             - 2.0 * scaled @ centres.T
         )
         # (1 + distance / FREEDOM)^(-(FREEDOM + d) / 2) without a logarithm for each
-        near = 1.0 / (1.0 + np.maximum(distance, 0.0) / FREEDOM)
+        near = np.maximum(distance, 0.0, out=distance)
+        near /= FREEDOM
+        near += 1.0
+        np.reciprocal(near, out=near)
         half, odd = divmod(int(FREEDOM) + d, 2)
         kernels = _power(near, half) * np.sqrt(near) if odd else _power(near, half)
         constant = gammaln(0.5 * (FREEDOM + d)) - gammaln(0.5 * FREEDOM)
@@ -115,11 +118,12 @@ class ProposalMixture:
 
 
 def _power(base: Array, exponent: int) -> Array:
-    """A whole power, by squaring."""
-    found = base if exponent % 2 else np.ones_like(base)
-    for _ in range(exponent.bit_length() - 1):
-        exponent //= 2
-        base = base * base
+    """A whole power of at least one, by squaring."""
+    while exponent % 2 == 0:
+        base, exponent = base * base, exponent // 2
+    found = base
+    while exponent > 1:
+        base, exponent = base * base, exponent // 2
         if exponent % 2:
             found = found * base
     return found
