@@ -8,16 +8,21 @@ where it is installed (else `concurrent.futures`); it reads nothing, writes noth
 and one bad record ends it.
 
 On paper: what a million records a day and a billion need, by the processor time measured.
+
+``--large`` makes one run in place of all that: told, not judged (``--judge``: judged), two workers,
+from a folder of Parquet files in which every hundredth record is poisoned.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import os
 import resource
 import shutil
 import tempfile
 import time
+from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -25,12 +30,13 @@ from typing import Any
 import numpy as np
 import polars as pl
 from machine import keep
-from poison import Nothing, Poisoned, fit_by_hand
+from poison import MARKS, Nothing, Poisoned, fit_by_hand
 
 from tridentify import Record, Structure, TransferFunction, fleet, simulate
 from tridentify.fleet.attempt import OnRecords
 from tridentify.fleet.job import Item
 from tridentify.fleet.places import Given
+from tridentify.fleet.store import Store
 from tridentify.workers.job import Limits
 from tridentify.workers.keeper import Keeper
 
@@ -41,6 +47,8 @@ READING: dict[str, Any] = {"key": "unit", "time": "t", "intersample": "zoh"}
 POISON = ("nan", "constant input", "exception", "endless loop", "crash", "huge")
 LIMIT = 2.0
 """Time limit of the poisoned run [s]."""
+UNITS_A_FILE = 5_000
+"""Of the data set of ``--large``: 1,250,000 rows."""
 DAY, BILLION = 86_400.0, 1e9
 
 
@@ -64,10 +72,38 @@ def frame_of(units: dict[str, Record]) -> pl.DataFrame:
     )
 
 
+def family() -> list[int]:
+    """The processes that this one has started, and those that they have; where /proc tells."""
+    parents: dict[int, int] = {}
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            parents[int(path.parent.name)] = int(path.read_text().rpartition(")")[2].split()[1])
+    found, grown = {os.getpid()}, True
+    while grown:
+        more = {pid for pid, parent in parents.items() if parent in found} - found
+        found, grown = found | more, bool(more)
+    return sorted(found - {os.getpid()})
+
+
 def processor() -> float:
-    """Processor time of this process and the children that have ended [s]."""
+    """Processor time of this process and all below it, ended or not [s]."""
     found = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(one.ru_utime + one.ru_stime for one in found)
+    total = sum(one.ru_utime + one.ru_stime for one in found)
+    for pid in family():
+        with contextlib.suppress(OSError):
+            parts = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+            total += sum(map(int, parts[11:15])) / os.sysconf("SC_CLK_TCK")
+    return total
+
+
+def child_peak() -> float:
+    """The most memory that any process below this one has held, ended or not [MB]."""
+    found = [resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3]
+    for pid in family():
+        with contextlib.suppress(OSError):
+            for line in Path(f"/proc/{pid}/status").read_text().splitlines():
+                found += [int(line.split()[1]) / 1e3] if line.startswith("VmHWM") else []
+    return max(found)
 
 
 def measured(path: Path, out: Path, count: int, **options: Any) -> dict[str, float]:
@@ -162,6 +198,54 @@ def poisoned(units: dict[str, Record], out: Path, folder: Path) -> dict[str, str
     return {kind: "/".join(sorted({rows[k] for k in kinds if kinds[k] == kind})) for kind in POISON}
 
 
+def write_large(folder: Path, count: int, seed: int) -> dict[str, str]:
+    """Parquet files of so many units, every hundredth of them poisoned: key -> kind of poison."""
+    kinds, marks = {}, {kind: mark for mark, kind in MARKS.items()}
+    for number, first in enumerate(range(0, count, UNITS_A_FILE)):
+        units = records(min(UNITS_A_FILE, count - first), seed + number)
+        frame = frame_of({f"u{first + k:06d}": one for k, one in enumerate(units.values())})
+        for unit in range(first - first % 100 + 99, first + len(units), 100):
+            key, kind = f"u{unit:06d}", POISON[unit // 100 % len(POISON)]
+            mine = pl.col("unit") == key
+            new = {"nan": np.nan, "constant input": 1.0}.get(kind, marks.get(kind))
+            at = mine if kind not in marks else mine & (pl.col("t") == 0.0)
+            frame = frame.with_columns(pl.when(at).then(new).otherwise(pl.col("u")).alias("u"))
+            kinds[key] = kind
+        frame.write_parquet(folder / f"part-{number:04d}.parquet")
+    return kinds
+
+
+def large(count: int, seed: int, judge: bool) -> str:
+    """One run over many records with poison among them."""
+    structure = Structure(2, 0, offset=False, initial_state="free")
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place, "units")
+        folder.mkdir()
+        kinds = write_large(folder, count, seed)
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
+        found = measured(
+            folder, Path(place, "out"), count, structure=structure, method=Poisoned(), judge=judge,
+            workers=2, time_limit=LIMIT, memory_limit=2 << 30,
+        )  # fmt: skip
+        parent, child = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3, child_peak()
+        rows = Store(Path(place, "out")).rows(["key", "status", "ok", "seconds"])
+    if rows.height != count or rows["key"].n_unique() != count:
+        raise SystemExit(f"{rows.height} rows for {count} records")
+    status = dict(rows.select("key", "status").iter_rows())
+    sound = rows.filter(~pl.col("key").is_in(list(kinds)))
+    lines = [
+        f"{count} records, {len(kinds)} poisoned, {'judged' if judge else 'not judged'}, 2 workers",
+        f"{found['rate']:.1f} records/s, CPU {found['cpu_ms']:.1f} ms a record, workers busy "
+        f"{100 * found['busy']:.0f} %, a sound record {1e3 * sound['seconds'].median():.1f} ms",
+        f"memory: parent {parent:.0f} MB ({before:.0f} before), a child {child:.0f} MB at most",
+        f"sound records without an estimate: {int((~sound['ok']).sum())}",
+    ]
+    for kind in POISON:
+        tally = Counter(status[key] for key, one in kinds.items() if one == kind)
+        lines.append(f"{kind:15s}" + ", ".join(f"{name}: {n}" for name, n in tally.items()))
+    return "\n".join(lines)
+
+
 def report(data: dict[str, Any]) -> str:
     lines = [f"{data['count']} records of {SAMPLES} samples, order 2, from one Parquet file", ""]
     lines.append("                           workers  rec/s  CPU ms  1/CPU rec/s/core  busy")
@@ -203,8 +287,13 @@ def main() -> None:
     parser.add_argument("--save", action="store_true", help="store the result and fill README.md")
     parser.add_argument("--count", type=int, default=2000)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--large", action="store_true", help="one long run with poison, no more")
+    parser.add_argument("--judge", action="store_true", help="with --large: look for findings too")
     given = parser.parse_args()
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    if given.large:
+        print(large(given.count, given.seed, given.judge))
+        return
     with tempfile.TemporaryDirectory() as place:
         folder, path = Path(place), Path(place, "all.parquet")
         units = records(given.count, given.seed)
@@ -224,7 +313,7 @@ def main() -> None:
                 part, folder / "d", len(few), structure=Structure(2, 0), workers=2
             ),
         }
-        child = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1e3
+        child = child_peak()
         parent = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3
         data: dict[str, Any] = {
             "count": given.count,

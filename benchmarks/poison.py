@@ -20,16 +20,20 @@ from tridentify.record.formats.assemble import Wanted
 Array = NDArray[np.float64]
 
 
+MARKS = {1e6 * (k + 1): one for k, one in enumerate(("exception", "endless loop", "crash", "huge"))}
+"""First value of the input -> what happens: rows of a data set have no name."""
+
+
 @dataclass(frozen=True)
 class Poisoned:
-    """`ThreeModel`, but records of some names do what no record should."""
+    """`ThreeModel`, but records of some names, or marks, do what no record should."""
 
     name: str = "poisoned"
 
     def estimate(
         self, records: Sequence[Record], structure: Structure, progress: Any = None
     ) -> Estimate:
-        kind = records[0].name
+        kind = MARKS.get(float(records[0].u[0, 0]), records[0].name)
         if kind == "endless loop":
             while True:
                 pass

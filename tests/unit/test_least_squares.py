@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tridentify.numerics.least_squares import Accumulator, solve, triangle
+from tridentify.numerics.least_squares import Accumulator, least, least_squares, solve, triangle
 
 
 @pytest.fixture
@@ -127,3 +127,23 @@ def test_no_columns_leave_the_target(rng):
     target = rng.standard_normal(5)
     found = solve(np.zeros((5, 0)), target)
     assert (found.x.size, found.cost) == (0, pytest.approx(target @ target))
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-6, 1e-11])
+def test_what_stands_in_for_a_singular_value_is_never_above_it(rng, size):
+    """The bound from the inverse, also where a column is all but a combination of the others."""
+    for _ in range(20):
+        rows = rng.standard_normal((30, 5))
+        rows[:, 4] = rows[:, :4] @ rng.standard_normal(4) + size * rows[:, 4]
+        of = triangle(rows)
+        smallest = np.linalg.svd(of, compute_uv=False)[-1]
+        assert 0.1 * smallest < least(of) <= smallest
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-5, 1e-12, 0.0])
+def test_solutions_are_those_of_lstsq_whatever_the_rank(rng, size):
+    rows, target = rng.standard_normal((30, 5)), rng.standard_normal(30)
+    rows[:, 4] = rows[:, :4] @ rng.standard_normal(4) + size * rows[:, 4]
+    wanted = np.linalg.lstsq(rows, target, rcond=1e-9)[0]
+    found = least_squares(rows, target, 1e-9)
+    assert np.linalg.norm(found - wanted) <= 1e-9 * max(np.linalg.norm(wanted), 1.0)

@@ -128,3 +128,22 @@ def test_an_equilibrium_costs_the_same_where_a_free_state_cannot_be_paid_for():
         found = evaluate_variant(base, variant, POLES)
         alone = evaluate(build(records, structure, choice), POLES)
         assert found.rss == pytest.approx(alone.rss, rel=1e-9), choice.label
+
+
+def test_experiments_are_made_once_for_a_record_and_again_for_another_question():
+    one, other = record(), record()
+    structure, rest = Structure(2, 1), Nuisances(REST, False, False)
+
+    def seen(record, terms=rest, structure=structure, **how):
+        return build([record], structure, terms, **how).experiments[0]
+
+    first = seen(one)
+    assert seen(one) is first
+    assert seen(one, structure=Structure(3, 0)) is first
+    assert seen(other) is not first
+    assert seen(one, Nuisances(REST, True, False)).offset
+    assert seen(one, Nuisances(FREE, True, False)).u[0].tolist() == [0.0, 0.0]
+    assert seen(one, Nuisances(FREE, True, False), shift=False).u[0].tolist() == [0.5, -2.0]
+    late = seen(one, structure=Structure(2, 1, delay=0.2))
+    assert late.delays is not None
+    assert seen(one, structure=Structure(2, 1, delay=0.3)).delays.max() == 0.3

@@ -20,6 +20,7 @@ BESIDE = (
     "tridentify.models.compiled_regression",
     "tridentify.models.compiled_whitening",
     "tridentify.estimation.posterior.compiled_triangles",
+    "tridentify.numerics.kernels.added_columns",
     "tridentify.numerics.kernels.crossing",
     "tridentify.numerics.kernels.long_recursions",
 )
@@ -57,11 +58,12 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
         from tridentify.models import compiled_columns, compiled_steps
 
         tell("cost")
-        from tridentify.estimation.likelihood import compiled_cost
+        from tridentify.estimation.likelihood import compiled_cost, compiled_scatter
 
         tell("banks")
     from tridentify.models import compiled_regression, compiled_whitening
     from tridentify.numerics.kernels import (
+        added_columns,
         cascades,
         crossing,
         exponentials,
@@ -77,6 +79,7 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
     from tridentify.estimation.posterior import compiled_triangles
 
     numerics = (
+        added_columns,
         crossing,
         driven,
         recursions,
@@ -86,7 +89,8 @@ def load_kernels(say: Callable[[str], None] | None = None) -> tuple[ModuleType, 
     )
     banks = cascades, exponentials, triangles, whitening, polynomials
     models = compiled_columns, compiled_regression, compiled_steps, compiled_whitening
-    return *numerics, *banks, *models, compiled_cost, compiled_starts, compiled_triangles
+    likelihood = compiled_cost, compiled_scatter
+    return *numerics, *banks, *models, *likelihood, compiled_starts, compiled_triangles
 
 
 def _is_new(module: ModuleType) -> bool:

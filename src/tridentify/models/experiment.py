@@ -78,6 +78,19 @@ class Experiment:
         return (self.n_samples - 1) * self.dt if self.t is None else float(self.t[-1])
 
     @cached_property
+    def moments(self) -> tuple[Array, Array, Array]:
+        """(n_outputs,) samples, mean squares, and sums of squares about the mean."""
+        y = self.y
+        n = np.full(y.shape[1], float(self.n_samples))
+        if np.isnan(y.sum()):
+            n = np.maximum(np.isfinite(y).sum(axis=0), 1.0)
+            y = np.where(np.isfinite(y), y, np.nansum(y, axis=0) / n)
+        # centred on the first value, so that a large trim does not drown the movement
+        moved = y - y[0]
+        about = np.einsum("ij,ij->j", moved, moved) - moved.sum(axis=0) ** 2 / y.shape[0]
+        return n, np.einsum("ij,ij->j", y, y) / y.shape[0], np.maximum(about, 0.0)
+
+    @cached_property
     def instants(self) -> Array:
         """(n_samples,) from zero [s]."""
         if self.t is not None:

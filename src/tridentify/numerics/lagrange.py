@@ -28,7 +28,7 @@ from scipy.linalg import lapack
 from scipy.special import fdtrc
 
 from tridentify.numerics.arrays import Array
-from tridentify.numerics.least_squares import triangle, upper
+from tridentify.numerics.least_squares import ROUNDING, least, triangle, upper
 
 SPAN_CUTOFF = 1e-6
 
@@ -93,10 +93,15 @@ def _orthonormal(columns: Array, cutoff: float) -> Array:
     n, k = columns.shape
     factors, tau, _, failed = lapack.dgeqrf(columns)
     of = upper(factors[:k])
-    if n < k or failed or np.linalg.svd(of, compute_uv=False)[-1] <= cutoff:
+    if n < k or failed or not _is_free(of, cutoff):
         u, s, _ = np.linalg.svd(columns, full_matrices=False)
         return np.asarray(u[:, s > cutoff])
     return np.asarray(lapack.dorgqr(factors, tau, overwrite_a=1)[0])
+
+
+def _is_free(of: Array, cutoff: float) -> bool:
+    """Whether no singular value of a square triangle is below a cutoff."""
+    return least(of) > cutoff or bool(np.linalg.svd(of, compute_uv=False)[-1] > cutoff)
 
 
 def added_each(
@@ -129,32 +134,30 @@ def added_each(
     >>> round(test.statistic, 3), test.dimension, test.freedom, round(test.p_value, 3)
     (1.875, 1, 5, 0.229)
     """
-    left = residual - basis @ (basis.T @ residual)
-    columns = np.column_stack([*groups, left])
-    norms = np.sqrt(np.einsum("ij,ij->j", columns, columns))
-    norms[-1] = 1.0
-    columns /= np.where(norms > 0, norms, 1.0)
-    if basis.shape[1]:
-        for _ in range(2):
-            columns -= basis @ (basis.T @ columns)
-    found, first = [], 0
-    for group in groups:
-        k = group.shape[1]
-        there = first + np.flatnonzero(norms[first : first + k])
-        first += k
-        if not there.size:
-            found.append(_judged(left, 0, basis.shape[1], 0.0, n_samples))
-            continue
-        r = triangle(columns[:, [*there, -1]])
-        along, of = r[:, -1], r[:, :-1]
-        s = np.linalg.svd(of, compute_uv=False)
-        kept = there.size
-        if s[-1] <= cutoff:
-            u, s, _ = np.linalg.svd(of, full_matrices=False)
-            along, kept = u[:, s > cutoff].T @ along, int(np.sum(s > cutoff))
-        explained = float(along[:kept] @ along[:kept])
-        found.append(_judged(left, kept, basis.shape[1], explained, n_samples))
+    from tridentify.numerics.kernels.added_columns import explained_each
+
+    left, p = residual - basis @ (basis.T @ residual), basis.shape[1]
+    columns = np.ascontiguousarray(np.column_stack([*groups, left]).T)
+    firsts = np.cumsum([0, *(group.shape[1] for group in groups)])
+    # a bound on singular values is wrong by its rounding
+    table = explained_each(
+        columns, np.ascontiguousarray(basis.T), firsts, (1.0 + ROUNDING) * cutoff
+    )
+    found = []
+    for g, (explained, kept) in enumerate(table.tolist()):
+        if kept < 0:
+            some = [one for one in columns[firsts[g] : firsts[g + 1]] if one.any()]
+            explained, kept = _along(np.stack([*some, columns[-1]]).T, cutoff)
+        found.append(_judged(left, int(kept), p, explained, n_samples))
     return found
+
+
+def _along(columns: Array, cutoff: float) -> tuple[float, int]:
+    """What columns explain of the last one, and of how many dimensions, by singular values."""
+    r = triangle(columns)
+    u, s, _ = np.linalg.svd(r[:, :-1], full_matrices=False)
+    along = u[:, s > cutoff].T @ r[:, -1]
+    return float(along @ along), int(np.sum(s > cutoff))
 
 
 def added(residual: Array, basis: Array, extra: Array, n_samples: int) -> Added:

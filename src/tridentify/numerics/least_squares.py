@@ -10,6 +10,7 @@ factoring them once more.
 
 from __future__ import annotations
 
+import math
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -18,6 +19,10 @@ from numpy.typing import NDArray
 from scipy.linalg import lapack
 
 from tridentify.numerics.arrays import Array
+
+ROUNDING = 1e-6
+"""By how much a bound on a singular value may be wrong, of itself: far above what the inverse of a
+triangle that is not singular to rounding makes of it."""
 
 
 class Solution(NamedTuple):
@@ -142,10 +147,27 @@ def least_squares(matrix: Array, target: Array, cutoff: float) -> Array:
     both[:, :-1], both[:, -1] = matrix, target
     r = lapack.dgeqrf(both, overwrite_a=1)[0][: n + 1]
     of = upper(r[:n, :n])
-    s = np.linalg.svd(of, compute_uv=False) if m >= n > 0 else np.zeros(1)
-    if s[-1] > cutoff * s[0]:
+    if m >= n > 0 and (least(of) > cutoff * float(np.linalg.norm(of)) or _is_full(of, cutoff)):
         return np.asarray(lapack.dtrtrs(of, r[:n, n])[0])
     return np.asarray(np.linalg.lstsq(matrix, target, rcond=cutoff)[0])
+
+
+def least(of: Array) -> float:
+    """No more than the smallest singular value of a square triangle: from its inverse, no SVD.
+
+    Examples
+    --------
+    >>> least(np.diag([2.0, 4.0])) < 2.0
+    True
+    """
+    inverse, failed = lapack.dtrtri(of)
+    size = np.inf if failed else math.sqrt(float(np.einsum("ij,ij->", inverse, inverse)))
+    return (1.0 - ROUNDING) / size if size > 0 else 0.0
+
+
+def _is_full(of: Array, cutoff: float) -> bool:
+    s = np.linalg.svd(of, compute_uv=False)
+    return bool(s[-1] > cutoff * s[0])
 
 
 CUTOFF = 1e-13

@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -24,11 +25,15 @@ SLOW_AS_NOISE = "the noise model explains slow parts of the output that white we
 
 def freeze_arrays(noun: object) -> None:
     """Replace each field annotated ``Array`` of a frozen dataclass by a read-only float64 copy."""
-    for field in dataclasses.fields(noun):  # type: ignore[arg-type]
-        if field.type == "Array":
-            array = np.array(getattr(noun, field.name), dtype=np.float64)
-            array.setflags(write=False)
-            object.__setattr__(noun, field.name, array)
+    for name in _array_fields(type(noun)):  # type: ignore[arg-type]
+        array = np.array(getattr(noun, name), dtype=np.float64)
+        array.setflags(write=False)
+        object.__setattr__(noun, name, array)
+
+
+@cache
+def _array_fields(kind: type) -> tuple[str, ...]:
+    return tuple(one.name for one in dataclasses.fields(kind) if one.type == "Array")
 
 
 def pairs(poles: npt.ArrayLike) -> Array:

@@ -75,13 +75,17 @@ class Bank:
             a, b, every = self.cascade
             own = Cascade(np.ascontiguousarray(a[states, states]), b[states], every[states])
             basis = DegreeBasis(self.basis[poles, :n], self.leading[poles])
-            found.append(Branch(self.inner(g), own, basis, states, poles, channels))
+            found.append(Branch(self.inners[g], own, basis, states, poles, channels))
         return tuple(found)
 
-    def inner(self, g: int) -> Cascade:
-        """The poles of one denominator once: the first states of its part of the bank."""
-        n = int(self.pattern.orders[g])
-        first = int(self.pattern.firsts[g])
-        at = first * self.repeats
-        a = np.ascontiguousarray(self.cascade.a[at : at + n, at : at + n])
-        return Cascade(a, self.cascade.b[at : at + n], self.poles[first : first + n])
+    @cached_property
+    def inners(self) -> tuple[Cascade, ...]:
+        """The poles of each denominator once: the first states of its part of the bank."""
+        found = []
+        for first, n in zip(
+            self.pattern.firsts.tolist(), self.pattern.orders.tolist(), strict=True
+        ):
+            at = first * self.repeats
+            a = np.ascontiguousarray(self.cascade.a[at : at + n, at : at + n])
+            found.append(Cascade(a, self.cascade.b[at : at + n], self.poles[first : first + n]))
+        return tuple(found)

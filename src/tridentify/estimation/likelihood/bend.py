@@ -45,8 +45,8 @@ def bend_of(old: Point, change: Array, new: Point) -> Bend | None:
     if old.held != new.held or new.is_far:
         return None
     rows = [
-        row_of(after.inner, before.inner.poles)
-        for before, after in zip(old.branches, new.branches, strict=True)
+        row_of(after, before.poles)
+        for before, after in zip(old.triangles.bank.inners, new.triangles.bank.inners, strict=True)
     ]
     if any(row is None for row in rows):
         return None

@@ -161,8 +161,8 @@ class Point:
     @property
     def inner(self) -> Cascade:
         """The poles once, where all channels share them."""
-        (branch,) = self.branches
-        return branch.inner
+        (inner,) = self.triangles.bank.inners
+        return inner
 
     @cached_property
     def parts(self) -> tuple[Response, ...]:
@@ -315,10 +315,12 @@ class Point:
         if bend is not None:
             change, decrease = self._bent(change, bend)
         alpha = change[: self.problem.n_poles]
-        roots = np.concatenate([roots_of(one.inner, alpha[one.poles]) for one in self.branches])
+        own = zip(self.triangles.bank.inners, self.problem.groups, strict=True)
+        found = [roots_of(inner, alpha[group.poles]) for inner, group in own]
+        roots = found[0] if len(found) == 1 else np.concatenate(found)
         # close to the end a real pole that a step takes across the axis is left at the limit;
         # before, it is mirrored, and may find another place
-        if not self.is_far:
+        if any(z.imag == 0 and z.real > 0 for z in roots.tolist()) and not self.is_far:
             crossed = (roots.imag == 0) & (roots.real > 0)
             roots = np.where(crossed, -0.5 * self.problem.slowest, roots)
         delays = None
@@ -377,13 +379,13 @@ class Point:
         root = found.vt.T / found.s / found.scale[:, None]
         root = root if found.basis is None else found.basis @ root
         worst = 0.0
-        for one in self.branches:
-            z, right = np.linalg.eig(one.inner.a)
+        for inner, group in zip(self.triangles.bank.inners, self.problem.groups, strict=True):
+            z, right = np.linalg.eig(inner.a)
             try:
-                drive = np.linalg.solve(right, one.inner.b.astype(np.complex128))
+                drive = np.linalg.solve(right, inner.b.astype(np.complex128))
             except np.linalg.LinAlgError:
                 return float("inf")
-            moved = drive[:, None] * (right.T @ root[one.poles])
+            moved = drive[:, None] * (right.T @ root[group.poles])
             errors = np.sqrt(np.sum(np.abs(moved) ** 2, axis=1))
             worst = max(worst, float(np.max(errors / np.abs(z.real))))
         return worst
@@ -470,6 +472,10 @@ class Point:
         output : (rows,) int array
             The output that a row belongs to.
         """
+        return self._jacobian
+
+    @cached_property
+    def _jacobian(self) -> tuple[ColumnBlocks, Array, Array]:
         columns = ColumnBlocks()
         owner = []
         for i in range(self.problem.n_outputs):

@@ -181,7 +181,8 @@ def physical_transform(point: Point, keys: dict[object, slice], width: int) -> A
         for i, j in np.argwhere(branch.channels).tolist():
             m = problem.n_zeros[i][j]
             proper = branch.basis.rows[: min(m + 1, n)] @ table
-            block = np.pad(proper, ((0, 0), (1, 0)))
+            block = np.zeros((len(proper), n + 1))
+            block[:, 1:] = proper
             if m == n:
                 block = np.vstack([block, a])
             transform[b_places[i, j], keys[i, ("b", j)]] = block[:, n - m :].T

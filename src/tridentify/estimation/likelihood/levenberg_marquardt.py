@@ -127,13 +127,22 @@ def criterion(point: Point, decrease: float = 0.0) -> float:
 
 def at_rounding(point: Point) -> bool:
     """Whether the residual is no more than rounding: a noise-free record."""
-    return bool(np.all(point.rss / point.counts < ROUNDING_SQUARED * point.problem.size))
+    return all(_exact(point))
+
+
+def _exact(point: Point) -> list[bool]:
+    """Of each output, whether the residual is no more than rounding."""
+    # one by one: they are few
+    outputs = zip(
+        point.rss.tolist(), point.counts.tolist(), point.problem.size.tolist(), strict=True
+    )
+    return [rss < ROUNDING_SQUARED * size * n for rss, n, size in outputs]
 
 
 def _gain(point: Point, trial: Point) -> float:
     """Fall of `Point.objective`; outputs at rounding count only when all are."""
-    limit = ROUNDING_SQUARED * point.problem.size
-    exact = (point.rss < limit * point.counts) & (trial.rss < limit * trial.counts)
+    pairs = zip(_exact(point), _exact(trial), strict=True)
+    exact = np.array([one and other for one, other in pairs])
     if exact.all() or not exact.any():
         return point.objective - trial.objective
     before, after = np.log(point.variance[~exact]), np.log(trial.variance[~exact])

@@ -26,7 +26,7 @@ import numpy as np
 from tridentify.checks.samples import typical_step
 from tridentify.errors import ConstantInputError, DelayError, OptionError, TooFewSamplesError
 from tridentify.estimation.likelihood.problem import Problem, Variant, states_of
-from tridentify.models.regression import Experiment
+from tridentify.models.experiment import MIDDLING, Experiment
 from tridentify.numerics.arrays import Array
 from tridentify.record.record import Record
 from tridentify.structure import InitialState, Structure
@@ -34,6 +34,10 @@ from tridentify.structure import InitialState, Structure
 SLACK = 1e-6
 """Share of a sampling interval within which a time counts as that of a sample: rounding of times
 that are counted from far away."""
+
+
+KEPT = 8
+"""Experiments that are kept: a search, its judgement and the next structure share a few of them."""
 
 
 @dataclass(frozen=True)
@@ -207,27 +211,44 @@ def build(
         Whether the input counts from its reference (`reference_of`) or as recorded.
     """
     first = records[0]
-    experiments = []
-    for record in records:
-        u = np.asarray(record.u)
-        reference = reference_of(record, nuisances) if shift else np.zeros(record.n_inputs)
-        delays = np.array(structure.delay_matrix(record.n_outputs, record.n_inputs))
-        experiments.append(
-            Experiment(
-                np.ascontiguousarray(u - reference) if np.any(reference) else u,
-                explained(record, structure),
-                typical_step(record.t) if record.dt is None else record.dt,
-                record.behaviour,
-                nuisances.initial_state == "free",
-                nuisances.offset,
-                nuisances.drift,
-                t=record.t - record.t[0] if record.dt is None else None,
-                delays=delays if np.any(delays) else None,
-                start=first_explained(record, structure),
-            )
-        )
+    experiments = [_experiment(record, structure, nuisances, shift) for record in records]
     zeros = structure.zeros_matrix(first.n_outputs, first.n_inputs)
     return Problem.of(experiments, structure.poles, zeros)
+
+
+_experiments: list[tuple[Record, tuple[object, ...], Experiment]] = []
+
+
+def _experiment(
+    record: Record, structure: Structure, nuisances: Nuisances, shift: bool
+) -> Experiment:
+    """A record as one choice of nuisance terms sees it; those of the last ones are kept.
+
+    The search, the judgement of its end and the next structure ask for the same ones, and what the
+    filters are given of an experiment is made once for each.
+    """
+    reference = reference_of(record, nuisances) if shift else np.zeros(record.n_inputs)
+    delays = np.array(structure.delay_matrix(record.n_outputs, record.n_inputs))
+    start = first_explained(record, structure)
+    terms = nuisances.initial_state == "free", nuisances.offset, nuisances.drift
+    key = (*terms, reference.tobytes(), delays.tobytes(), start)
+    known = (own for one, asked, own in list(_experiments) if one is record and asked == key)
+    found = next(known, None)
+    if found is None:
+        u = np.asarray(record.u)
+        found = Experiment(
+            np.ascontiguousarray(u - reference) if np.any(reference) else u,
+            explained(record, structure),
+            typical_step(record.t) if record.dt is None else record.dt,
+            record.behaviour,
+            *terms,
+            t=record.t - record.t[0] if record.dt is None else None,
+            delays=delays if np.any(delays) else None,
+            start=start,
+        )
+        if record.n_samples <= MIDDLING:
+            _experiments[:] = [*_experiments[1 - KEPT :], (record, key, found)]
+    return found
 
 
 def first_explained(record: Record, structure: Structure) -> int:

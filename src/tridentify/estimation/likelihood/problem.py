@@ -139,17 +139,9 @@ class Problem:
         size = np.zeros(len(n_zeros))
         count = np.zeros(len(n_zeros))
         for e in experiments:
-            y = e.y
-            n = np.full(len(n_zeros), float(e.n_samples))
-            if np.isnan(y.sum()):
-                n = np.maximum(np.isfinite(y).sum(axis=0), 1.0)
-                y = np.where(np.isfinite(y), y, np.nansum(y, axis=0) / n)
-            squares = np.einsum("ij,ij->j", y, y)
-            # centred on the first value, so that a large trim does not drown the movement
-            moved = y - y[0]
-            about = np.einsum("ij,ij->j", moved, moved)
-            spread += np.maximum(about - moved.sum(axis=0) ** 2 / y.shape[0], 0.0)
-            size = np.maximum(size, squares / y.shape[0])
+            n, own, about = e.moments
+            spread += about
+            size = np.maximum(size, own)
             count += n
         return cls.scaled(experiments, n_poles, n_zeros, spread / count, size)
 
@@ -330,6 +322,8 @@ class Problem:
 
     def whitened(self, noise: tuple[Array, ...]) -> Problem:
         """The same problem with a model of the noise (the empty tuple: white)."""
+        if not noise and not any(e.noise for e in self.experiments):
+            return self
         experiments = tuple(replace(e, noise=noise) for e in self.experiments)
         return replace(self, experiments=experiments)
 

@@ -246,17 +246,23 @@ def _largest_scatter(
 
 def _scatter_along(g: Array, innovations: Array, own: int) -> ScoreScatter | None:
     """The largest scatter over blocks of neighbouring rows; None where chance explains all."""
+    from tridentify.estimation.likelihood.compiled_scatter import scatter_at
+
     weight = np.einsum("toi,toi->t", g, g)
-    scores = np.einsum("toi,to->ti", g, innovations)
-    k, used = scores.shape[1], int(np.sum(weight > 0))
+    k, used = g.shape[2], int(np.count_nonzero(weight > 0))
     counts = [n for n in BLOCKS if n * FEWEST <= used]
     if not counts or k == 0:
         return None
+    rate = FALSE_ALARMS / (2 * len(counts))
+    table = scatter_at(g, innovations, np.array(counts, dtype=np.int64)).tolist()
+    if not any(n > 1 and _is_more(total, mean, var, rate) for total, mean, var, n in table):
+        return None
+    scores = np.einsum("toi,to->ti", g, innovations)
     share = (np.cumsum(weight) - 0.5 * weight) / weight.sum()
     blocks = _Blocks.of(g, scores, _edges(share, counts[0]))
     found = None
     for n in counts:
-        one = _on_blocks(blocks.joined(_edges(share, n)), own, FALSE_ALARMS / (2 * len(counts)))
+        one = _on_blocks(blocks.joined(_edges(share, n)), own, rate)
         if one is not None and (found is None or one.ratio > found.ratio):
             found = one
     return found
@@ -312,11 +318,7 @@ def _on_blocks(found: _Blocks, own: int, rate: float) -> ScoreScatter | None:
     square = float(np.sum(held * held))
     # sum of h (1 - h) over the eigenvalues
     expected = float(np.einsum("bii->", held)) - square
-    variance = 2.0 * square
-    # half of the degrees of freedom of the chi-square with that mean and variance
-    statistic = float(np.sum(sums * sums))
-    freedom = 2.0 * expected**2 / max(variance, 1e-300)
-    if statistic <= expected * _largest(freedom, rate):
+    if not _is_more(float(np.sum(sums * sums)), expected, 2.0 * square, rate):
         return None
     values, vectors = np.linalg.eigh(held)
     shrink = np.sqrt(np.maximum(1.0 - np.minimum(values, MOST_HELD), 0.0))
@@ -329,6 +331,13 @@ def _on_blocks(found: _Blocks, own: int, rate: float) -> ScoreScatter | None:
     few = float(stdtrit(blocks - 1.0, COVERED) / ndtri(COVERED)) ** 2
     size, axes = np.linalg.eigh(few * scatter)
     return ScoreScatter((axes * np.maximum(size, 1.0)) @ axes.T, blocks, float(means[0]))
+
+
+def _is_more(statistic: float, expected: float, variance: float, rate: float) -> bool:
+    """Whether a sum of squares is more than chance makes of that mean and variance."""
+    # half of the degrees of freedom of the chi-square with that mean and variance
+    freedom = 2.0 * expected**2 / max(variance, 1e-300)
+    return statistic > expected * _largest(freedom, rate)
 
 
 def _mean(scatter: Array) -> float:

@@ -72,12 +72,14 @@ class Sections:
         """(s, n + 1) coefficients, descending powers."""
         found: Array = np.ones((self.damping.shape[0], 1))
         for i in range(self.damping.shape[1]):
-            grown = np.pad(found, ((0, 0), (0, 2)))
+            grown = np.zeros((len(found), found.shape[1] + 2))
+            grown[:, :-2] = found
             grown[:, 1:-1] += self.damping[:, i : i + 1] * found
             grown[:, 2:] += self.frequency[:, i : i + 1] ** 2 * found
             found = grown
         for i in range(self.rate.shape[1]):
-            grown = np.pad(found, ((0, 0), (0, 1)))
+            grown = np.zeros((len(found), found.shape[1] + 1))
+            grown[:, :-1] = found
             grown[:, 1:] += self.rate[:, i : i + 1] * found
             found = grown
         return np.asarray(found)
@@ -192,17 +194,8 @@ def degree_bases(a: Array, b: Array) -> Array:
 
 def filter_maps(a: Array, b: Array, bank_a: Array, bank_b: Array) -> Array:
     """As `numerics.realization.filter_map`, for many banks: (s, q, n, q)."""
-    count, n = b.shape
-    q = bank_b.shape[1]
-    operator = np.zeros((count, q, n, q, n))
-    index = np.arange(q)
-    operator[:, index, :, index, :] += a[None]
-    inner = np.arange(n)
-    operator[:, :, inner, :, inner] += bank_a[None]
-    drive = np.zeros((count, q, n, q))
-    drive[:, index, :, index] = -b[None]
-    size = q * n
-    found = np.linalg.solve(
-        operator.reshape(count, size, size), drive.reshape(count, size, q)
-    ).reshape(count, q, n, q)
-    return np.asarray(found.transpose(0, 3, 2, 1))
+    from tridentify.estimation.posterior.compiled_triangles import fill_maps
+
+    found = np.zeros((*bank_b.shape, b.shape[1], bank_b.shape[1]))
+    fill_maps(a, b, bank_a, bank_b, found)
+    return found

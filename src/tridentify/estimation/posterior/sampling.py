@@ -23,6 +23,8 @@ FREEDOM = 4.0
 variance."""
 CENTRES = 40
 """Kernels of a proposal, so that a curved posterior is followed."""
+NONE = 1e-300
+"""Least density of kernels: its logarithm is a number."""
 WIDEST = 1.0
 """Largest standard deviation of a kernel along any axis, in log rate and log damping: a factor of
 e."""
@@ -81,10 +83,16 @@ class StudentKernels:
             + np.einsum("kd,kd->k", centres, centres)
             - 2.0 * scaled @ centres.T
         )
-        kernels = -0.5 * (FREEDOM + d) * np.log1p(np.maximum(distance, 0.0) / FREEDOM)
+        # (1 + distance / FREEDOM)^(-(FREEDOM + d) / 2) without a logarithm for each
+        near = np.maximum(distance, 0.0, out=distance)
+        near /= FREEDOM
+        near += 1.0
+        np.reciprocal(near, out=near)
+        half, odd = divmod(int(FREEDOM) + d, 2)
+        kernels = _power(near, half) * np.sqrt(near) if odd else _power(near, half)
         constant = gammaln(0.5 * (FREEDOM + d)) - gammaln(0.5 * FREEDOM)
         constant -= 0.5 * d * np.log(FREEDOM * np.pi) + np.log(np.abs(np.diag(self.root))).sum()
-        return np.asarray(_log_mean(kernels) + constant)
+        return np.asarray(np.log(np.maximum(kernels.mean(axis=1), NONE)) + constant)
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,9 +117,16 @@ class ProposalMixture:
         return np.asarray(np.logaddexp.reduce(logs, axis=0))
 
 
-def _log_mean(values: Array) -> Array:
-    top = values.max(axis=1, keepdims=True)
-    return np.asarray(top[:, 0] + np.log(np.exp(values - top).mean(axis=1)))
+def _power(base: Array, exponent: int) -> Array:
+    """A whole power of at least one, by squaring."""
+    while exponent % 2 == 0:
+        base, exponent = base * base, exponent // 2
+    found = base
+    while exponent > 1:
+        base, exponent = base * base, exponent // 2
+        if exponent % 2:
+            found = found * base
+    return found
 
 
 def normalised(log_weights: Array) -> Array:

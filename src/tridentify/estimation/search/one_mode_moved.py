@@ -18,7 +18,7 @@ Every place is a small bank of its own; those of one line are filtered and solve
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -133,15 +133,17 @@ def _groups(poles: Complex) -> list[tuple[int, ...]]:
     return pairs + [(k,) for k in real]
 
 
-def _lines(count: int, low: float, high: float) -> Iterator[list[Complex]]:
-    """The places for one real pole, or for a pair at each damping."""
+@lru_cache(maxsize=16)
+def _lines(count: int, low: float, high: float) -> tuple[list[Complex], ...]:
+    """The places for one real pole, or for a pair at each damping; the same for alike records."""
     if count == 1:
-        yield [np.array([-rate + 0j]) for rate in _grid(low, high, REAL_STEP)]
-        return
-    for damping in DAMPINGS:
-        turn = complex(-damping, np.sqrt(1.0 - damping**2))
-        rates = _grid(low, high, 1.0 + 4.0 * damping)
-        yield [rate * np.array([turn, turn.conjugate()]) for rate in rates]
+        return ([np.array([-rate + 0j]) for rate in _grid(low, high, REAL_STEP)],)
+    turns = (complex(-damping, np.sqrt(1.0 - damping**2)) for damping in DAMPINGS)
+    grids = (_grid(low, high, 1.0 + 4.0 * damping) for damping in DAMPINGS)
+    return tuple(
+        [rate * np.array([turn, turn.conjugate()]) for rate in rates]
+        for turn, rates in zip(turns, grids, strict=True)
+    )
 
 
 def _grid(low: float, high: float, step: float) -> Array:

@@ -111,8 +111,8 @@ def both_steps(point: Point) -> tuple[tuple[Step, ...], Complex]:
         point.weights,
         problem.biproper,
     )
-    places = [(group.poles, bank.inner(g)) for g, group in enumerate(problem.groups)]
-    poles = np.concatenate([roots_of(inner, row[place]) for place, inner in places])
+    own_poles = zip(problem.groups, bank.inners, strict=True)
+    poles = np.concatenate([roots_of(inner, row[group.poles]) for group, inner in own_poles])
     samples, used = float(point.counts.sum()), problem.split(bank.poles)
     twice = np.concatenate([np.tile(one, 2) for one in used])
     return (

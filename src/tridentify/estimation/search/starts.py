@@ -27,7 +27,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import scipy.linalg
@@ -358,7 +358,11 @@ def best_laguerre(base: Problem, variant: Variant) -> ParallelStart:
 
 def _rates(base: Problem) -> Array:
     """The grid [rad/s]."""
-    low, high = rate_limits(base)
+    return _grid(*rate_limits(base))
+
+
+@lru_cache(maxsize=32)
+def _grid(low: float, high: float) -> Array:
     count = max(4, int(np.ceil(PER_DECADE * np.log10(high / low))) + 1)
     return np.geomspace(low, high, count)
 
@@ -442,7 +446,12 @@ def parallel_criteria(problem: Problem, rates: Array, most: int) -> Array:
 
 def spread_poles(base: Problem, damping: float, count: int) -> Complex:
     """Poles over the whole band, real for a damping of 1 and in pairs below it."""
-    low, high = rate_limits(base)
+    return _spread(*rate_limits(base), damping, count)
+
+
+@lru_cache(maxsize=32)
+def _spread(low: float, high: float, damping: float, count: int) -> Complex:
+    """The same for alike records; nobody may write into them."""
     if damping == 1.0:
         return -np.geomspace(low, 3.0 * high, count).astype(np.complex128)
     frequencies = np.geomspace(low, 3.0 * high, max(count // 2, 1))

@@ -25,8 +25,7 @@ def beginning(record: Record, most: int) -> Record:
     >>> beginning(Record(np.ones(5), np.ones(5), dt=1.0), 3).n_samples
     3
     """
-    seen = np.isfinite(record.y[:most]).any(axis=0).all()
-    if record.n_samples > most and seen:
+    if record.n_samples > most and np.isfinite(record.y[:most]).any(axis=0).all():
         return record.slice(None, float(record.t[most - 1]))
     return record
 

@@ -16,17 +16,15 @@ from tridentify.checks.samples import Behaviour
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.finding import Finding
-from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.judgement.causes.attempt import Attempt, attempt
 from tridentify.judgement.causes.revisit import (
-    poles_of_estimate,
-    problem_of,
+    point_of,
     stated,
     without_outliers,
 )
-from tridentify.numerics.arrays import Complex
 from tridentify.numerics.interpolation import FEWEST
 from tridentify.record.record import Record
 
@@ -175,16 +173,15 @@ def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | No
         return None
     looked_at = [_beginning(record) for record in without_outliers(estimate, records)]
     try:
-        problem = problem_of(estimate, looked_at, stated(estimate))
-        poles = poles_of_estimate(estimate, problem)
-        here = _promise(problem, poles)
+        point = point_of(estimate, looked_at, stated(estimate))
+        problem, poles, here = point.problem, point.poles, _promised(point)
         steps = is_staircase(looked_at)
         above: dict[Behaviour, float] = {first: 0.0}
         for behaviour in BEHAVIOURS:
             limited = behaviour == "band-limited"
             if behaviour == first or (limited and (steps or not _allows_band_limited(problem))):
                 continue
-            above[behaviour] = _promise(_with(problem, behaviour), poles) - here
+            above[behaviour] = _promised(evaluate(_with(problem, behaviour), poles)) - here
     except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
         return None
     count = sum(int(np.isfinite(e.y).sum()) for e in problem.experiments)
@@ -201,9 +198,8 @@ def behaviours(estimate: Estimate, records: Sequence[Record]) -> Behaviours | No
     return Behaviours(first, above, fitted, steps, count)
 
 
-def _promise(problem: Problem, poles: Complex) -> float:
+def _promised(point: Point) -> float:
     """``-2 log L`` that a Gauss-Newton step leads to expect, the noise model held."""
-    point = evaluate(problem, poles)
     return point.objective - point.decrease()
 
 

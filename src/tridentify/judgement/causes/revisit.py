@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.likelihood.cost import Point, evaluate
 from tridentify.estimation.likelihood.nuisance import Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
 from tridentify.numerics.arrays import Complex
@@ -61,6 +62,34 @@ def poles_of_estimate(estimate: Estimate, problem: Problem) -> Complex:
         i, j = group.channels[0]
         found.append(sort_poles(np.roots(estimate.model.den[i][j]).astype(np.complex128)))
     return problem.admissible(np.concatenate(found))[0]
+
+
+_last: list[tuple[tuple[object, ...], Nuisances, Point]] = []
+
+
+def point_of(estimate: Estimate, records: Sequence[Record], nuisances: Nuisances) -> Point:
+    """The problem of an estimate at its poles.
+
+    The last one is kept: what else an input may do between its samples and what is left of the
+    outputs are asked one after the other.
+
+    Parameters
+    ----------
+    estimate : Estimate
+    records : sequence of Record
+    nuisances : Nuisances
+        As of `problem_of`.
+    """
+    # of an estimate, what is said of it may have been added since
+    asked = (estimate.model, estimate.structure, estimate.noise_model, *records)
+    for those, terms, point in list(_last):
+        same = len(those) == len(asked) and terms == nuisances
+        if same and all(one is other for one, other in zip(those, asked, strict=True)):
+            return point
+    problem = problem_of(estimate, records, nuisances)
+    found = evaluate(problem, poles_of_estimate(estimate, problem))
+    _last[:] = [(asked, nuisances, found)]
+    return found
 
 
 def without_outliers(estimate: Estimate, records: Sequence[Record]) -> list[Record]:

@@ -249,7 +249,8 @@ def _regression(
     widths = [records[0].n_outputs if output else records[0].n_inputs for output, _ in sources]
     of = np.repeat(np.array(sources, dtype=int).reshape(-1, 2), widths, axis=0)
     levels = len(records)
-    total = Accumulator(levels + len(of) + 1, BLOCK)
+    longest = max(record.n_samples for record in records)
+    total = Accumulator(levels + len(of) + 1, min(BLOCK, longest))
     rows = 0
     for e, record in enumerate(records):
         u, y = (one - np.nanmean(one, axis=0) for one in (record.u, record.y))

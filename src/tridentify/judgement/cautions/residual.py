@@ -98,6 +98,8 @@ def slow_findings(
     expected. So it is looked for in the residual that is not whitened. What to do about it is left
     to who tries it (`remedies.with_drift_tried`).
     """
+    if not any(a.size for a in estimate.noise_model):
+        return []
     if any(told.startswith(RESPONSE_AS_NOISE) for told in estimate.trace.decisions):
         return []
     parts = [_slow_parts(estimate, record, e, known) for e, record in enumerate(records)]

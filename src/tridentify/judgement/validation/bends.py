@@ -81,11 +81,9 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     records, shapes = view.records, _shapes(view, output)
     den = estimate.model.den[output][0]
     inner = Channel(np.array([den[-1] or 1.0]), den, 0.0)
-    found = [
-        _through(inner, records, [np.stack([y**2, y**3], axis=1) for y in shapes]),
-        _through(inner, records, [np.sign(np.gradient(y))[:, None] for y in shapes]),
-        _limits(shapes, TAILS),
-    ]
+    bent = [np.stack([y**2, y**3, _turns(y)], axis=1) for y in shapes]
+    kinds = zip(*((one[:, :2], one[:, 2:]) for one in _through(inner, records, bent)), strict=True)
+    found = [*kinds, _limits(shapes, TAILS)]
     speeds = [np.nan_to_num(one) for one in view.outputs[output].fitted]
     if turns(np.concatenate(speeds)):
         found.append(_through(inner, records, [np.sign(one)[:, None] for one in speeds]))
@@ -94,9 +92,14 @@ def bends(view: View, output: int, estimate: Estimate) -> list[Columns]:
     for j in range(records[0].n_inputs):
         own = _channel(estimate, output, j)
         u = _scaled([np.asarray(record.u[:, j]) for record in records])
-        powers.append(_through(own, records, [np.stack([x**2, x**3], axis=1) for x in u]))
-        if np.unique(np.concatenate(u)).size >= LEVELS:
-            limited.append(_through(own, records, _limits(u, INPUT_TAILS)))
+        asked = [np.stack([x**2, x**3], axis=1) for x in u]
+        many = np.unique(np.concatenate(u)).size >= LEVELS
+        if many:
+            asked = [np.hstack(both) for both in zip(asked, _limits(u, INPUT_TAILS), strict=True)]
+        driven = _through(own, records, asked)
+        powers.append(tuple(one[:, :2] for one in driven))
+        if many:
+            limited.append(tuple(one[:, 2:] for one in driven))
     return found + [_beside(several) for several in (powers, limited) if several]
 
 
@@ -170,6 +173,13 @@ def _through(model: Channel, records: Sequence[Record], inputs: Sequence[Array])
         own = record._on_its_times(record.u)
         found.append(simulate_each(*model, own, columns - columns[0]))
     return tuple(found)
+
+
+def _turns(y: Array) -> Array:
+    """The sign of the slope: of the central difference, at the ends of the one beside."""
+    slope = np.empty(y.size)
+    slope[1:-1], slope[0], slope[-1] = y[2:] - y[:-2], y[1] - y[0], y[-1] - y[-2]
+    return np.sign(slope)
 
 
 def _limits(series: Sequence[Array], tails: Sequence[float]) -> Columns:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from tridentify.judgement.validation.residuals import Output, View
@@ -35,8 +36,13 @@ def past_lags(view: View, output: Output) -> list[int]:
     n_inputs = view.records[0].n_inputs
     most = max(min(MOST_LAGS, output.count // (PER_COLUMN * n_inputs)), 3)
     longest = max(min(record.n_samples for record in view.records) // 4, most)
+    return list(_knots(most, longest))
+
+
+@lru_cache(maxsize=64)
+def _knots(most: int, longest: int) -> tuple[int, ...]:
     grown = np.round(np.geomspace(1.0, longest + 1.0, most)).astype(int) - 1
-    return sorted({*range(min(FIRST_LAGS, most)), *grown.tolist()})
+    return tuple(sorted({*range(min(FIRST_LAGS, most)), *grown.tolist()}))
 
 
 def moved_input(view: View, channel: int, lag: int) -> tuple[Array, ...]:
@@ -90,9 +96,9 @@ def responses(
 
 def _hats(u: Array, lags: Sequence[int]) -> list[Array]:
     size = next_fast_len(2 * u.size, real=True)
-    taps = _taps(tuple(lags))
-    wide = [k for k, (_, shape) in enumerate(taps) if shape.size > 1]
-    smoothed = _smoothed(u, size, [taps[k] for k in wide])
+    lags = tuple(lags)
+    wide = [k for k, (_, shape) in enumerate(_taps(lags)) if shape.size > 1]
+    smoothed = _smoothed(u, size, lags, wide)
     found = []
     for k, peak in enumerate(lags):
         if k in wide:
@@ -117,16 +123,23 @@ def _taps(lags: tuple[int, ...]) -> tuple[tuple[int, Array], ...]:
     return tuple(found)
 
 
-def _smoothed(u: Array, size: int, taps: Sequence[tuple[int, Array]]) -> list[Array]:
+def _smoothed(u: Array, size: int, lags: tuple[int, ...], wide: Sequence[int]) -> list[Array]:
     """An input through several responses, some at a time where the record is long."""
     spectrum, found, step = rfft(u, size), [], max(AT_ONCE // size, 1)
-    for some in (taps[first : first + step] for first in range(0, len(taps), step)):
-        longest = max(begin + shape.size for begin, shape in some)
-        responses = np.zeros((len(some), longest))
-        for row, (begin, shape) in zip(responses, some, strict=True):
-            row[begin : begin + shape.size] = shape
-        found += list(irfft(spectrum * rfft(responses, size), size)[:, : u.size])
+    for first in range(0, len(wide), step):
+        gains = _spectra(lags, tuple(wide[first : first + step]), size)
+        found += list(irfft(spectrum * gains, size)[:, : u.size])
     return found
+
+
+@lru_cache(maxsize=8)
+def _spectra(lags: tuple[int, ...], wide: tuple[int, ...], size: int) -> NDArray[np.complex128]:
+    """Transforms of some responses; nobody may write into them."""
+    some = [_taps(lags)[k] for k in wide]
+    responses = np.zeros((len(some), max(begin + shape.size for begin, shape in some)))
+    for row, (begin, shape) in zip(responses, some, strict=True):
+        row[begin : begin + shape.size] = shape
+    return np.asarray(rfft(responses, size))
 
 
 def waves(view: View) -> tuple[Array, ...]:

@@ -24,13 +24,13 @@ from tridentify.errors import ChannelCountError, DataError, TooFewSamplesError
 from tridentify.estimation.answer.assemble import fingerprint
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.answer.trace import Status
-from tridentify.estimation.likelihood.cost import Point, evaluate
+from tridentify.estimation.likelihood.cost import Point
 from tridentify.estimation.likelihood.curvature import physical_map
 from tridentify.estimation.likelihood.linear_columns import free_states
 from tridentify.estimation.likelihood.nuisance import Nuisances, reference_of
 from tridentify.estimation.likelihood.raster import on_raster
 from tridentify.judgement.causes.first_samples import Predictions, beginning
-from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
+from tridentify.judgement.causes.revisit import point_of, stated
 from tridentify.models.response import Response
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.autoregression import Whitener
@@ -193,7 +193,7 @@ def look(
         chosen = stated(estimate)
         what = "the record that was identified" if identified else f"as experiment {experiment}"
         told.insert(0, f"{what}: offset and initial state are those of the estimate")
-        point = _point(estimate, kept, chosen)
+        point = point_of(estimate, kept, chosen)
         point = point.answering(_response(estimate, point, whose))
         residual = [
             known.residual(record, e) if record is one else estimate.residual(record, experiment=e)
@@ -259,12 +259,6 @@ def _choices(estimate: Estimate, records: Sequence[Record]) -> list[Nuisances]:
     return [*found, Nuisances("free", False, drift), Nuisances("free", True, drift)]
 
 
-def _point(estimate: Estimate, records: Sequence[Record], nuisances: Nuisances) -> Point:
-    """The records filtered on the poles of the estimate."""
-    problem = problem_of(estimate, records, nuisances)
-    return evaluate(problem, poles_of_estimate(estimate, problem))
-
-
 def _response(estimate: Estimate, point: Point, whose: Sequence[int] | None) -> Response:
     """The estimate's own outputs on the bank; without ``whose`` the free responses stay."""
     rows, direct = np.zeros_like(point.response.rows), np.zeros_like(point.response.direct)
@@ -312,7 +306,7 @@ def _fitted_start(
     """The start and the offset of other records, by AICc, for coefficients that are held."""
     best: tuple[float, Nuisances, Point, list[Array]] | None = None
     for chosen in _choices(estimate, records):
-        point = _point(estimate, records, chosen)
+        point = point_of(estimate, records, chosen)
         residual = []
         for record, experiment in zip(records, point.problem.experiments, strict=True):
             moved = record.u - reference_of(record, chosen)
