@@ -95,13 +95,15 @@ class KnownCauses(NamedTuple):
             return False
         return follows_no_better(self.named, self.explained.present)
 
-    def keeps_colour(self, output: int) -> bool:
-        """Whether white weights are as wrong beside a drift that is estimated along as before."""
-        again = self.again[output]
-        if self.named is None or self.named.rival.code != "drift" or again is None:
+    def keeps_colour(self, output: int, seen: Evidence) -> bool:
+        """Whether white weights are as wrong beside a drift that is estimated along as before.
+
+        What was seen of an output was seen beside slow waves too.
+        """
+        if self.named is None or self.named.rival.code != "drift":
             return False
         white = not (self.robust or self.estimate.noise_model[output].size)
-        return white and again.plainly_white < CALLED
+        return white and (self.again[output] or seen).plainly_white < CALLED
 
     @property
     def torn(self) -> str:
@@ -174,7 +176,7 @@ def findings(
             concerned.append((name, beside.torn or _where(one, own, calling)))
             again = None if of_sampling(beside.named) else beside.again[i]
             left = _left(rejected, name, again, beside.named.rival.code)
-            if beside.no_better or beside.keeps_colour(i):
+            if beside.no_better or beside.keeps_colour(i, one):
                 # this model stays, and its standard errors do not allow for what is left
                 left |= {key: p for key, p in rejected.items() if key == ("white", name)}
         elif ("past inputs", name) in rejected:
