@@ -158,3 +158,24 @@ def test_too_few_poles_and_no_direct_part_are_no_feedback() -> None:
     assert "feedback" not in {finding.code for finding in findings}
     low = next(finding for finding in findings if finding.code == "order-low")
     assert "2 poles and 2 zeros" in low.message or "4 poles and 4 zeros" in low.message
+
+
+def smooth(seed: int, numerator: list[float], n: int = 400) -> Record:
+    """A smooth multisine on a spring of some stiffness, 10 dB above the noise."""
+    rng = np.random.default_rng([709, seed])
+    stiff = rng.uniform(9.0, 30.0)
+    t, tones = 0.05 * np.arange(n), 0.15 * np.arange(1, 25)
+    phases = 2 * np.pi * rng.random(tones.size)
+    u = np.cos(2 * np.pi * np.outer(t, tones) + phases).sum(axis=1)
+    force = Record(u, u, dt=0.05, intersample="foh")
+    y = simulate(TransferFunction(numerator, [1.0, 1.0, stiff]), force)[:, 0]
+    noise = 10 ** (-10.0 / 20.0) * np.std(y) * rng.standard_normal(n)
+    return Record(u, y + noise, dt=0.05, intersample="auto")
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.fast("0")
+def test_a_smooth_input_tells_a_direct_part_as_a_whole(seed: int) -> None:
+    assert has_direct_part([smooth(seed, [1.0, 0.0, 0.0])])
+    assert not has_direct_part([smooth(seed, [9.0])])
+    assert not has_direct_part([smooth(seed, [3.0, 0.0])])

@@ -30,7 +30,7 @@ SHARE_FREE = 10
 nothing, and what is left may be a free response alone."""
 
 FINER = (1.0, 0.5, 0.25)
-"""Steps [samples] of the refinement."""
+"""Steps [samples] of the refinement; whole ones alone where a part of a sample says nothing."""
 
 
 def delay_rivals(present: Present) -> Iterator[Rival]:
@@ -71,7 +71,7 @@ def _best(present: Present, rows: tuple[int, ...], columns: tuple[int, ...]) -> 
     while grid[-1] * GROWTH < longest:
         grid.append(float(np.ceil(grid[-1] * GROWTH)))
     best = min(grid, key=lambda steps: at(steps, present.poles))
-    for width in (max(round(best / 4.0), 1.0), *FINER):
+    for width in (max(round(best / 4.0), 1.0), *(FINER[:1] if _in_samples(present) else FINER)):
         end = known[best]
         if end is None:
             return None
@@ -99,8 +99,11 @@ def neighbours(present: Present, rival: Rival) -> Iterator[Rival]:
     rows, columns = _moved(present, part)
     first = rows[0], columns[0]
     steps = (part.delay[first] - present.delay[first]) / present.step
-    near = {steps - 0.5, steps - 0.25, steps + 0.25, steps + 0.5}
-    near |= {float(np.floor(steps)), float(np.ceil(steps))}
+    near = {float(np.floor(steps)), float(np.ceil(steps))}
+    if _in_samples(present):
+        near |= {steps - 1.0, steps + 1.0}
+    else:
+        near |= {steps - 0.5, steps - 0.25, steps + 0.25, steps + 0.5}
     for other in sorted(near - {steps}):
         if other > 0:
             near_it = _rival(_later(present, rows, columns, other), rows, columns)
@@ -150,10 +153,21 @@ def _rival(later: Present, rows: tuple[int, ...], columns: tuple[int, ...]) -> R
 
 def _estimated(later: Present) -> str:
     """That the delay can be estimated, where it can: not beside a direct part."""
-    poles = Structure(later.order, later.zeros).poles_matrix(*later.delay.shape)
-    direct = any(
-        m == n
-        for row, line in zip(poles, later.zeros, strict=True)
-        for n, m in zip(row, line, strict=True)
-    )
-    return "" if direct else ", or have it estimated (delay='free')"
+    return "" if any(map(any, _direct(later))) else ", or have it estimated (delay='free')"
+
+
+def _direct(present: Present) -> list[list[bool]]:
+    """[output][input] whether there are as many zeros as poles."""
+    poles = Structure(present.order, present.zeros).poles_matrix(*present.delay.shape)
+    pairs = zip(poles, present.zeros, strict=True)
+    return [[m == n for n, m in zip(row, line, strict=True)] for row, line in pairs]
+
+
+def _in_samples(present: Present) -> bool:
+    """Whether delays that end within the same sample are one: held inputs, direct parts everywhere.
+
+    The output of a sample follows one value of such an input whatever part of the sample it has
+    acted for, and the numerator makes up for the rest.
+    """
+    held = all(record.behaviour == "zoh" for record in present.records)
+    return held and all(map(all, _direct(present)))

@@ -125,6 +125,21 @@ def _ranked(
     return replace(result, reacts=tuple(reacts(base, settled.records, max(most, 0.0), rival)))
 
 
+def sharpened(present: Present, explained: Explanations) -> Explanation:
+    """The best explanation by a delay, or one with a delay beside it that gains more.
+
+    Parameters
+    ----------
+    present : Present
+    explained : Explanations
+        Of it, by a delay alone.
+    """
+    first = explained.found[0]
+    settled = _from(present, explained.present)
+    beside = _fitted(neighbours(settled, first.rival), explained.present)
+    return max([first, *beside], key=lambda one: one.gain)
+
+
 def _with_inputs(
     named: Explanation, records: Sequence[Record]
 ) -> tuple[tuple[Attempt, Sequence[Record]], ...]:

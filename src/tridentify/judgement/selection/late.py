@@ -8,11 +8,19 @@ than the recommended one does, or clearly better than any other candidate with a
 it joins the rows with its delay free. The second holds on measured records, in which something
 smaller than the delay is left for more poles to explain. A delay beside as many coefficients is no
 other order: `identify` and `validate` find it, and say what it would gain.
+
+Behind a delay an output may follow its input in proportion (a loudspeaker and a microphone at some
+distance). No candidate with fewer zeros than poles explains that, with a delay or without, and a
+direct part shows in no sample at which the input moves. So where the recommended candidate is told
+to miss some of the response, every number of poles is fitted with as many zeros and a delay; with
+the likeliest such delay, which is held, as none can be estimated beside a direct part, they join
+the rows, if the output then follows its input at once.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -20,7 +28,8 @@ import numpy as np
 
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
-from tridentify.judgement.causes.explain import explain, settle
+from tridentify.judgement.causes.direct_part import has_direct_part
+from tridentify.judgement.causes.explain import explain, settle, sharpened
 from tridentify.judgement.causes.explanation import CLEARLY
 from tridentify.judgement.causes.present import Present
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
@@ -32,6 +41,15 @@ from tridentify.structure import Structure
 
 MOST = 2
 """Rows that are added: each costs a search over delays of its own."""
+
+MISSES = ("delay", "intersample", "order-low", "unmodelled-response")
+"""Findings that say that part of the response is missing, whatever they take it for."""
+
+LESS = 0.8
+"""Share that a direct part may leave of what its candidate leaves with a delay alone."""
+
+ON_SAMPLE = 0.01
+"""Samples by which a delay may end after a sample and still end on it."""
 
 
 class _Late(NamedTuple):
@@ -156,3 +174,112 @@ def _fitted(row: SelectionRow, records: Sequence[Record], noise: Sequence[Array]
     delays = records[0].n_outputs * records[0].n_inputs
     size = row.n_coefficients
     return _Late(size, criterion, late, _left(first.fits(explained.present)), size + delays)
+
+
+def direct_and_delayed(
+    rows: Sequence[SelectionRow], place: int | None, records: Sequence[Record]
+) -> list[Structure]:
+    """Structures with as many zeros as poles behind a delay, where that may be what is missing.
+
+    Parameters
+    ----------
+    rows : sequence of SelectionRow
+    place : int or None
+        The recommended one, with all that is said of it.
+    records : sequence of Record
+        Those that were identified; of one input and one output.
+
+    Returns
+    -------
+    list of Structure
+        One for each number of poles, all with the delay that is likeliest beside a direct part;
+        none where the recommended row misses nothing, or the output follows no input at once that
+        comes as much later.
+    """
+    if place is None or not _misses(rows[place]):
+        return []
+    if records[0].n_inputs * records[0].n_outputs > 1:
+        return []
+    best = rows[place].estimate
+    assert best is not None
+    pairs = [
+        tuple(_tried(fit, row, records, best.noise_model) for fit in (_direct, _fitted))
+        for row in rows
+        if _is_able(row) and _is_full(row.structure)
+    ]
+    least = min((one.left for pair in pairs for one in pair if one is not None), default=0.0)
+    first = min(
+        (direct for direct, proper in pairs if direct is not None and _is_better(direct, proper)),
+        key=lambda one: one.criterion,
+        default=None,
+    )
+    if first is None or first.left > least + USELESS:
+        return []
+    if not _follows_at_once(records, first.structure):
+        return []
+    wanted = (one.structure for one in rows if _is_full(one.structure))
+    late = (replace(one, zeros=one.common_poles, delay=first.structure.delay) for one in wanted)
+    return list(dict.fromkeys(late))
+
+
+def _is_better(direct: _Late, proper: _Late | None) -> bool:
+    """Whether a direct part explains clearly more than a delay with as many poles.
+
+    One sample later a strictly proper response is there at once, too.
+    """
+    if proper is None:
+        return True
+    likelier = direct.criterion < proper.criterion - CLEARLY
+    return likelier and direct.left < LESS * proper.left
+
+
+def _tried(
+    fit: Callable[[SelectionRow, Sequence[Record], Sequence[Array]], _Late | None],
+    row: SelectionRow,
+    records: Sequence[Record],
+    noise: Sequence[Array],
+) -> _Late | None:
+    try:
+        return fit(row, records, noise)
+    except (TridentifyError, np.linalg.LinAlgError, FloatingPointError):
+        return None
+
+
+def _misses(row: SelectionRow) -> bool:
+    return row.estimate is not None and any(
+        one.matters and one.code in MISSES for one in row.estimate.findings
+    )
+
+
+def _is_full(structure: Structure) -> bool:
+    """Whether there is one zero less than poles, as many as a strictly proper response has."""
+    return structure.shared and structure.zeros == structure.common_poles - 1
+
+
+def _follows_at_once(records: Sequence[Record], late: Structure) -> bool:
+    """Whether the outputs follow inputs at once that come as much later as a structure says."""
+    delay = late.delay
+    if not isinstance(delay, float) or any(record.dt is None for record in records):
+        return False
+    moved = []
+    for record in records:
+        # a held input acts from the next sample on
+        steps = math.ceil(delay / float(record.dt or 1.0) - ON_SAMPLE)
+        before = np.repeat(record.u[:1], steps, axis=0)
+        moved.append(record._derive(u=np.vstack([before, record.u])[: record.n_samples]))
+    return has_direct_part(moved)
+
+
+def _direct(row: SelectionRow, records: Sequence[Record], noise: Sequence[Array]) -> _Late | None:
+    """A row with as many zeros as poles and the delay that is likeliest beside them."""
+    n = row.structure.common_poles
+    assert row.estimate is not None
+    present = replace(_present(row.estimate, records, noise), zeros=((n,),))
+    explained = explain(present, only="delay")
+    if explained is None or not explained.found:
+        return None
+    first = sharpened(present, explained)
+    late = replace(row.structure, zeros=n, delay=float(first.rival.parts[0].delay[0, 0]))
+    criterion = explained.present.criterion - first.gain
+    size = row.n_coefficients + 1
+    return _Late(size, criterion, late, _left(first.fits(explained.present)), size + 1)

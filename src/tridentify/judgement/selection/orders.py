@@ -126,6 +126,8 @@ def order_label(structure: Structure) -> str:
     ('2, 1', '2, [[1], [0]]')
     >>> order_label(Structure(1, 0, delay="free"))
     '1, 0, free delay'
+    >>> order_label(Structure(2, 2, delay=0.3))
+    '2, 2, delay 0.3 s'
     >>> order_label(Structure(2, 0, fixed={"a0": 0}))
     '2, 0, integrator'
     """
@@ -136,6 +138,8 @@ def order_label(structure: Structure) -> str:
     label = f"{plain(structure.poles)}, {plain(structure.zeros)}"
     if structure.delay == "free":
         label += ", free delay"
+    elif isinstance(structure.delay, float) and structure.delay > 0.0:
+        label += f", delay {structure.delay:.4g} s"
     if is_integrator(structure):
         return f"{label}, integrator"
     return label + (", constrained" if structure.constrained else "")

@@ -28,6 +28,7 @@ from tridentify.estimation.methods.three_model import ThreeModel
 from tridentify.judgement.causes.intersample import IN_WORDS, behaviours, is_staircase
 from tridentify.judgement.choice import checked_method, listed, with_behaviour, with_judgement
 from tridentify.judgement.selection.decide import (
+    Decision,
     OrderEvidence,
     decide,
     follows_input,
@@ -49,7 +50,7 @@ from tridentify.judgement.selection.finish_candidates import (
 from tridentify.judgement.selection.hankel import Hankel, hankel_values
 from tridentify.judgement.selection.held_out import HeldEstimate, HeldOut, cross_fit
 from tridentify.judgement.selection.integrators import integrating
-from tridentify.judgement.selection.late import delayed
+from tridentify.judgement.selection.late import delayed, direct_and_delayed
 from tridentify.judgement.selection.orders import (
     checked_candidates,
     default_candidates,
@@ -362,22 +363,33 @@ class _Work:
             asked = delayed(found.rows, found.verdict.place, self.records)
             evidence = self._with(evidence, asked, "candidates with a delay", unseen)
             found = decide(evidence) if asked else found
-        table = evidence.table
-        hankel = self._hankel(table, found.verdict.place)
+        rows, found, hankel = self._concluded(evidence, found)
+        asked = direct_and_delayed(rows, found.verdict.place, self.records) if self.late else []
+        if asked and isinstance(self.method, ThreeModel):
+            said = "candidates with a delay and as many zeros as poles"
+            evidence = self._with(evidence, asked, said, unseen)
+            rows, found, hankel = self._concluded(evidence, decide(evidence))
+        place, table = found.verdict.place, evidence.table
+        missed = place is not None and self._missed(evidence.whole[place])
+        coloured = place is not None and misleads(evidence.whole[place], self.records)
+        reason = in_words(rows, found.contenders, found.verdict, missed, coloured)
+        notes = (*told, *_notes(table, unseen))
+        return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, notes)
+
+    def _concluded(
+        self, evidence: OrderEvidence, found: Decision
+    ) -> tuple[list[SelectionRow], Decision, Hankel | None]:
+        """Also by the poles that rise above the noise; the recommended row with all it says."""
+        hankel = self._hankel(evidence.table, found.verdict.place)
         if hankel is not None:
             again = decide(evidence, hankel.order)
             if again.verdict.place != found.verdict.place:
                 found = again
-                hankel = self._hankel(table, again.verdict.place)
-        rows, verdict = list(found.rows), found.verdict
-        place = verdict.place
+                hankel = self._hankel(evidence.table, again.verdict.place)
+        rows, place = list(found.rows), found.verdict.place
         if place is not None:
             rows[place] = self._judged(rows[place])
-        missed = place is not None and self._missed(evidence.whole[place])
-        coloured = place is not None and misleads(evidence.whole[place], self.records)
-        reason = in_words(rows, found.contenders, verdict, missed, coloured)
-        notes = (*told, *_notes(table, unseen))
-        return Selection(tuple(rows), None if place is None else rows[place], reason, hankel, notes)
+        return rows, found, hankel
 
     def _held_out(
         self, whole: Sequence[Entry], asked: Sequence[Structure], unseen: tuple[Record, ...]

@@ -91,6 +91,8 @@ class Evidence:
     whiteness : Portmanteau
     coloured : float
         p-value of what is left after past inputs and drifts being white.
+    plainly_white : float
+        The same under white noise, whatever the noise model of the estimate.
     noise : (p,) array
         The model of the noise that the other tests use.
     past, level, feedback, later, linear, scale : float
@@ -109,6 +111,7 @@ class Evidence:
     autocorrelation: Autocorrelation
     whiteness: Portmanteau
     coloured: float
+    plainly_white: float
     noise: Array
     past: float
     level: float
@@ -183,10 +186,10 @@ class _Tests:
 
     @cached_property
     def noise(self) -> Array:
-        return _noise(self._output, self._larger, lambda: self._white_at_first)
+        return _noise(self._output, self._larger, lambda: self.plainly_white)
 
     @cached_property
-    def _white_at_first(self) -> float:
+    def plainly_white(self) -> float:
         return _is_white(self._output, self._larger, np.zeros(0))
 
     @cached_property
@@ -319,7 +322,7 @@ class _Tests:
     @cached_property
     def coloured(self) -> float:
         noise = self._output.noise
-        own = _is_white(self._output, self._larger, noise) if noise.size else self._white_at_first
+        own = _is_white(self._output, self._larger, noise) if noise.size else self.plainly_white
         return max(own, self.whiteness.p_value) if self.scale < CALLED else own
 
     @cached_property

@@ -51,7 +51,15 @@ SPOILS = ("lost-rows", "intersample", "delay")
 ALONE = 12.0
 """Fall of AICc from which a cause that was fitted is told although no test rejects: each test is
 one of many, and shares their level. Causes fitted to 180 right records lowered it by at most 11;
-more poles, which choose their frequency, by 19, so that these need a test."""
+more poles, which choose their frequency, by 19, so that these need a test. So do slow waves: noise
+that forgets within a tenth of the record is as slow, and they lower AICc by 17 to 27 there, with
+white weights by hundreds."""
+
+OF_COLOUR = 0.05
+"""Share of what a noise model brings (-2 log L) below which a drift beside it is hardly more than
+that noise: what forgets slowly is slow itself. A line brought 0.01 of it in 1,000 samples of
+stationary noise that forgets within 20, slow waves 0.04 in 400; a ramp of half the output's spread
+0.08 to 0.2 in noise that forgets within three."""
 
 MOSTLY = 0.5
 """Share of a bad sample's residual that a cause leaves, below which it explains that sample."""
@@ -293,6 +301,17 @@ def follows_no_better(found: Explanation, base: Attempt) -> bool:
     return found.rival.code == "order-low" and raised(found, base) < RISES
 
 
+def is_little_beside_colour(found: Explanation) -> bool:
+    """Whether a drift brings little beside what a noise model brings once it is fitted along."""
+    if found.rival.code != "drift":
+        return False
+    (end,) = found.attempts
+    plain = [np.vstack(end.residuals())[:, i] for i in range(end.point.problem.n_outputs)]
+    seen = [one[np.isfinite(one)] for one in plain]
+    white = sum(one.size * float(np.log(np.mean(one**2))) for one in seen)
+    return found.gain < OF_COLOUR * (white - end.deviance)
+
+
 def of_sampling(found: Explanation) -> bool:
     """Whether a cause is that the samples of pulses say little of what acted.
 
@@ -372,7 +391,10 @@ def _percent(share: float) -> str:
 
 def told_alone(found: Explanation) -> bool:
     """Whether a cause explains so much that no test of the residual has to reject."""
-    return found.rival.code != "order-low" and found.gain > ALONE
+    code = found.rival.code
+    if code == "order-low" or (code == "drift" and not found.rival.refits):
+        return False
+    return found.gain > ALONE and not is_little_beside_colour(found)
 
 
 def still_far(found: Explanation, view: View, output: int, rows: Array) -> Array:

@@ -17,6 +17,7 @@ from tridentify.judgement.validation.explained import (
     drift_tried,
     finding_of,
     follows_no_better,
+    is_little_beside_colour,
     of_sampling,
     told_alone,
 )
@@ -94,6 +95,16 @@ class KnownCauses(NamedTuple):
             return False
         return follows_no_better(self.named, self.explained.present)
 
+    def keeps_colour(self, output: int, seen: Evidence) -> bool:
+        """Whether white weights are as wrong beside a drift that is estimated along as before.
+
+        What was seen of an output was seen beside slow waves too.
+        """
+        if self.named is None or self.named.rival.code != "drift":
+            return False
+        white = not (self.robust or self.estimate.noise_model[output].size)
+        return white and (self.again[output] or seen).plainly_white < CALLED
+
     @property
     def torn(self) -> str:
         """Where rows were lost, if that is the cause; empty where it is another one."""
@@ -165,7 +176,7 @@ def findings(
             concerned.append((name, beside.torn or _where(one, own, calling)))
             again = None if of_sampling(beside.named) else beside.again[i]
             left = _left(rejected, name, again, beside.named.rival.code)
-            if beside.no_better:
+            if beside.no_better or beside.keeps_colour(i, one):
                 # this model stays, and its standard errors do not allow for what is left
                 left |= {key: p for key, p in rejected.items() if key == ("white", name)}
         elif ("past inputs", name) in rejected:
@@ -175,7 +186,10 @@ def findings(
     if concerned and beside.named is not None and beside.explained is not None:
         names = [name for name, _ in concerned]
         where = _sentence(concerned[0][1])[:-1]
-        found.append(finding_of(beside.named, beside.explained, beside.estimate, names, where))
+        told = finding_of(beside.named, beside.explained, beside.estimate, names, where)
+        if is_little_beside_colour(beside.named) and any(f.code == "noise-model" for f in found):
+            told = replace(told, severity="note")
+        found.append(told)
     elif beside.alone is not None and beside.explained is not None:
         where = f"AICc falls by {beside.alone.gain:.3g} where one more cause is fitted"
         found.append(finding_of(beside.alone, beside.explained, beside.estimate, (), where))
