@@ -142,7 +142,7 @@ def not_stable(
     return found
 
 
-def widened(estimate: Estimate, records: Sequence[Record]) -> Estimate:
+def widened(estimate: Estimate, records: Sequence[Record], *, stated: bool = True) -> Estimate:
     """An estimate by the direct route with standard errors that know the noise was estimated too.
 
     What is found of both together counts (`methods.in_loop`), and what else is nearly as likely.
@@ -156,13 +156,15 @@ def widened(estimate: Estimate, records: Sequence[Record]) -> Estimate:
     estimate : Estimate
     records : sequence of Record
         Those that were identified.
+    stated : bool
+        Whether somebody stated what the inputs do between their samples.
     """
     if estimate.route != "direct":
         return estimate
     view = None if estimate.draws.size else own_look(estimate, records)
     if view is not None and view.has_errors:
         estimate = _allowing(estimate, view)
-    return found_together(estimate, records)
+    return found_together(estimate, records, stated=stated)
 
 
 def _allowing(estimate: Estimate, view: View) -> Estimate:
@@ -206,6 +208,8 @@ def about_direct(
     estimate : Estimate
     records : sequence of Record
         Those that were identified.
+    stated : bool
+        Whether somebody stated what the inputs do between their samples.
     """
     if estimate.route != "direct":
         return tuple(findings)
@@ -217,7 +221,7 @@ def about_direct(
             effect=_sentences(
                 _said(weak), undecided, "" if undecided else _apart(estimate, records), one.effect
             ),
-            remedy=_remedy(one),
+            remedy=_with_statement(_remedy(one), undecided),
         )
         if one.code == CODE
         else one
@@ -246,9 +250,19 @@ def _alone(estimate: Estimate) -> Finding:
         CODE,
         "error" if undecided else "warning",
         "The input reacts to the output (feedback), and no reference says what else moved it.",
-        f"{KNOWN[0].upper()}{KNOWN[1:]}",
+        _with_statement(f"{KNOWN[0].upper()}{KNOWN[1:]}", undecided),
         estimate.output_names,
         effect=_sentences(_said(False), undecided),
+    )
+
+
+def _with_statement(remedy: str, undecided: str) -> str:
+    """With the statement that settles what the input does between its samples."""
+    if BETWEEN_DECIDES not in undecided:
+        return remedy
+    return (
+        "If the controller works on the recorded samples, state intersample='zoh' (--intersample "
+        f"zoh); if not, {remedy[0].lower()}{remedy[1:]}"
     )
 
 

@@ -44,7 +44,7 @@ from tridentify.estimation.closed_loop.predictor import (
     slopes,
 )
 from tridentify.estimation.closed_loop.unstable import FLOOR, STILL, Found
-from tridentify.numerics.arrays import Array, Complex
+from tridentify.numerics.arrays import Array, Complex, Flags
 from tridentify.numerics.autoregression import (
     Whitener,
     fit_autoregression,
@@ -93,7 +93,7 @@ class Ahead:
     signals: Signals
     errors: Array
     rest: Array
-    seen: Array
+    seen: Flags
 
     @classmethod
     def of(cls, loop: Loop, plant: Plant, edge: float, held: Complex | None) -> Ahead:
@@ -234,7 +234,7 @@ class Together:
     @property
     def unknowns(self) -> int:
         """Coefficients of plant and noise, and what else was fitted."""
-        return self.plant.theta.size + self.noise.size + self._basis[0].shape[1]
+        return int(self.plant.theta.size + self.noise.size + self._basis[0].shape[1])
 
     @property
     def criterion(self) -> float:
@@ -256,7 +256,9 @@ class Together:
     @property
     def step(self) -> tuple[Array, float]:
         """That of Gauss and Newton, and by how much it moves the plant [standard errors]."""
-        change = np.linalg.lstsq(self.columns, self.innovations, rcond=1e-12)[0]
+        change: Array = np.asarray(
+            np.linalg.lstsq(self.columns, self.innovations, rcond=1e-12)[0], dtype=np.float64
+        )
         n = self.plant.theta.size
         errors = np.sqrt(np.diag(self.cov)[:n]) + FLOOR * self.plant.scale
         return change, float(np.max(np.abs(change[:n]) / errors))

@@ -80,7 +80,8 @@ def _difference_equation(loops: Sequence[Loop], n: int, zeros: Sequence[int]) ->
     if not np.isfinite(roots).all() or np.any((roots.imag == 0) & (roots.real <= 0)):
         return None
     step = float(loops[0].record.dt or 0.0)
-    return with_poles(loops, np.log(roots.astype(np.complex128)) / step, zeros)
+    poles = np.asarray(np.log(roots.astype(np.complex128)) / step, dtype=np.complex128)
+    return with_poles(loops, poles, zeros)
 
 
 def with_poles(loops: Sequence[Loop], poles: Complex, zeros: Sequence[int]) -> Plant | None:
