@@ -10,9 +10,9 @@ it was held, nobody recorded what it did between two samples, and a continuous c
 there with the noise: taken as a straight line to the next sample, the input knows of noise that was
 yet to come, which no model of the noise makes good. Taken as held, it knows nothing of that, nor of
 its own motion; taken as on its way to what its past foretells, and moving by the rest at the
-sample, it is right for noise that a sensor holds. None is better than the others for all loops. So all three
-are tried, and their distances join the covariance, each counted as likely as the others; where they
-are many standard errors apart, the record cannot tell the plant.
+sample, it is right for noise that a sensor holds. None is better than the others for all loops. So
+all three are tried, and their distances join the covariance, each counted as likely as the others;
+where they are many standard errors apart, the record cannot tell the plant.
 """
 
 from __future__ import annotations
