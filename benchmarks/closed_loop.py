@@ -313,7 +313,7 @@ LOOPS = [
         for sampled in (True, False)
         for coloured in (False, True)
     ),
-    *(coupled(sampled, False) for sampled in (True, False)),
+    *(coupled(sampled, coloured) for coloured in (False, True) for sampled in (True, False)),
 ]
 
 

@@ -199,14 +199,18 @@ def search(
         if isinstance(wanted, AutoStructure):
             estimate = _of_chosen_order(given, wanted, chosen, progress)
             used = tuple(record.settled(estimate.intersample) for record in given)
+            stated = all(record.intersample != "auto" for record in given)
             again = directly(chosen, estimate, used, estimate.structure, progress)
             if again is not None:
                 told = estimate.trace.decisions[:1]
-                estimate = with_judgement(widened(again, used), used, chosen, None, told)
+                estimate = with_judgement(
+                    widened(again, used, stated=stated), used, chosen, None, told
+                )
             return Searched(estimate, used, lambda: estimate)
         found, seen, between, told = with_behaviour(chosen, given, wanted, progress)
         first, stated = found, all(record.intersample != "auto" for record in given)
-        found = widened(directly(chosen, found, seen, wanted, progress) or found, seen)
+        again = directly(chosen, found, seen, wanted, progress)
+        found = widened(again or found, seen, stated=stated)
         found = not_stable(chosen, found, seen, wanted, progress) or found
 
     def judged() -> Estimate:

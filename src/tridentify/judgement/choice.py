@@ -35,7 +35,7 @@ from tridentify.judgement.causes.intersample import (
 )
 from tridentify.judgement.cautions import judged
 from tridentify.judgement.cautions.coefficients import coefficient_findings
-from tridentify.judgement.direct import about_direct
+from tridentify.judgement.direct import about_direct, predictor_findings
 from tridentify.judgement.validation.reacting_reference import reference_findings
 from tridentify.record.record import Record
 from tridentify.structure import Structure
@@ -152,7 +152,8 @@ def with_judgement(
     """
     seen = explained_records(estimate, records)
     if seen is None:
-        found = ranked([*estimate.findings, *coefficient_findings(estimate, list(records))])
+        of_the_plant = coefficient_findings(estimate, list(records))
+        found = ranked([*estimate.findings, *of_the_plant, *predictor_findings(estimate)])
     else:
         found = about_direct(judged(estimate, seen, between), estimate, records)
         if estimate.route == "reference":

@@ -20,6 +20,8 @@ OTHER_DELAYS = "other delays explain the record almost as well"
 REPEATED_INPUT = "the input repeats itself"
 RESPONSE_AS_NOISE = "the noise model may take a slow response for noise"
 FAR_LIKELIER = "a model of the noise makes the record far likelier and moves coefficients"
+BETWEEN_DECIDES = "what the input does between its samples decides"
+NO_END_TOGETHER = "plant and noise together come to no end"
 SLOW_AS_NOISE = "the noise model explains slow parts of the output that white weights follow"
 
 

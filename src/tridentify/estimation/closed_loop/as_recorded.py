@@ -17,6 +17,17 @@ RATE = 10.0
 """Rate of the first filters times length of the record: with the shares of Step 2 between one and
 thirty time constants lie within the record."""
 
+MOST_LAGS = 6
+"""Past samples that an input is foretold from."""
+PER_COLUMN = 15
+"""Samples for each of their columns, at least."""
+ROUNDS = 15
+"""Weighted fits; the weights stand still after about ten."""
+LARGE = 3.0
+"""Standard deviations from which a move is one of a reference."""
+NORMAL = 1.4826
+"""Standard deviation of a Gaussian over the median of its absolute values."""
+
 
 @dataclass(frozen=True, eq=False)
 class AsRecorded:
@@ -70,9 +81,60 @@ class AsRecorded:
         """
         ends = np.column_stack([self.inputs, self.outputs])
         middles = (np.arange(pieces) + 0.5) / pieces
-        following = np.vstack([ends[1:], ends[-1:]])
+        following = self.following(ends)
         found = ends[:, None] + middles[:, None] * (following - ends)[:, None]
         if self.record.behaviour == "zoh":
             n_inputs = self.record.n_inputs
             found[:, :, :n_inputs] = ends[:, None, :n_inputs]
         return np.asarray(found.reshape(-1, ends.shape[1])[:, signals])
+
+    def following(self, ends: Array) -> Array:
+        """Where the signals are at the end of every interval, just before the next sample."""
+        return np.vstack([ends[1:], ends[-1:]])
+
+
+@dataclass(frozen=True, eq=False)
+class Foretold(AsRecorded):
+    """A record whose input is on its way to what its past foretells, and moves at the samples.
+
+    Attributes
+    ----------
+    ahead : (n_samples, n_inputs) array
+        What the past of input and output foretells of the input at every sample.
+    """
+
+    ahead: Array
+
+    @classmethod
+    def of(cls, record: Record) -> Foretold:
+        """By a forecast that large moves do not bend."""
+        return cls(record, foretold(record))
+
+    def following(self, ends: Array) -> Array:
+        """Inputs where they were foretold."""
+        found = super().following(ends)
+        found[:-1, : self.record.n_inputs] = self.ahead[1:]
+        return found
+
+
+def foretold(record: Record) -> Array:
+    """(n_samples, n_inputs) forecast of the inputs from the past of inputs and outputs.
+
+    By least squares whose weights leave little to the moves of a reference; the first samples count
+    as foretold.
+    """
+    u, y = np.asarray(record.u), AsRecorded(record).outputs
+    signals = np.column_stack([u, y])
+    lags = min(MOST_LAGS, max(1, len(u) // (PER_COLUMN * signals.shape[1])))
+    past = np.hstack([signals[lags - k : len(u) - k] for k in range(1, lags + 1)])
+    past = np.column_stack([past - past.mean(axis=0), np.ones(len(past))])
+    found = np.array(u)
+    for j, own in enumerate(u[lags:].T):
+        weights = np.ones(len(own))
+        for _ in range(ROUNDS):
+            known = np.linalg.lstsq(past * weights[:, None], own * weights, rcond=1e-12)[0]
+            left = np.abs(own - past @ known)
+            size = LARGE * NORMAL * float(np.median(left)) + 1e-300
+            weights = np.minimum(1.0, size / np.maximum(left, 1e-300))
+        found[lags:, j] = past @ known
+    return found

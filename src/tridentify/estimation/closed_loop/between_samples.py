@@ -39,6 +39,9 @@ IN_WORDS = {"sampled": "sampled, its output held", "continuous": "continuous"}
 
 FINE = 0.1
 """Fastest rate times length of a piece: its mean is then right to (0.1)^2 / 24 = 0.04 %."""
+STRAIGHT = 4
+"""Pieces of an interval over which a recorded input is straight: what their means miss is a
+sixteenth of what the mean of the whole interval would."""
 MOST_PIECES = 8
 """Of an interval; loops that need more are faster than their sampling shows."""
 
@@ -117,6 +120,8 @@ class Loop:
     @property
     def pieces(self) -> int:
         """Of an interval, over each of which the driven input counts with its mean."""
+        if isinstance(self.driven, AsRecorded):
+            return STRAIGHT
         step = float(np.median(np.diff(self.record.t)))
         return int(np.clip(np.ceil(self.driven.rate * step / FINE), 1, MOST_PIECES))
 

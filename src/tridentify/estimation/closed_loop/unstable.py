@@ -84,6 +84,8 @@ class Found:
     steps : int
     moved : float
         By the last step [standard errors].
+    levels : tuple of arrays
+        Per experiment: of the inputs, on top of their first samples; empty where they are zero.
     """
 
     plant: Plant
@@ -97,6 +99,7 @@ class Found:
     condition: float
     steps: int
     moved: float
+    levels: tuple[Array, ...] = ()
 
     @property
     def still(self) -> bool:

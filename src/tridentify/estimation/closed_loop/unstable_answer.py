@@ -156,14 +156,15 @@ def estimate_of(
     plant, names = found.plant, asked.records[0]
     zero = np.zeros(1)
     nuisance = []
-    for loop, terms in zip(loops, found.nuisance, strict=True):
+    levels = found.levels or tuple(np.zeros(one.record.n_inputs) for one in loops)
+    for loop, terms, level in zip(loops, found.nuisance, levels, strict=True):
         record = loop.record
         seen = np.flatnonzero(np.isfinite(record.y[:, 0]))
         base = float(recorded_base(loop) if not seen.size or seen[0] else record.y[0, 0])
         predictor = Predictor(plant, float(record.dt or 0.0), slowest(loops))
         nuisance.append(
             Nuisance(
-                input_reference=np.array(record.u[0]),
+                input_reference=np.array(record.u[0] - level),
                 offset=np.array([terms[-1] + base]),
                 drift=zero,
                 free_response=(terms[:-1] * predictor.start_numerators)[None, :],
@@ -178,10 +179,13 @@ def estimate_of(
     y = np.concatenate([r.y[:, 0] - np.nanmean(r.y[:, 0]) for r in asked.records])
     fit = 100.0 * (1.0 - np.sqrt(np.nansum(left**2) / np.nansum(y**2)))
     rates = ", ".join(f"{pole.real:.4g}" for pole in plant.poles if pole.real > -slowest(loops))
-    told = (
-        f"by the mirrored predictor: {found.steps} steps",
+    of_the_predictor = (
         f"not stable, or nearly so: a pole with real part {rates} rad/s",
         "fit and noise are those of the predictor's errors",
+    )
+    told = (
+        f"by the mirrored predictor: {found.steps} steps",
+        *(of_the_predictor if rates else ()),
         *words,
     )
     count = float(sum(np.isfinite(one).sum() for one in found.errors))

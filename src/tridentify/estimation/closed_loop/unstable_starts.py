@@ -80,15 +80,21 @@ def _difference_equation(loops: Sequence[Loop], n: int, zeros: Sequence[int]) ->
     if not np.isfinite(roots).all() or np.any((roots.imag == 0) & (roots.real <= 0)):
         return None
     step = float(loops[0].record.dt or 0.0)
-    a = np.real(np.poly(np.log(roots) / step))[1:]
+    poles = np.asarray(np.log(roots.astype(np.complex128)) / step, dtype=np.complex128)
+    return with_poles(loops, poles, zeros)
+
+
+def with_poles(loops: Sequence[Loop], poles: Complex, zeros: Sequence[int]) -> Plant | None:
+    """The plant of given poles: ``e`` is linear in its numerators. None where it runs away."""
+    a = np.real(np.poly(poles))[1:]
     plant = Plant(a, tuple(np.zeros(m + 1) for m in zeros))
     linear = linear_errors(loops, plant, np.zeros(0))
     if not linear.is_finite:
         return None
-    matrix = np.hstack([linear.slopes[:, n:], linear.rest])
+    matrix = np.hstack([linear.slopes[:, a.size :], linear.rest])
     norms = np.linalg.norm(matrix, axis=0) + 1e-300
     weights = np.linalg.lstsq(matrix / norms, linear.errors, rcond=1e-12)[0] / norms
-    return plant.with_theta(np.concatenate([a, weights[: plant.theta.size - n]]))
+    return plant.with_theta(np.concatenate([a, weights[: plant.theta.size - a.size]]))
 
 
 def _lagged(signals: Array, lags: Sequence[range], most: int) -> Array:

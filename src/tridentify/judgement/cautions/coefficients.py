@@ -127,6 +127,8 @@ def _not_stable(estimate: Estimate) -> list[Finding]:
     said = "The plant is not stable: the loop is, and its reference shows the pole."
     if estimate.route != "reference":
         said = "The plant is not stable: its response grows in the record."
+    if estimate.route == "direct":
+        said = "The plant is not stable: the loop is, and its input and output show the pole."
     return [Finding("unstable", "note", said, "")]
 
 

@@ -1,0 +1,453 @@
+"""Plant and noise found together: the prediction error of a loop whose reference is not recorded.
+
+The errors ``e`` of the mirrored predictor (`predictor`) with an autoregression behind it,
+
+    w  =  A(q) e(theta),        e  =  (y - G u) a / c,                                         (1)
+
+are the innovations of ``y = G u + (c / a) w / A``: that of a plant which is not stable and is
+held by a controller (Forssell & Ljung 2000), and of a stable one output error in coloured noise.
+White noise of a sensor is the case ``A = 1``: with feedback what is left of its past in ``y`` and
+``u`` is a causal function of past ``e``, as the poles of the plant are zeros of the sensitivity.
+Least squares of ``w`` over plant, noise and start *together* is therefore consistent whatever the
+controller, if the input is held between the samples and (1) is rich enough.
+
+*Errors.* With feedback the inputs hold past noise, so that ``theta`` and ``A`` share information.
+Steps in turn creep, and errors of the one as if the other were known are too small; the steps here
+are those of Gauss and Newton on all unknowns, and the covariance is the block of ``theta`` in the
+inverse of their whole information. Where several ends are nearly as likely (orders of the noise,
+other minima, of which weakly moved loops have several), each counts with its Akaike weight, and
+their distances from the likeliest join the covariance (Buckland, Burnham & Augustin 1997).
+
+*Start.* Free, with an offset of the output and a level of every input: of a plant that integrates
+no offset makes up for the input at which it rests.
+
+References: L. Ljung, *System Identification*, 2nd ed., sections 9.3 and 13.4 (1999). U. Forssell &
+L. Ljung, IEEE Transactions on Automatic Control 45 (2000) 137-141. S. Buckland, K. Burnham & N.
+Augustin, Biometrics 53 (1997) 603-618.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from tridentify.estimation.closed_loop.between_samples import Loop
+from tridentify.estimation.closed_loop.linear_errors import slowest, stacked
+from tridentify.estimation.closed_loop.predictor import (
+    Plant,
+    Predictor,
+    Signals,
+    recorded,
+    slopes,
+)
+from tridentify.estimation.closed_loop.unstable import FLOOR, STILL, Found
+from tridentify.numerics.arrays import Array, Complex, Flags
+from tridentify.numerics.autoregression import (
+    Whitener,
+    fit_autoregression,
+    most_coefficients,
+)
+from tridentify.numerics.information import aicc_price
+
+ORDERS = (0, 1, 2, 3, 4, 6, 8, 12, 16)
+"""Of the noise, that are tried one after the other."""
+IN_VAIN = 2
+"""Orders in a row that are no better, beyond which none is tried."""
+MOST_STEPS = 40
+HOLDS = 2
+"""Times that the predictor is held to get around a kink."""
+HALVINGS = 10
+"""Of a step that does not lower the errors."""
+FARTHEST = 0.999
+"""Largest root of the noise's filter, which has to be one of stationary noise."""
+NEARLY = 0.05
+"""Standard errors that the last step may move by."""
+TOLD_APART = 1e-6
+"""Part of a start, offset or level that the others do not make, from which it counts: of a plant
+that hardly integrates, level and offset do the same."""
+LEAST_WEIGHT = 1e-3
+"""Akaike weight from which an end counts: fourteen in AICc."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ahead:
+    """One record and a plant: the errors of its predictor, and what makes up for the start.
+
+    Attributes
+    ----------
+    loop : Loop
+    predictor : Predictor
+    signals : Signals
+    errors : (n_samples,) array
+        ``e`` from rest.
+    rest : (n_samples, n + 1 + n_inputs) array
+        Minus the derivatives of ``e`` by initial state, offset and levels of the inputs.
+    seen : (n_samples,) bool array
+    """
+
+    loop: Loop
+    predictor: Predictor
+    signals: Signals
+    errors: Array
+    rest: Array
+    seen: Flags
+
+    @classmethod
+    def of(cls, loop: Loop, plant: Plant, edge: float, held: Complex | None) -> Ahead:
+        """By a plant, with poles of the predictor that are its own or held."""
+        signals = recorded(loop)
+        predictor = Predictor(plant, signals.dt, edge, held=held)
+        count, n_inputs = signals.u.shape
+        levels = np.eye(n_inputs)
+        quiet = replace(signals, fine=signals.fine[:0], y=np.zeros(count))
+        moved = [-predictor.errors(replace(quiet, u=np.tile(one, (count, 1)))) for one in levels]
+        rest = np.column_stack([predictor.starts(count), *moved])
+        seen = np.isfinite(loop.record.y[:, 0])
+        return cls(loop, predictor, signals, predictor.errors(signals), rest, seen)
+
+    def slopes(self, start: Array) -> Array:
+        """(n_samples, n_coefficients) minus the derivatives of ``e`` by them, the start held."""
+        n = self.predictor.plant.a.size + 1
+        there = replace(self.signals, u=self.signals.u + start[n:])
+        return slopes(self.predictor, there, start[:n])
+
+    def white(self, table: Array, noise: Array) -> Array:
+        """(n_samples, k) columns whitened by an autoregression; zero where nothing was seen."""
+        rows = np.ascontiguousarray(np.where(self.seen, table.T, 0.0))
+        found: Array = Whitener(noise, rows.shape[0]).apply(rows, self.seen).T
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Together:
+    """Plant and noise at a place.
+
+    Attributes
+    ----------
+    plant : Plant
+    noise : (p,) array
+    ahead : tuple of Ahead
+        Per experiment.
+    held : (n,) complex array, optional
+        Poles of the predictor, where they do not follow the plant [rad/s].
+    """
+
+    plant: Plant
+    noise: Array
+    ahead: tuple[Ahead, ...]
+    held: Complex | None = None
+
+    @classmethod
+    def at(
+        cls, loops: Sequence[Loop], plant: Plant, noise: Array, held: Complex | None = None
+    ) -> Together:
+        """Of a plant and a noise."""
+        edge = slowest(loops)
+        with np.errstate(all="ignore"):
+            ahead = tuple(Ahead.of(one, plant, edge, held) for one in loops)
+        return cls(plant, noise, ahead, held)
+
+    def holding(self) -> Together:
+        """The same place, its predictor held from here on."""
+        mirrored = Predictor(self.plant, 0.0, slowest(self.loops)).mirrored
+        return Together.at(self.loops, self.plant, self.noise, mirrored)
+
+    def following(self) -> Together:
+        """The same place, its predictor that of the plant."""
+        return Together.at(self.loops, self.plant, self.noise)
+
+    @property
+    def loops(self) -> list[Loop]:
+        """Per experiment."""
+        return [one.loop for one in self.ahead]
+
+    def coloured(self, noise: Array) -> Together:
+        """The same plant in other noise."""
+        return replace(self, noise=noise)
+
+    @property
+    def count(self) -> int:
+        """Samples that were seen."""
+        return sum(int(one.seen.sum()) for one in self.ahead)
+
+    @cached_property
+    def _white(self) -> tuple[Array, Array]:
+        tables = [
+            one.white(np.column_stack([one.errors, one.rest]), self.noise) for one in self.ahead
+        ]
+        rest = stacked([one[:, :0] for one in tables], [one[:, 1:] for one in tables])
+        return np.concatenate([one[:, 0] for one in tables]), rest
+
+    @cached_property
+    def _basis(self) -> tuple[Array, Array]:
+        """Orthonormal columns of start, offset and levels, and what these are for each."""
+        rest = self._white[1]
+        size = np.linalg.norm(rest, axis=0) + 1e-300
+        u, values, turned = np.linalg.svd(rest / size, full_matrices=False)
+        kept = values > TOLD_APART * values[0]
+        return u[:, kept], (turned[kept].T / values[kept]) / size[:, None]
+
+    @cached_property
+    def start(self) -> list[Array]:
+        """Initial state, offset and levels that suit best, per experiment."""
+        basis, back = self._basis
+        return np.split(back @ (basis.T @ self._white[0]), len(self.ahead))
+
+    @cached_property
+    def innovations(self) -> Array:
+        """(n,) ``w`` beside them."""
+        basis, errors = self._basis[0], self._white[0]
+        return np.asarray(errors - basis @ (basis.T @ errors))
+
+    @cached_property
+    def size(self) -> float:
+        """Their sum of squares; infinite where something ran away."""
+        if not all(np.isfinite(one).all() for one in self._white):
+            return np.inf
+        found = float(self.innovations @ self.innovations)
+        return found if np.isfinite(found) else np.inf
+
+    @cached_property
+    def errors(self) -> list[Array]:
+        """(n_samples,) ``e`` beside them, per experiment; nan where nothing was seen."""
+        return [
+            np.where(one.seen, one.errors - one.rest @ start, np.nan)
+            for one, start in zip(self.ahead, self.start, strict=True)
+        ]
+
+    @cached_property
+    def columns(self) -> Array:
+        """Minus the derivatives of ``w`` by plant and noise, beside those of the start."""
+        tables = []
+        for one, start, e in zip(self.ahead, self.start, self.errors, strict=True):
+            known = np.nan_to_num(e)
+            past = [np.append(np.zeros(k), known[:-k]) for k in range(1, self.noise.size + 1)]
+            by_noise = -np.column_stack(past) if past else np.zeros((known.size, 0))
+            own = one.white(one.slopes(start), self.noise)
+            tables.append(np.hstack([own, by_noise * one.seen[:, None]]))
+        basis, table = self._basis[0], np.vstack(tables)
+        return np.asarray(table - basis @ (basis.T @ table))
+
+    @property
+    def unknowns(self) -> int:
+        """Coefficients of plant and noise, and what else was fitted."""
+        return int(self.plant.theta.size + self.noise.size + self._basis[0].shape[1])
+
+    @property
+    def criterion(self) -> float:
+        """AICc of the innovations."""
+        count = float(self.count)
+        return count * float(np.log(self.size / count + 1e-300)) + aicc_price(
+            self.unknowns + 1.0, count
+        )
+
+    @cached_property
+    def cov(self) -> Array:
+        """(n + p, n + p) covariance of plant and noise."""
+        scale = np.linalg.norm(self.columns, axis=0) + 1e-300
+        q = self.columns / scale
+        inverse = np.linalg.pinv(q.T @ q, rcond=1e-13, hermitian=True)
+        variance = self.size / max(self.count - self.unknowns, 1)
+        return np.asarray(variance * inverse / np.outer(scale, scale))
+
+    @property
+    def step(self) -> tuple[Array, float]:
+        """That of Gauss and Newton, and by how much it moves the plant [standard errors]."""
+        change: Array = np.asarray(
+            np.linalg.lstsq(self.columns, self.innovations, rcond=1e-12)[0], dtype=np.float64
+        )
+        n = self.plant.theta.size
+        errors = np.sqrt(np.diag(self.cov)[:n]) + FLOOR * self.plant.scale
+        return change, float(np.max(np.abs(change[:n]) / errors))
+
+    def moved(self, change: Array) -> Together | None:
+        """Along a step; None where noise or plant run out of bounds."""
+        n = self.plant.theta.size
+        noise = self.noise + change[n:]
+        if noise.size and np.max(np.abs(np.roots(np.append(1.0, noise)))) > FARTHEST:
+            return None
+        plant = self.plant.with_theta(self.plant.theta + change[:n])
+        try:
+            return Together.at(self.loops, plant, noise, self.held)
+        except np.linalg.LinAlgError:  # a plant beyond all bounds
+            return None
+
+
+@dataclass(frozen=True)
+class End:
+    """Where steps ended.
+
+    Attributes
+    ----------
+    place : Together
+    moved : float
+        By the last step [standard errors].
+    steps : int
+    """
+
+    place: Together
+    moved: float
+    steps: int
+
+    @property
+    def still(self) -> bool:
+        """Whether it is a minimum."""
+        return self.moved <= NEARLY
+
+
+def descended(here: Together) -> End:
+    """The minimum that the steps lead to.
+
+    The mirrored predictor has a kink where a pole is as slow as the record, and steps end there.
+    With the predictor held there is none, and the noise makes up for its poles.
+    """
+    end = _steps(here.following() if here.held is not None else here)
+    for _ in range(HOLDS):
+        if end.still or not np.isfinite(end.place.size):
+            break
+        try:
+            around = _steps(end.place.holding())
+            again = _steps(around.place.following())
+        except np.linalg.LinAlgError:
+            break
+        end = again if again.still or not around.still else around
+    return end
+
+
+def _steps(here: Together) -> End:
+    moved = np.inf
+    for steps in range(1, MOST_STEPS + 1):
+        if not np.isfinite(here.columns).all():
+            return End(here, np.inf, steps)
+        change, moved = here.step
+        share, other = 1.0, None
+        for _ in range(HALVINGS):
+            other = here.moved(share * change)
+            if other is not None and other.size <= here.size:
+                break
+            share, other = 0.5 * share, None
+        if other is None:
+            break
+        here = other
+        if moved <= STILL:
+            break
+    return End(here, moved, steps)
+
+
+@dataclass(frozen=True, eq=False)
+class Settled:
+    """Plant and noise of lowest AICc, and what else is nearly as likely.
+
+    Attributes
+    ----------
+    found : Found
+    spread : (n, n) array
+        What other ends add to the covariance of the plant.
+    """
+
+    found: Found
+    spread: Array
+
+    @property
+    def errors(self) -> Array:
+        """(n,) standard errors."""
+        return np.asarray(np.sqrt(np.diag(self.found.cov + self.spread)))
+
+
+def together(loops: Sequence[Loop], plants: Sequence[Plant]) -> Settled | None:
+    """Plant and noise, from several plants; None where no start leads anywhere."""
+    ends: list[End] = []
+    for plant in plants:
+        begun = Together.at(loops, plant, np.zeros(0))
+        if not np.isfinite(begun.size):
+            continue
+        try:
+            ends += [one for one in _over_orders(begun) if one.still]
+        except np.linalg.LinAlgError:  # a plant without a response, or beyond all bounds
+            continue
+    if not ends:
+        return None
+    best = min(ends, key=lambda one: one.place.criterion)
+    return Settled(_found(best), _spread(best, ends))
+
+
+def _over_orders(begun: Together) -> list[End]:
+    """From a plant: with the noise that its errors ask for, then with fewer and more of it."""
+    fewest = min(int(one.seen.sum()) for one in begun.ahead)
+    orders = [p for p in ORDERS if p <= most_coefficients(fewest)]
+    first = fit_autoregression(begun.errors, orders[-1])
+    begun = descended(begun.coloured(first)).place
+    k = min(int(np.searchsorted(orders, first.size)), len(orders) - 1)
+    middle = descended(_of_order(begun, orders[k]))
+    found = [middle]
+    for others in (orders[k + 1 :], orders[:k][::-1]):
+        last, lowest, vain = middle, middle.place.criterion, 0
+        for order in others:
+            last = descended(_of_order(last.place, order))
+            found.append(last)
+            vain = 0 if last.place.criterion < lowest else vain + 1
+            lowest = min(lowest, last.place.criterion)
+            if vain == IN_VAIN:
+                break
+    return found
+
+
+def _of_order(here: Together, order: int) -> Together:
+    """The same plant, its noise fitted anew, or with further coefficients of zero if better."""
+    if order == here.noise.size:
+        return here
+    fitted = here.coloured(fit_autoregression(here.errors, order, order))
+    if order < here.noise.size:
+        return fitted
+    grown = here.coloured(np.append(here.noise, np.zeros(order - here.noise.size)))
+    return min(fitted, grown, key=lambda one: one.size)
+
+
+def _spread(best: End, ends: Sequence[End]) -> Array:
+    """Weighted squares of the distances of all ends that are nearly as likely as the best."""
+    n = best.place.plant.theta.size
+    least = best.place.criterion
+    spread, total = np.zeros((n, n)), 0.0
+    known: list[End] = []
+    for one in sorted(ends, key=lambda end: end.place.criterion):
+        weight = float(np.exp(-0.5 * (one.place.criterion - least)))
+        if weight < LEAST_WEIGHT:
+            break
+        if any(_is_same(one.place, other.place) for other in known):
+            continue
+        known.append(one)
+        away = one.place.plant.theta - best.place.plant.theta
+        spread += weight * np.outer(away, away)
+        total += weight
+    return spread / total
+
+
+def _is_same(one: Together, other: Together) -> bool:
+    """Whether two ends are one minimum."""
+    return one.noise.size == other.noise.size and abs(one.criterion - other.criterion) < 1e-2
+
+
+def _found(end: End) -> Found:
+    here = end.place
+    n, predictor = here.plant.theta.size, here.ahead[0].predictor
+    table = here.columns[:, :n]
+    table = table / (np.linalg.norm(table, axis=0) + 1e-300)
+    freedom = max(here.count - here.unknowns, 1)
+    width = here.plant.a.size + 1
+    return Found(
+        here.plant,
+        here.cov[:n, :n],
+        tuple(here.errors),
+        here.noise,
+        here.size / freedom,
+        predictor.amplification,
+        tuple(one[:width] for one in here.start),
+        freedom,
+        float(np.linalg.cond(table)),
+        end.steps,
+        end.moved,
+        tuple(one[width:] for one in here.start),
+    )

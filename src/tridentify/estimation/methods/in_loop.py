@@ -1,0 +1,139 @@
+"""The end of the direct route: plant and noise found together (`closed_loop.joint`).
+
+The search of the direct route keeps to stable plants, and finds plant and noise in turn. From its
+end, and from the equation error of input and output as they are, both are found together, whether
+or not the plant is stable. Where that leads elsewhere, it is the estimate; where it leads to the
+same place, what else is nearly as likely joins the covariance.
+
+*Between the samples.* A controller that works on samples holds the input. Where nobody states that
+it was held, nobody recorded what it did between two samples, and a continuous controller moved it
+there with the noise: taken as a straight line to the next sample, the input knows of noise that was
+yet to come, which no model of the noise makes good. Taken as held, it knows nothing of that, nor of
+its own motion; taken as on its way to what its past foretells, and moving by the rest at the
+sample, it is right for noise that a sensor holds. None is better than the others for all loops. So
+all three are tried, and their distances join the covariance, each counted as likely as the others;
+where they are many standard errors apart, the record cannot tell the plant.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tridentify.checks.samples import Behaviour
+from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.assemble import Request
+from tridentify.estimation.answer.estimate import Estimate
+from tridentify.estimation.answer.trace import BETWEEN_DECIDES, NO_END_TOGETHER, Status
+from tridentify.estimation.closed_loop.as_recorded import Foretold
+from tridentify.estimation.closed_loop.between_samples import Loop, with_input
+from tridentify.estimation.closed_loop.joint import Settled, together
+from tridentify.estimation.closed_loop.linear_errors import slowest
+from tridentify.estimation.closed_loop.predictor import Plant
+from tridentify.estimation.closed_loop.unstable_answer import estimate_of, open_loops, orders_of
+from tridentify.estimation.closed_loop.unstable_starts import starting_plants
+from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
+
+ELSEWHERE = 1.0
+"""Standard errors from which the steps on all unknowns lead to another place."""
+MANY = 3.0
+"""Standard errors between assumptions on the input from which the record cannot tell the plant."""
+LONGEST = 50_000
+"""Samples up to which it is tried: every step simulates the plant twice for each coefficient."""
+
+
+def found_together(found: Estimate, records: Sequence[Record], *, stated: bool = True) -> Estimate:
+    """An estimate of the direct route, its end and its errors those of plant and noise together.
+
+    Parameters
+    ----------
+    found : Estimate
+        By the direct route.
+    records : sequence of Record
+        With the behaviour of their inputs settled.
+    stated : bool
+        Whether somebody stated that behaviour.
+    """
+    orders = orders_of(records, found.structure)
+    if orders is None or sum(one.n_samples for one in records) > LONGEST:
+        return found
+    asked = Request.of(records, found.structure, found.method, route="direct")
+    loops = open_loops(asked.records)
+    known = plant_of(found)
+    try:
+        best = together(loops, [known, *starting_plants(loops, *orders)])
+    except (TridentifyError, np.linalg.LinAlgError, ValueError):
+        best = None
+    if best is None:
+        why = f"{NO_END_TOGETHER}: the record hardly tells one from the other"
+        return replace(found, trace=found.trace.told(why))
+    away = best.found.plant.theta - known.theta
+    errors = np.maximum(best.errors, 1e-300)
+    spread, told = _between(asked.records, best, stated)
+    other = found.status is not Status.CONVERGED or np.max(np.abs(away) / errors) > ELSEWHERE
+    if other:
+        cov = best.found.cov + best.spread + spread
+        return _instead(found, asked, loops, best, cov, told)
+    return replace(found, cov=found.cov + best.spread + spread, trace=found.trace.told(*told))
+
+
+def _instead(
+    found: Estimate,
+    asked: Request,
+    loops: Sequence[Loop],
+    best: Settled,
+    cov: Array,
+    told: Sequence[str],
+) -> Estimate:
+    """The estimate of plant and noise together, in place of that of the steps in turn."""
+    end = replace(best.found, cov=cov)
+    words = f"plant and noise found together, order {end.noise.size} of the noise"
+    made = estimate_of(asked, loops, end, (words, *told))
+    if not np.any(end.plant.poles.real > -slowest(loops)):
+        made = replace(made, loop=None)
+    route = tuple(one for one in found.trace.decisions if one.startswith("route"))
+    decisions = (*route, *made.trace.decisions)
+    return replace(made, trace=replace(made.trace, decisions=decisions))
+
+
+def plant_of(estimate: Estimate) -> Plant:
+    """The plant of a model with one output and one denominator."""
+    n = estimate.model.den[0][0].size - 1
+    counts = [
+        m + 1 for m in np.ravel(estimate.structure.zeros_matrix(1, len(estimate.input_names)))
+    ]
+    parts = np.split(estimate.theta[n:], np.cumsum(counts)[:-1])
+    return Plant(np.array(estimate.theta[:n]), tuple(parts))
+
+
+def _between(
+    records: Sequence[Record], best: Settled, stated: bool
+) -> tuple[Array, tuple[str, ...]]:
+    """Spread over what the input may do between its samples, and a word where it decides."""
+    plant = best.found.plant
+    n = plant.theta.size
+    held = all(one.behaviour == "zoh" for one in records)
+    if held and stated:
+        return np.zeros((n, n)), ()
+    other: Behaviour = "foh" if held else "zoh"
+    ways = (
+        open_loops([with_input(one, np.asarray(one.u), other) for one in records]),
+        [Loop(Foretold.of(one), "continuous") for one in records],
+    )
+    away = [np.zeros(n)]
+    for loops in ways:
+        try:
+            found = together(loops, [plant])
+        except (TridentifyError, np.linalg.LinAlgError, ValueError):
+            found = None
+        if found is not None:
+            away.append(found.found.plant.theta - plant.theta)
+    spread = sum((np.outer(one, one) for one in away), np.zeros((n, n))) / len(away)
+    most = float(np.max(np.abs(away) / np.maximum(best.errors, 1e-300)))
+    if most < MANY and len(away) > len(ways):
+        return spread, ()
+    by = f"coefficients move by up to {most:.0f} standard errors" if most else "no plant is found"
+    return spread, (f"{BETWEEN_DECIDES}: held, straight, or moved at the samples, {by}",)

@@ -1,0 +1,173 @@
+"""Plant and noise found together, in loops whose reference nobody recorded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import loops
+import numpy as np
+import pytest
+
+from tridentify import Record, Structure, ThreeModel, identify
+from tridentify.estimation.answer.trace import BETWEEN_DECIDES
+from tridentify.estimation.closed_loop.as_recorded import foretold
+from tridentify.estimation.closed_loop.joint import Together, descended, together
+from tridentify.estimation.closed_loop.predictor import Plant
+from tridentify.estimation.closed_loop.unstable_answer import open_loops
+from tridentify.estimation.closed_loop.unstable_starts import starting_plants
+from tridentify.estimation.methods.in_loop import found_together
+
+NEARLY_ZERO = 1e-6
+
+
+def sampled(seed: int, kind: str, n: int = 300) -> loops.Drawn:
+    """A random loop with a sampled controller and a plant of one kind."""
+    edge = {
+        "stable": lambda rate: rate < loops.STABLE,
+        "integrating": lambda rate: abs(rate) < NEARLY_ZERO,
+        "unstable": lambda rate: rate > 0.05,
+    }[kind]
+    return loops.draw(
+        seed,
+        n=n,
+        snr=20.0,
+        excitation="prbs",
+        of=lambda law, _: law.sampled,
+        keep=lambda one: one.poles.size < 3 and bool(edge(one.poles.real.max())),
+    )
+
+
+def settled(drawn: loops.Drawn):
+    """Plant and noise of a random loop, without its truth."""
+    n = drawn.poles.size
+    records = open_loops([drawn.record])
+    return together(records, starting_plants(records, n, [drawn.theta.size - n - 1]))
+
+
+def test_errors_are_what_is_said_of_them():
+    law, plant, n = loops.System.of([2.0], [1.0]), loops.System.of([1.0], [1.0, 1.0]), 300
+    z = []
+    for seed in range(30):
+        rng = np.random.default_rng([seed, 77])
+        reference = np.repeat(rng.choice([-1.0, 1.0], n // 20), 20)[:, None]
+        noise = 0.1 * rng.standard_normal((n, 1))
+        u, y = loops.run(plant, loops.Controller(law), reference, noise, np.zeros((n, 1)), 0.2)
+        records = open_loops([Record(u, y, dt=0.2, intersample="zoh")])
+        end = descended(Together.at(records, Plant(np.ones(1), (np.ones(1),)), np.zeros(0))).place
+        z.append((end.plant.theta - 1.0) / np.sqrt(np.diag(end.cov)))
+    assert 0.75 < np.std(z) < 1.3
+    assert np.all(np.abs(np.mean(z, axis=0)) < 0.6)
+
+
+@pytest.mark.parametrize("kind", ["stable", "integrating", "unstable"])
+def test_plants_of_all_kinds_are_found(kind):
+    for seed in range(910_000, 910_003):
+        drawn = sampled(seed, kind)
+        found = settled(drawn)
+        off = np.abs(found.found.plant.theta - drawn.theta)
+        assert np.all((off < 5.0 * found.errors) | (off < 0.1 * np.abs(drawn.theta)))
+        known = np.abs(drawn.theta) > NEARLY_ZERO
+        assert np.all(found.errors[known] < 0.5 * np.abs(drawn.theta[known]))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["stable", "integrating", "unstable"])
+def test_intervals_hold_the_truth(kind):
+    z = []
+    for seed in range(920_000, 920_040):
+        drawn = sampled(seed, kind, n=500)
+        found = settled(drawn)
+        z.extend((found.found.plant.theta - drawn.theta) / found.errors)
+    assert np.mean(np.abs(z) < 1.96) > 0.85
+
+
+def test_the_slopes_are_derivatives_of_the_innovations():
+    drawn = sampled(910_020, "unstable")
+    n = drawn.poles.size
+    plant = Plant(drawn.theta[:n], (drawn.theta[n:],))
+    here = Together.at(open_loops([drawn.record]), plant, np.array([-0.3]))
+    for k in range(drawn.theta.size + 1):
+        step = np.zeros(drawn.theta.size + 1)
+        step[k] = 1e-5
+        both = [here.moved(sign * step).innovations for sign in (-1.0, 1.0)]
+        slope = (both[0] - both[1]) / 2e-5
+        # the start follows the coefficients: what it can make of a change is projected out
+        basis = here._basis[0]
+        slope = slope - basis @ (basis.T @ slope)
+        own = here.columns[:, k]
+        assert np.linalg.norm(slope - own) < 0.05 * np.linalg.norm(own)
+
+
+def test_an_integrator_rests_at_an_input_that_is_not_its_first():
+    drawn = sampled(910_030, "integrating")
+    moved = Record(drawn.record.u + 3.0, drawn.record.y + 7.0, dt=drawn.record.dt)
+    one, other = settled(drawn), settled(replace(drawn, record=moved))
+    np.testing.assert_allclose(
+        one.found.plant.theta, other.found.plant.theta, atol=0.01 * one.errors.max()
+    )
+
+
+def test_steps_get_around_the_kink_of_the_mirrored_predictor():
+    drawn = sampled(910_040, "integrating", n=500)
+    n = drawn.poles.size
+    records = open_loops([drawn.record])
+    for edge in (1e-3, -1e-3):
+        plant = Plant(drawn.theta[:n] + edge, (drawn.theta[n:],))
+        assert descended(Together.at(records, plant, np.zeros(0))).still
+
+
+def continuous(seed: int) -> loops.Drawn:
+    """A stable plant under a fast continuous controller that feeds noise through."""
+    return loops.draw(
+        seed,
+        n=400,
+        snr=10.0,
+        excitation="prbs",
+        of=lambda law, kind: not law.sampled and kind == "lead",
+        keep=lambda one: bool(one.poles.real.max() < loops.STABLE),
+    )
+
+
+def confident_and_wrong(drawn: loops.Drawn) -> tuple[bool, bool]:
+    """Whether an estimate is plainly wrong, and whether that is said."""
+    estimate = identify(drawn.record, drawn.structure, throw=False)
+    off = np.abs(estimate.theta - drawn.theta)
+    wrong = np.any((off > 5.0 * estimate.std) & (off > 0.2 * np.abs(drawn.theta)))
+    decides = any(one.startswith(BETWEEN_DECIDES) for one in estimate.trace.decisions)
+    told = any(f.severity == "error" and f.code == "feedback" for f in estimate.findings)
+    assert told or not decides
+    return bool(wrong), told
+
+
+def test_an_input_that_moves_between_its_samples_is_said_to_decide():
+    drawn = continuous(930_001)
+    assert drawn.record.intersample == "auto"
+    assert confident_and_wrong(drawn)[1]
+
+
+@pytest.mark.slow
+def test_no_loop_is_confident_and_wrong_where_nobody_knows_between_the_samples():
+    found = [confident_and_wrong(continuous(seed)) for seed in range(930_002, 930_008)]
+    assert sum(wrong and not told for wrong, told in found) <= 1
+
+
+def test_an_input_is_foretold_whatever_its_reference_does():
+    rng = np.random.default_rng(2)
+    n = 400
+    law = loops.Controller(loops.System.of([2.0], [1.0]))
+    plant = loops.System.of([1.0], [1.0, 1.0])
+    reference = np.repeat(rng.choice([-1.0, 1.0], n // 40), 40)[:, None]
+    noise = 0.02 * rng.standard_normal((n, 1))
+    u, y = loops.run(plant, law, reference, noise, np.zeros((n, 1)), 0.2)
+    left = (u - foretold(Record(u, y, dt=0.2)))[50:, 0]
+    quiet = np.abs(left) < 0.5
+    assert np.mean(quiet) > 0.9
+    # what is left at rest is the controller's answer to the noise of the same sample
+    assert np.corrcoef(left[quiet], noise[50:, 0][quiet])[0, 1] < -0.8
+
+
+def test_what_the_route_cannot_do_stays_as_it_was():
+    drawn = sampled(910_050, "stable")
+    asked = Structure(1, 0, fixed={"a0": 1.0})
+    estimate = ThreeModel(route="direct").estimate([drawn.record], asked)
+    assert found_together(estimate, [drawn.record]) is estimate
