@@ -11,6 +11,14 @@ from __future__ import annotations
 import numpy as np
 
 from tridentify.numerics.arrays import Array
+from tridentify.record.record import Record
+
+LEAST_AT_REST = 8
+"""Samples at rest from which their noise is known, and with it whether anything moves."""
+SIGMAS = 3.0
+"""Standard errors within which the halves of a rest agree."""
+SMALL = 0.05
+"""Share of all that an output moves from which on such a difference would not be seen."""
 
 
 def held_before(u: Array, since: Array) -> float:
@@ -48,3 +56,40 @@ def _held(u: Array, since: Array, end: float) -> float:
     rests = np.diff(np.append(changes, end))
     as_long = rests[rests >= begun]
     return float(as_long.min()) - begun if as_long.size else begun
+
+
+def at_rest(record: Record, since: Array, longest: float) -> bool:
+    """Whether a record begins in equilibrium, by what its first samples show.
+
+    No input moves for a while, all were held long before, and no output moves meanwhile by more
+    than its noise, which is small beside the response.
+
+    Parameters
+    ----------
+    record : Record
+    since : (n_samples,) array
+        Instants from zero [s].
+    longest : float
+        For how long before the record the inputs must have been held [s].
+    """
+    moved = record.u - record.u[0]
+    if not np.any(moved) or held_before(moved, since) < longest:
+        return False
+    rest = int(np.argmax(np.any(moved, axis=1)))
+    if rest < LEAST_AT_REST:
+        return False
+    return all(_is_quiet(y[:rest], float(np.nanmax(y) - np.nanmin(y))) for y in record.y.T)
+
+
+def _is_quiet(y: Array, span: float) -> bool:
+    """Whether the halves of some samples differ by their noise alone."""
+    y = y[np.isfinite(y)]
+    if y.size < LEAST_AT_REST:
+        return False
+    middle = y.size // 2
+    # of samples apart by one, so that a ramp counts little
+    noise = float(np.sqrt(np.mean(np.diff(y) ** 2) / 2.0))
+    sure = SIGMAS * noise * np.sqrt(4.0 / y.size)
+    return bool(abs(y[:middle].mean() - y[middle:].mean()) <= sure <= SMALL * span) or not (
+        np.ptp(y)
+    )

@@ -20,11 +20,14 @@ from tridentify.estimation.methods.maximum import Maximiser, Reached
 from tridentify.estimation.search.delay_search import MOST_ROUNDS, DelayPlace, delay_places, price
 from tridentify.estimation.search.delays import (
     AT_LIMIT,
+    AT_REST,
     SPARE,
     Located,
+    begins_at_rest,
     left_out,
     other_delays,
     refuse_direct,
+    refuse_still,
     repeated_inputs,
     with_delays,
 )
@@ -54,6 +57,13 @@ def over_delays(
         Delays to begin with [s], in place of a search.
     """
     refuse_direct(records[0], structure)
+    refuse_still(records, structure)
+    if begins_at_rest(records, structure):
+        if any(np.any(record.u[0]) for record in records):
+            stated = replace(structure, initial_state="equilibrium", offset=True)
+        else:
+            stated = replace(structure, initial_state="rest")
+        return over_delays(method, records, stated, say, given).told(AT_REST)
     say("where the delays lie")
     none = np.zeros(0, dtype=np.complex128)
     places = delay_places(records, structure) if given is None else [DelayPlace(given, none)]
