@@ -67,7 +67,7 @@ def judged(
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
-    tested = looked_at(estimate, records, known) if estimate.status.ok else ()
+    tested = list(looked_at(estimate, records, known)) if estimate.status.ok else []
     found += _about_loop(estimate, records, tested)
     hung: list[Finding] = []
     for number, record in enumerate(records):
