@@ -5,6 +5,10 @@ those that the longest of them allows, and the best by AICc counts, where what i
 a tenth of the record counts against it. It is finished once more on all samples that it allows
 itself, but for two, in which it may move. What other delays add to its uncertainty, and what is to
 be said of them, comes last (`search.delays`).
+
+Where the start is left open and a record shows that it begins at rest (`likelihood.held_past`), it
+is taken so: nothing is left out, and no free state can explain a step that the model does not
+follow closely.
 """
 
 from __future__ import annotations
