@@ -109,7 +109,10 @@ def _timing(clock: ClockSummary | None, items: Sequence[ChannelSummary]) -> str:
     counts = [item.samples for item in items if item.samples is not None]
     if clock is None:
         known = f"{max(counts):,} samples; " if counts else ""
-        return f"{known}time unknown (no channel called t or time): name it (--time) or give --dt"
+        return (
+            f"{known}time unknown (no channel called t or time): give the commands that use it "
+            "--time NAME or --dt SECONDS"
+        )
     text = f"{clock.samples:,} samples, {clock.start:.6g} to {clock.stop:.6g} s"
     if clock.step is not None:
         return f"{text}, every {clock.step:.6g} s ({clock.rate:.6g} a second), evenly"

@@ -378,6 +378,9 @@ def find_time(table: OpenFile, wanted: Sequence[str]) -> str | None:
         return None
     names = [channel.header for channel in table.channels if channel.header]
     found = [channel.header for channel in time_channels(table)]
+    if len(found) > 1:
+        asked = [find_channel(table, name).header for name in wanted]
+        found = [name for name in found if name not in asked]
     if len(found) != 1:
         what = f"the columns {' and '.join(found)}" if found else "no column called t or time"
         raise SamplingError(

@@ -7,6 +7,9 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
+import numpy as np
+
+from tridentify.checks.samples import time_slack
 from tridentify.cli.knowledge import NUMBER
 from tridentify.errors import OptionError, shown
 from tridentify.record.record import Record
@@ -83,6 +86,8 @@ def masked(record: Record, left_out: Sequence[Stretch]) -> Record:
 def pieces(record: Record, ranges: Sequence[Stretch]) -> list[Record]:
     """Ranges of a record as experiments; all of it where there are none.
 
+    A sample at either end belongs to a range, but where another begins at that end: then to that.
+
     Parameters
     ----------
     record : Record
@@ -93,4 +98,12 @@ def pieces(record: Record, ranges: Sequence[Stretch]) -> list[Record]:
     EmptyRangeError
         One of them holds no sample.
     """
-    return [record.slice(one.start, one.stop) for one in ranges] or [record]
+    begun = np.array([one.start for one in ranges])
+    slack = time_slack(record.t)
+    found = []
+    for one in ranges:
+        piece = record.slice(one.start, one.stop)
+        if np.any(np.abs(begun - one.stop) <= slack) and piece.t[-1] >= one.stop - slack:
+            piece = piece.slice(None, float(piece.t[-2]))
+        found.append(piece)
+    return found or [record]

@@ -34,6 +34,7 @@ from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import Wanted, find_channel, record_from, time_channels
 from tridentify.record.formats.channels import SECONDS
 from tridentify.record.formats.parts import Part, PartedFile, damaged, open_parts
+from tridentify.record.formats.time_names import epoch_unit, unit_in_name
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 
@@ -313,7 +314,7 @@ def open_record(
     source = open_parts(path)
     named = time
     if named is None and dt is None:
-        named = _time_by_name(source)
+        named = _time_by_name(source, (*inputs, *outputs))
     wanted = Wanted(
         tuple(inputs), tuple(outputs), None if dt is not None else named, dt, intersample, units
     )
@@ -342,8 +343,10 @@ def _check_options(intersample: object, chunk: object, stretch: object) -> None:
             )
 
 
-def _time_by_name(source: PartedFile) -> str:
+def _time_by_name(source: PartedFile, asked: Sequence[str]) -> str:
     found = time_channels(source)
+    if len(found) > 1:
+        found = [one for one in found if one.header not in asked and one.name not in asked]
     if len(found) != 1:
         listed = " and ".join(shown(one.header) for one in found) or "no column called t or time"
         raise SamplingError(
@@ -381,8 +384,9 @@ def _uniform_step(source: PartedFile, time: str, wanted: Wanted, chunk: int) -> 
         )
     index, n = source.channels.index(channel), source.n_samples
     unit = {**{channel.header: channel.unit}, **(wanted.units or {})}.get(time, channel.unit)
-    scale = SECONDS.get(unit, 1.0)
     first, last = (float(read_part(source, [index], k, k + 1)[0, 0]) for k in (0, n - 1))
+    unit = unit or unit_in_name(channel.name) or epoch_unit(np.array([first, last]))
+    scale = SECONDS.get(unit, 1.0)
     step = (scale * last - scale * first) / (n - 1)
     if not step > 0:
         raise TimeNotIncreasingError(

@@ -16,6 +16,7 @@ import html
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -386,18 +387,20 @@ class Record(RecordViews, Pointers):
         """
         return self._part(*sample_range(self.t, start, stop))
 
-    def split(self, at: float) -> tuple[Record, Record]:
-        """Divide the record at an instant, say into one to identify with and one to validate with.
+    def split(self, at: float, *more: float) -> tuple[Record, ...]:
+        """Divide the record at instants, say into one to identify with and one to validate with.
 
         Parameters
         ----------
         at : float
-            Instant [s]; a sample at `at` belongs to the second part.
+            Instant [s]; a sample at `at` belongs to the part after it.
+        *more : float
+            Further instants, in any order.
 
         Returns
         -------
         tuple of Record
-            The samples before, and those from `at` on. No sample is in both.
+            The samples before, and those from each instant on. No sample is in two parts.
 
         Raises
         ------
@@ -410,14 +413,16 @@ class Record(RecordViews, Pointers):
         >>> first.n_samples, second.n_samples
         (2, 2)
         """
-        at = instant("at", at)
-        middle = int(np.searchsorted(self.t, at - time_slack(self.t)))
-        if np.isnan(at) or not 2 <= middle <= self.n_samples - 2:
-            raise EmptyRangeError(
-                f"found no two samples on each side of {at:.6g} s; expected a time between "
-                f"{self.t[0]:.6g} s and {self.t[-1]:.6g} s; split elsewhere"
-            )
-        return self._part(0, middle), self._part(middle, self.n_samples)
+        instants = sorted(instant("at", one) for one in (at, *more))
+        slack = time_slack(self.t)
+        ends = [0, *(int(np.searchsorted(self.t, one - slack)) for one in instants), self.n_samples]
+        for one, before, here, after in zip(instants, ends, ends[1:], ends[2:], strict=False):
+            if np.isnan(one) or min(here - before, after - here) < 2:
+                raise EmptyRangeError(
+                    f"found no two samples on each side of {one:.6g} s; expected a time between "
+                    f"{self.t[0]:.6g} s and {self.t[-1]:.6g} s; split elsewhere"
+                )
+        return tuple(self._part(first, last) for first, last in pairwise(ends))
 
     def _part(self, first: int, last: int) -> Record:
         t = self.t[first:last]

@@ -10,7 +10,8 @@ With delays a free initial state stands for the inputs before the record only fr
 when the last of the recorded inputs has arrived. Output samples before it could be explained by
 nothing that is known, and where a free state is possible (``free`` and ``auto``) they are not used,
 by no choice, so that the choices are compared on the same samples. Rest and equilibrium, stated by
-the user, say what the input was before, and every sample counts.
+the user, say what the input was before, and every sample counts; so does an input that rests at
+zero when the record begins (`held_past`).
 
 All rows are nested in the largest one, so one pass over the samples serves them all (`Variant`).
 """
@@ -25,6 +26,7 @@ import numpy as np
 
 from tridentify.checks.samples import typical_step
 from tridentify.errors import ConstantInputError, DelayError, OptionError, TooFewSamplesError
+from tridentify.estimation.likelihood.held_past import held_before
 from tridentify.estimation.likelihood.problem import Problem, Variant, states_of
 from tridentify.models.experiment import MIDDLING, Experiment
 from tridentify.numerics.arrays import Array
@@ -252,7 +254,9 @@ def _experiment(
 
 
 def first_explained(record: Record, structure: Structure) -> int:
-    """The first sample whose inputs, delayed, all lie within the record; 0 if the past is stated.
+    """The first sample whose inputs, delayed, are all known; 0 if the past is stated.
+
+    Those before the record are where it begins at rest (`held_past`).
 
     Examples
     --------
@@ -267,7 +271,8 @@ def first_explained(record: Record, structure: Structure) -> int:
         return 0
     since = record.t - record.t[0]
     slack = SLACK * float(np.median(np.diff(since)))
-    return int(np.searchsorted(since, longest - slack))
+    unknown = longest - held_before(record.u, since)
+    return int(np.searchsorted(since, unknown - slack)) if unknown > slack else 0
 
 
 def explained(record: Record, structure: Structure) -> Array:

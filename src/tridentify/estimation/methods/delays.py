@@ -5,6 +5,10 @@ those that the longest of them allows, and the best by AICc counts, where what i
 a tenth of the record counts against it. It is finished once more on all samples that it allows
 itself, but for two, in which it may move. What other delays add to its uncertainty, and what is to
 be said of them, comes last (`search.delays`).
+
+Where the start is left open and a record shows that it begins at rest (`likelihood.held_past`), it
+is taken so: nothing is left out, and no free state can explain a step that the model does not
+follow closely.
 """
 
 from __future__ import annotations
@@ -20,11 +24,14 @@ from tridentify.estimation.methods.maximum import Maximiser, Reached
 from tridentify.estimation.search.delay_search import MOST_ROUNDS, DelayPlace, delay_places, price
 from tridentify.estimation.search.delays import (
     AT_LIMIT,
+    AT_REST,
     SPARE,
     Located,
+    begins_at_rest,
     left_out,
     other_delays,
     refuse_direct,
+    refuse_still,
     repeated_inputs,
     with_delays,
 )
@@ -54,6 +61,13 @@ def over_delays(
         Delays to begin with [s], in place of a search.
     """
     refuse_direct(records[0], structure)
+    refuse_still(records, structure)
+    if begins_at_rest(records, structure):
+        if any(np.any(record.u[0]) for record in records):
+            stated = replace(structure, initial_state="equilibrium", offset=True)
+        else:
+            stated = replace(structure, initial_state="rest")
+        return over_delays(method, records, stated, say, given).told(AT_REST)
     say("where the delays lie")
     none = np.zeros(0, dtype=np.complex128)
     places = delay_places(records, structure) if given is None else [DelayPlace(given, none)]

@@ -41,6 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tridentify.estimation.likelihood.cost import Point, evaluate
+from tridentify.estimation.likelihood.held_past import held_before
 from tridentify.estimation.likelihood.levenberg_marquardt import criterion, finish
 from tridentify.estimation.likelihood.nuisance import SLACK, Nuisances, build
 from tridentify.estimation.likelihood.problem import Problem
@@ -202,7 +203,8 @@ def _until(whole: Problem, longest: float) -> Problem:
     """Delays up to the longest, on the samples that these allow."""
 
     def allowed(e: Experiment) -> Experiment:
-        start = int(np.searchsorted(e.instants, longest - SLACK * e.dt)) if e.free else 0
+        unknown = longest - held_before(e.u, e.instants) if e.free else 0.0
+        start = int(np.searchsorted(e.instants, unknown - SLACK * e.dt)) if unknown > 0.0 else 0
         if not start:
             return e
         y = e.y.copy()

@@ -14,10 +14,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.errors import UnsupportedError
+from tridentify.errors import ConstantInputError, UnsupportedError
 from tridentify.estimation.answer.trace import OTHER_DELAYS, REPEATED_INPUT
 from tridentify.estimation.likelihood.answer import Ending, Spread
 from tridentify.estimation.likelihood.cost import evaluate
+from tridentify.estimation.likelihood.held_past import at_rest
 from tridentify.estimation.likelihood.mixture import mixture
 from tridentify.estimation.likelihood.nuisance import first_explained
 from tridentify.estimation.search.delay_search import ROOM, STRETCHES, DelayPlace
@@ -38,6 +39,7 @@ LONGEST_SHARE = 0.9
 # correlation with itself, later, at which an input repeats itself, and below which it has moved
 # on before that
 REPEATED, MOVED_ON = 0.99, 0.5
+AT_REST = "initial state taken as at rest: nothing moves when the record begins"
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +55,17 @@ class Located:
 
     place: DelayPlace
     limits: Array
+
+
+def begins_at_rest(records: Sequence[Record], structure: Structure) -> bool:
+    """Whether all records show an equilibrium at their first samples, where that is left open.
+
+    A free state would explain a part of a step that the model does not follow.
+    """
+    away = any(np.any(one.u[0]) for one in records)
+    if structure.initial_state != "auto" or (away and structure.offset is False):
+        return False
+    return all(at_rest(one, one.t - one.t[0], STRETCHES[1] * one.duration) for one in records)
 
 
 def left_out(records: Sequence[Record], known: Structure) -> float:
@@ -207,6 +220,23 @@ def refuse_direct(record: Record, structure: Structure) -> None:
             "found as many zeros as poles together with delay='free'; expected fewer zeros, as the "
             "output must depend smoothly on the delay; lower zeros, or give the delay in seconds"
         )
+
+
+def refuse_still(records: Sequence[Record], structure: Structure) -> None:
+    """Refuse an input that never moves: without an edge nothing tells its delay.
+
+    Raises
+    ------
+    ConstantInputError
+        Unless it is stated that it was switched on at the first sample.
+    """
+    for j, name in enumerate(records[0].input_names):
+        if structure.initial_state != "rest" and not any(np.ptp(one.u[:, j]) for one in records):
+            raise ConstantInputError(
+                f"found input {name!r} that stays at {records[0].u[0, j]:g} together with "
+                "delay='free'; expected an input that changes; record a change of it, or state "
+                "initial_state='rest' if it was switched on at the first sample"
+            )
 
 
 def with_delays(

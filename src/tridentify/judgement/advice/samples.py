@@ -287,8 +287,8 @@ def lost_rows(record: Record, fitted: Sequence[Array], experiment: int | None) -
             "error",
             f"Inputs and outputs{where} jump together, and nowhere else so far "
             f"({_named(times)}): rows were lost there.",
-            "Cut the record there (record.split, --start and --stop) and identify the parts "
-            "together.",
+            "Cut the record there (record.split, or a --range for each part) and identify the "
+            "parts together.",
             (),
             experiment,
             times,

@@ -101,8 +101,8 @@ def lost_rival(present: Present, places: Sequence[Place]) -> Iterator[Rival]:
         "lost-rows",
         cut,
         many,
-        "Cut the record there (record.split, --start and --stop) and identify the parts together, "
-        "or mend the time stamps from a counter of the recorder.",
+        "Cut the record there (record.split, or a --range for each part) and identify the parts "
+        "together, or mend the time stamps from a counter of the recorder.",
     )
     yield replace(found, price=2.0 * len(times) * float(np.log(count)), times=tuple(times))
 

@@ -67,7 +67,7 @@ def judged(
     seen = [*outlier_findings(estimate, records, known)]
     found += response_as_noise(estimate)
     found += [] if between is None else intersample_findings(estimate, between)
-    tested = looked_at(estimate, records, known) if estimate.status.ok else ()
+    tested = list(looked_at(estimate, records, known)) if estimate.status.ok else []
     found += _about_loop(estimate, records, tested)
     hung: list[Finding] = []
     for number, record in enumerate(records):
@@ -79,6 +79,8 @@ def judged(
         # a cause that was fitted says what is slow there
         found += with_drift_tried(slow_findings(estimate, records, known), estimate, records)
     seen = _beside_causes([*seen, *with_stuck_tried(hung, estimate, records, known)], tested)
+    if all(not np.any(np.ptp(record.u, axis=0)) for record in records):
+        tested, found = _of_constant_inputs(tested, found)
     explained = any(one.code in EXPLAIN and one.matters for one in tested)
     first = [*([] if explained else far_likelier(estimate)), *_with_trial(seen, tested)]
     return joined(first, tested, [*found, *seen])
@@ -102,6 +104,10 @@ def _beside_causes(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[F
     bent = {name for one in tested if one.code in BENDS and one.effect for name in one.outputs}
     bent -= {name for one in tested if one.code == "bad-samples" for name in one.outputs}
     return [one for one in seen if one.code != "bad-samples" or not set(one.outputs) <= bent]
+
+
+MOVING = ("feedback", "nonlinear", "saturation", "delay", "intersample")
+"""Causes that only an input that moves tells from others."""
 
 
 SEEN = {"saturation": TRIED, "bad-samples": WITHOUT_THEM}
@@ -131,6 +137,17 @@ def _with_trial(seen: Sequence[Finding], tested: Sequence[Finding]) -> list[Find
             )
         )
     return found
+
+
+def _of_constant_inputs(
+    tested: Sequence[Finding], found: Sequence[Finding]
+) -> tuple[list[Finding], list[Finding]]:
+    """Without what only an input that moves can show; where nothing answered, that says why."""
+    kept = [one for one in tested if one.code not in MOVING]
+    if not any(one.code == "no-response" for one in found):
+        return kept, list(found)
+    still = [replace(one, severity="error") for one in found if one.code == "constant-input"]
+    return [], still
 
 
 def _about_loop(

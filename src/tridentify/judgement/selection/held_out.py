@@ -42,6 +42,7 @@ from tridentify.estimation.answer.estimate import Estimate
 from tridentify.estimation.likelihood.answer import model_of
 from tridentify.estimation.likelihood.cost import evaluate
 from tridentify.estimation.likelihood.levenberg_marquardt import coefficients, finish
+from tridentify.estimation.likelihood.nuisance import first_explained
 from tridentify.estimation.methods.output_error import OutputError
 from tridentify.judgement.causes.revisit import poles_of_estimate, problem_of, stated
 from tridentify.judgement.selection.paired import RANK, without
@@ -129,7 +130,8 @@ def _percent(errors: Sequence[Array], records: Sequence[Record]) -> Array:
     for i in range(found.size):
         energy = spread = 0.0
         for one, record in zip(errors, records, strict=True):
-            seen = np.isfinite(np.asarray(record.y)[:, i])
+            # those before a free initial state, and before its delays, are explained by nothing
+            seen = np.isfinite(np.asarray(record.y)[:, i]) & ~np.isnan(one[:, i])
             y = np.asarray(record.y)[seen, i]
             energy += float(np.sum(one[seen, i] ** 2))
             spread += float(np.sum((y - y.mean()) ** 2)) if y.size else 0.0
@@ -284,8 +286,12 @@ def _on_all(estimate: Estimate, model: TransferFunction, record: Record, own: bo
     """
     known = estimate.structure
     free, offset = not own or known.initial_state == "free", not own or bool(known.offset)
-    begin = record.u[0] if not own or known.initial_state == "equilibrium" else 0.0
+    at_once = known.initial_state == "equilibrium" or (free and offset)
+    begin = record.u[0] if not own or at_once else 0.0
     error = np.array(record.y - simulate(model, record._on_its_times(record.u - begin)))
+    if free:
+        late = replace(known, delay=model.delay.tolist(), initial_state="free")
+        error[: first_explained(record, late)] = np.nan
     for i, columns in enumerate(
         _columns(estimate, model, record, Open(offset, bool(known.drift), free))
     ):

@@ -49,16 +49,12 @@ from tridentify.errors import (
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile
 from tridentify.record.formats.rounded_time import raster_behind
+from tridentify.record.formats.time_names import epoch_unit, named_time, unit_in_name
 from tridentify.record.record import Record
 
-__all__ = ["TIME_NAMES", "Instants", "Wanted", "record_from", "time_channels"]
+__all__ = ["Instants", "Wanted", "record_from", "time_channels"]
 
 Instants = Literal["auto", "outputs", "all"]
-
-ENGLISH_NAMES = ("t", "time")
-TIME_NAMES = (*ENGLISH_NAMES, "zeit", "temps", "tiempo", "tempo", "tijd")
-"""What a channel of time is called, in any case: the first two come before what other languages
-call it."""
 
 DATE_NAMES = ("timestamp", "datetime", "date")
 """What a channel of time may be called besides if it holds dates: numbers under such a name count
@@ -243,13 +239,12 @@ def _kept_units(
 def time_channels(source: OpenFile) -> list[Channel]:
     """Give the channels that are time by their name, in any case, without a time of their own.
 
-    Those called t or time; where there are none, those that another language calls so, and then
-    those called `DATE_NAMES` that hold dates.
+    Those called t or time; where there are none, those that another language calls so, then those
+    called at greater length or with a unit, and then those called `DATE_NAMES` that hold dates.
     """
     free = [channel for channel in source.channels if not channel.clock]
-    named = [channel for channel in free if channel.name.casefold() in TIME_NAMES]
-    english = [channel for channel in named if channel.name.casefold() in ENGLISH_NAMES]
-    return english or named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
+    named = [free[k] for k in named_time([channel.name for channel in free])]
+    return named or [c for c in free if c.dated and c.name.casefold() in DATE_NAMES]
 
 
 def _with_time(source: OpenFile, wanted: Wanted) -> Wanted:
@@ -259,6 +254,9 @@ def _with_time(source: OpenFile, wanted: Wanted) -> Wanted:
     names = (*wanted.inputs, *wanted.references, *wanted.outputs)
     asked = [find_channel(source, name) for name in names]
     found = time_channels(source)
+    if len(found) > 1:
+        # t and T: what is asked for is no time where another column is
+        found = [channel for channel in found if channel not in asked]
     if all(channel.clock for channel in asked) or not found:
         return wanted
     if len(found) > 1:
@@ -331,7 +329,12 @@ def _no_time(
 
 def _seconds(source: OpenFile, clock: Channel, time: Array, units: Mapping[str, str]) -> Array:
     _check_finite(source, clock, time, 0, len(time))
-    unit = units.get(clock.header, "")
+    unit = units.get(clock.header) or unit_in_name(clock.name) or epoch_unit(time)
+    if unit in ("s", "sec") and epoch_unit(time):
+        raise UnitError(
+            f"found {time[0]:.6g} s in the time column {shown(clock.header)}; expected less than "
+            "1e11, as seconds since 1970 are; correct its unit (ms, us or ns)"
+        )
     if unit not in SECONDS:
         raise UnitError(
             f"found the unit {shown(unit)} of the time column {shown(clock.header)}; expected s, "

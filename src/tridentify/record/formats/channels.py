@@ -15,6 +15,7 @@ from typing import Protocol
 
 from tridentify.checks.names import split_unit
 from tridentify.numerics.arrays import Array
+from tridentify.record.formats.time_names import unit_of_clock
 
 __all__ = ["Channel", "OpenFile", "header_channel"]
 
@@ -107,7 +108,8 @@ def header_channel(header: str, samples: int | None = None) -> Channel:
     Parameters
     ----------
     header : str
-        Such as ``alpha [deg]``, ``alpha (deg)`` or ``alpha``. An index, ``x[0]``, is no unit.
+        Such as ``alpha [deg]``, ``alpha (deg)`` or ``alpha``. An index, ``x[0]``, is no unit. That
+        of a column of time may end its name, as in ``t_ms``.
     samples : int, optional
 
     Returns
@@ -120,4 +122,4 @@ def header_channel(header: str, samples: int | None = None) -> Channel:
     ('deg', 'x[0]')
     """
     name, unit = split_unit(header)
-    return Channel(header, name, unit, samples=samples)
+    return Channel(header, name, unit or unit_of_clock(name), samples=samples)

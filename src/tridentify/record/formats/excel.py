@@ -18,10 +18,10 @@ from pathlib import Path
 from typing import Any
 
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.assemble import TIME_NAMES
 from tridentify.record.formats.cells import SEPARATORS
 from tridentify.record.formats.channels import SECONDS, Channel
 from tridentify.record.formats.csv import TextFile
+from tridentify.record.formats.time_names import named_time
 
 __all__ = ["ExcelFile", "cell_text", "open_file"]
 
@@ -78,7 +78,7 @@ class ExcelFile:
         """Give the column of a sheet that is called t or time [s], if it is the only one."""
         # channels of one sheet alone do not name it
         sheet = self._sheets[clock] if clock else next(iter(self._sheets.values()))
-        named = [k for k, c in enumerate(sheet.channels) if c.name.casefold() in TIME_NAMES]
+        named = named_time([channel.name for channel in sheet.channels])
         if len(named) != 1 or sheet.channels[named[0]].unit not in SECONDS:
             return None
         return sheet.read(named)[0] * SECONDS[sheet.channels[named[0]].unit]

@@ -24,10 +24,11 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.assemble import TIME_NAMES, Wanted, record_from, time_channels
+from tridentify.record.formats.assemble import Wanted, record_from, time_channels
 from tridentify.record.formats.channels import Channel, header_channel
 from tridentify.record.formats.dates import Instants, read_moment
 from tridentify.record.formats.requirements import require
+from tridentify.record.formats.time_names import is_called_time
 from tridentify.record.record import Record, in_memory
 
 if TYPE_CHECKING:
@@ -246,7 +247,7 @@ def _eager(frame: Any, time: str | None, dt: float | None) -> tuple[nw.DataFrame
 def _is_time(index: Any, label: str) -> bool:
     """Whether an index is one of dates or durations, or of numbers and called t or time."""
     kind = getattr(index.dtype, "kind", "")
-    called = header_channel(label).name.casefold() in TIME_NAMES
+    called = is_called_time(header_channel(label).name)
     return kind in "mM" or (kind in "fiu" and called)
 
 

@@ -16,9 +16,10 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
-from tridentify.record.formats.assemble import TIME_NAMES, find_channel
+from tridentify.record.formats.assemble import find_channel
 from tridentify.record.formats.channels import SECONDS, Channel, OpenFile, header_channel
 from tridentify.record.formats.text_table import repeated_name
+from tridentify.record.formats.time_names import named_time, unit_in_name
 
 __all__ = ["Asked", "HeaderColumns", "find_columns"]
 
@@ -170,7 +171,7 @@ def _channels(names: Sequence[str], units: Sequence[str]) -> list[Channel]:
 def _clock(table: OpenFile, asked: Asked) -> Channel:
     if asked.time is not None:
         return find_channel(table, asked.time)
-    found = [channel for channel in table.channels if channel.name.casefold() in TIME_NAMES]
+    found = [table.channels[k] for k in named_time([one.name for one in table.channels])]
     if len(found) != 1:
         what = " and ".join(c.header for c in found) if found else "no column called t or time"
         raise SamplingError(
@@ -181,7 +182,7 @@ def _clock(table: OpenFile, asked: Asked) -> Channel:
 
 
 def _scale(clock: Channel, given: dict[str, str]) -> float:
-    unit = given.get(clock.header, given.get(clock.name, clock.unit))
+    unit = given.get(clock.header, given.get(clock.name, clock.unit)) or unit_in_name(clock.name)
     if unit not in SECONDS:
         raise UnitError(
             f"found the unit {shown(unit)} of the time column {shown(clock.header)}; expected s, "

@@ -1,0 +1,103 @@
+"""What a column of time is called, and the unit that its name ends on."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+
+from tridentify.numerics.arrays import Array
+
+__all__ = ["epoch_unit", "is_called_time", "named_time", "unit_in_name", "unit_of_clock"]
+
+ENGLISH_NAMES = ("t", "time")
+TIME_NAMES = (*ENGLISH_NAMES, "zeit", "temps", "tiempo", "tempo", "tijd")
+"""What a channel of time is called, in any case: the first two come before what other languages
+call it."""
+
+LONGER_NAMES = ("elapsed", "elapsed time", "seconds", "milliseconds", "microseconds", "nanoseconds")
+"""What else it is called: words apart by a blank, an underscore or a hyphen."""
+
+WITH_UNIT = (*TIME_NAMES, *LONGER_NAMES[:2], "timestamp", "time stamp", "stamp")
+"""What stands before a unit at the end of a name: ``t_ms``, ``timestamp_us``."""
+
+ENDING = re.compile(r"(?P<name>.*[^ _-])[ _-]+(?P<unit>ms|us|µs|μs|ns|s|sec|min|h)")
+
+# larger numbers of seconds since 1970 lie thousands of years ahead
+EPOCHS = ((1e17, "ns"), (1e14, "us"), (1e11, "ms"))
+
+
+def unit_in_name(name: str) -> str:
+    """The unit of time that a name ends on; empty where it ends on none.
+
+    Examples
+    --------
+    >>> unit_in_name("stamp_ms"), unit_in_name("logged"), unit_in_name("Time s")
+    ('ms', '', 's')
+    """
+    match = ENDING.fullmatch(name.strip())
+    return match["unit"] if match else ""
+
+
+def unit_of_clock(name: str) -> str:
+    """The unit that a name says where it is that of a column of time, as its first words say.
+
+    A capital T before a unit is a temperature: hot, or that of a surface.
+
+    Examples
+    --------
+    >>> unit_of_clock("t_ms"), unit_of_clock("T_h"), unit_of_clock("milliseconds")
+    ('ms', '', 'milliseconds')
+    """
+    if _words(name) in LONGER_NAMES[2:]:
+        return _words(name)
+    match = ENDING.fullmatch(name.strip())
+    if match is None or match["name"] == "T" or (match["name"] == "t" and match["unit"] == "h"):
+        return ""
+    return match["unit"] if _words(match["name"]) in WITH_UNIT else ""
+
+
+def is_called_time(name: str) -> bool:
+    """Whether a name is that of a column of time.
+
+    Examples
+    --------
+    >>> [is_called_time(name) for name in ("T", "Elapsed Time", "time_ms", "timestamp", "T_h")]
+    [True, True, True, False, False]
+    """
+    return _words(name) in (*TIME_NAMES, *LONGER_NAMES) or bool(unit_of_clock(name))
+
+
+def named_time(names: Sequence[str]) -> list[int]:
+    """Positions of names of time: t or time, else another language's, else a longer one.
+
+    Examples
+    --------
+    >>> named_time(["u", "time_ms", "t"]), named_time(["t_ms", "u"]), named_time(["u"])
+    ([2], [0], [])
+    """
+    for known in (ENGLISH_NAMES, TIME_NAMES):
+        found = [k for k, name in enumerate(names) if name.casefold() in known]
+        if found:
+            return found
+    return [k for k, name in enumerate(names) if is_called_time(name)]
+
+
+def _words(name: str) -> str:
+    return " ".join(re.split(r"[ _-]+", name.strip().casefold()))
+
+
+def epoch_unit(time: Array) -> str:
+    """The unit of numbers that are too large to be seconds since 1970; empty where they are not.
+
+    Parameters
+    ----------
+    time : (n_samples,) array
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> epoch_unit(np.array([1.76e12, 1.76e12 + 20.0])), epoch_unit(np.array([0.0, 0.1]))
+    ('ms', '')
+    """
+    largest = float(abs(time).max()) if time.size else 0.0
+    return next((unit for least, unit in EPOCHS if largest > least), "")
