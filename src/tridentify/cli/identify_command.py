@@ -34,7 +34,7 @@ def identify(
     along: Along,
     known: Known,
     way: Way,
-    loss: options.Losses = options.Loss.SQUARED,
+    loss: options.Losses = "squared",
     out: options.Out = None,
     title: options.Title = None,
     as_json: options.AsJson = False,

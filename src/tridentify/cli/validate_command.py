@@ -59,7 +59,7 @@ Outputs = Annotated[
     ),
 ]
 Held = Annotated[
-    options.Between | None,
+    Intersample | None,
     options.record_option(
         metavar="HOW",
         help="What the input does between samples: zoh, foh or band-limited; by default as when "
