@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from tridentify.checks.samples import typical_step
+from tridentify.checks.times import typical_step
 from tridentify.errors import (
     ChannelCountError,
     SampleTypeError,

@@ -23,7 +23,8 @@ from hypothesis import strategies as st
 import tridentify
 from tridentify import Record, Structure, TransferFunction, errors, online
 from tridentify.cli import stream_command, stream_session, stream_show
-from tridentify.cli.stream_session import Session, StreamQuestion
+from tridentify.cli.stream_question import StreamQuestion
+from tridentify.cli.stream_session import Session
 from tridentify.record.formats.streams import sources
 from tridentify.record.formats.streams.header import Asked
 from tridentify.record.formats.streams.lines import LineCutter

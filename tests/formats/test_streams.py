@@ -19,16 +19,12 @@ from hypothesis import strategies as st
 
 from tridentify import errors
 from tridentify.record.formats.streams import sources
+from tridentify.record.formats.streams.datagrams import UdpSource, loopback_address
 from tridentify.record.formats.streams.header import Asked, find_columns
 from tridentify.record.formats.streams.lines import LONGEST_LINE, LineCutter, WholeLines
-from tridentify.record.formats.streams.rows import BadLine, RowReader
-from tridentify.record.formats.streams.sources import (
-    FileSource,
-    PipeSource,
-    UdpSource,
-    loopback_address,
-    source_of_file,
-)
+from tridentify.record.formats.streams.read_rows import BadLine
+from tridentify.record.formats.streams.rows import RowReader
+from tridentify.record.formats.streams.sources import FileSource, PipeSource, source_of_file
 from tridentify.record.formats.streams.timeline import SET_BACK, Timeline, nominal_step
 
 PLAIN = Asked(("u",), ("y",))

@@ -12,7 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from tridentify.app.plain import saved_as
-from tridentify.checks.samples import typical_step
+from tridentify.checks.times import typical_step
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.export import to_bytes

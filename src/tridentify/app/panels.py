@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from tridentify.app.plain import listed, number
-from tridentify.checks.samples import typical_step
+from tridentify.checks.times import typical_step
 from tridentify.errors import TridentifyError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.advice import FrequencyResponse, frequency_response

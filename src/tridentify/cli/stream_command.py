@@ -28,7 +28,8 @@ from tridentify.cli.stream_checkpoint import (
     undamaged,
     write_checkpoint,
 )
-from tridentify.cli.stream_session import Session, StreamQuestion, check_every
+from tridentify.cli.stream_question import StreamQuestion, check_every
+from tridentify.cli.stream_session import Session
 from tridentify.cli.stream_show import LiveView
 from tridentify.cli.terminal import Activity, say, show_json_line
 from tridentify.errors import (
@@ -38,15 +39,10 @@ from tridentify.errors import (
     UnreadableFileError,
     shown,
 )
+from tridentify.record.formats.streams.datagrams import UdpSource, loopback_address
 from tridentify.record.formats.streams.header import Asked, split_columns
 from tridentify.record.formats.streams.lines import LineCutter
-from tridentify.record.formats.streams.sources import (
-    ByteSource,
-    PipeSource,
-    UdpSource,
-    loopback_address,
-    source_of_file,
-)
+from tridentify.record.formats.streams.sources import ByteSource, PipeSource, source_of_file
 
 
 def stream(

@@ -17,8 +17,8 @@ from typing import Protocol
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
 from tridentify.checks.scales import LARGEST_TIME
+from tridentify.checks.times import typical_step
 from tridentify.errors import OptionError, shown
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.realization import cascade, sort_poles

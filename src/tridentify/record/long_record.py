@@ -15,9 +15,9 @@ from typing import NoReturn
 import numpy as np
 
 from tridentify.checks.samples import (
-    TIME_TOLERANCE,
     Intersample,
 )
+from tridentify.checks.times import TIME_TOLERANCE
 from tridentify.errors import (
     EmptyChannelError,
     EmptyRangeError,

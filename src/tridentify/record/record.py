@@ -41,15 +41,11 @@ from tridentify.checks.samples import (
     check_outputs,
     checked_units,
     chosen_channels,
-    instant,
     looks_measured,
     sample_array,
-    sample_range,
-    time_axis,
-    time_slack,
-    uniform_step,
     warn_if_input_moves,
 )
+from tridentify.checks.times import instant, sample_range, time_axis, time_slack, uniform_step
 from tridentify.errors import (
     DataWarning,
     EmptyRangeError,

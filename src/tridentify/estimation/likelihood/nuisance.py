@@ -23,7 +23,7 @@ from typing import cast
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
+from tridentify.checks.times import typical_step
 from tridentify.errors import ConstantInputError, DelayError, OptionError, TooFewSamplesError
 from tridentify.estimation.likelihood.problem import Problem, Variant, states_of
 from tridentify.models.regression import Experiment

@@ -11,13 +11,13 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
 from tridentify.checks.scales import (
     LARGEST_SIGNAL,
     check_coefficients,
     check_span,
     check_time,
 )
+from tridentify.checks.times import typical_step
 from tridentify.errors import (
     ChannelCountError,
     ConstantOutputError,

@@ -24,7 +24,7 @@ from functools import partial
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
+from tridentify.checks.times import typical_step
 from tridentify.errors import (
     DataError,
     IdentifiabilityError,

@@ -22,7 +22,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
+from tridentify.checks.times import typical_step
 from tridentify.estimation.likelihood.problem import Problem, Variant
 from tridentify.models.regression import Experiment
 from tridentify.numerics.arrays import Array

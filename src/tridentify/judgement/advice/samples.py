@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from tridentify.checks.samples import looks_measured, typical_step
+from tridentify.checks.samples import looks_measured
+from tridentify.checks.times import typical_step
 from tridentify.estimation.answer.finding import Finding
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.converter import quantum, runs

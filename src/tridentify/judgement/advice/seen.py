@@ -15,7 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.checks.samples import Behaviour, looks_measured, typical_step
+from tridentify.checks.samples import Behaviour, looks_measured
+from tridentify.checks.times import typical_step
 from tridentify.errors import TridentifyError
 from tridentify.judgement.causes.parallel import Parallel, WhitenedFit, p_value
 from tridentify.judgement.causes.surprises import moved, small_surprises

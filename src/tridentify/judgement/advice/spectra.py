@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tridentify.checks.samples import typical_step
+from tridentify.checks.times import typical_step
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.record.record import Record
 

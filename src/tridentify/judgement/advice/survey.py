@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.samples import Behaviour, typical_step
+from tridentify.checks.samples import Behaviour
+from tridentify.checks.times import typical_step
 from tridentify.errors import TooFewSamplesError, TridentifyError
 from tridentify.estimation.answer.finding import Finding, ranked
 from tridentify.judgement.advice.frequency import (

@@ -25,13 +25,8 @@ from typing import Literal, cast
 import numpy as np
 
 from tridentify.checks.names import did_you_mean, file_units
-from tridentify.checks.samples import (
-    TIME_TOLERANCE,
-    Intersample,
-    sample_range,
-    time_axis,
-    uniform_step,
-)
+from tridentify.checks.samples import Intersample
+from tridentify.checks.times import TIME_TOLERANCE, sample_range, time_axis, uniform_step
 from tridentify.errors import (
     ChannelNameError,
     DuplicateColumnError,

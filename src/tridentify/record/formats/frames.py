@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from tridentify.checks.samples import Intersample, uniform_step
+from tridentify.checks.samples import Intersample
+from tridentify.checks.times import uniform_step
 from tridentify.errors import (
     DuplicateColumnError,
     EmptyFileError,

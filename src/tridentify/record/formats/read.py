@@ -20,7 +20,7 @@ from tridentify.record.formats.csv import TextFile
 from tridentify.record.formats.isolated import open_here
 from tridentify.record.formats.isolation import IsolatedFile
 from tridentify.record.formats.requirements import require
-from tridentify.record.formats.text_table import check_readable
+from tridentify.record.formats.text_opening import check_readable
 from tridentify.record.record import Record
 from tridentify.writing.layout import printable
 

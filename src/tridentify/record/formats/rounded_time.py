@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from tridentify.checks.samples import uniform_step
+from tridentify.checks.times import uniform_step
 from tridentify.numerics.arrays import Array
 
 FEWEST = 20

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from tridentify.checks.samples import check_increasing, uniform_step
+from tridentify.checks.times import check_increasing, uniform_step
 from tridentify.errors import OptionError, SamplingError
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import time_channels

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tridentify.checks.samples import uniform_step
+from tridentify.checks.times import uniform_step
 from tridentify.errors import DataError
 from tridentify.numerics.arrays import Array
 from tridentify.record.formats.assemble import time_channels

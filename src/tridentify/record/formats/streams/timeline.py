@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.checks.samples import TIME_TOLERANCE, uniform_step
+from tridentify.checks.times import TIME_TOLERANCE, uniform_step
 from tridentify.checks.values import check_keys, checked, finite_number, whole_number
 from tridentify.numerics.arrays import Array
 
