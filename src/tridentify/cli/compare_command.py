@@ -11,7 +11,6 @@ from typing import Annotated, cast
 
 import typer
 
-from tridentify.checks.samples import Intersample
 from tridentify.cli import options
 from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
@@ -24,6 +23,7 @@ from tridentify.cli.validate_command import Held, Inputs, Outputs, columns_of, r
 from tridentify.errors import OptionError, shown
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.comparison import Comparison, compare
+from tridentify.record.checks.samples import Intersample
 from tridentify.transfer_function import TransferFunction
 from tridentify.writing.files import write_atomically
 

@@ -13,7 +13,6 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from tridentify.checks.samples import Intersample
 from tridentify.cli import options
 from tridentify.cli.ask import (
     chooses_orders,
@@ -26,6 +25,7 @@ from tridentify.cli.knowledge import known_from
 from tridentify.cli.load import RecordSource, rules_from, units_from
 from tridentify.cli.stretches import stretches_from
 from tridentify.estimation.methods.base import Method
+from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Wanted
 from tridentify.structure import AutoStructure, Structure
 

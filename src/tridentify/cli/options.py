@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from tridentify.checks import samples
+from tridentify.record.checks import samples
 from tridentify.record.formats import assemble
 
 record_option = partial(typer.Option, rich_help_panel="The record")

@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from tridentify.checks.names import did_you_mean
 from tridentify.cli import options
 from tridentify.cli import stream_options as own
 from tridentify.cli.ask import nested_poles, nested_zeros
@@ -39,6 +38,7 @@ from tridentify.errors import (
     UnreadableFileError,
     shown,
 )
+from tridentify.record.checks.names import did_you_mean
 from tridentify.record.formats.streams.datagrams import UdpSource, loopback_address
 from tridentify.record.formats.streams.header import Asked, split_columns
 from tridentify.record.formats.streams.lines import LineCutter

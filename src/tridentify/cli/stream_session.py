@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.values import check_keys, finite_number, whole_number
 from tridentify.cli.load import COMPARE
 from tridentify.cli.stream_question import StreamPlace, StreamQuestion
 from tridentify.cli.stream_show import Remarks, line_of
 from tridentify.errors import EmptyFileError, TooFewSamplesError
 from tridentify.numerics.arrays import Array
+from tridentify.record.checks.values import check_keys, finite_number, whole_number
 from tridentify.record.formats.streams.lines import WholeLines
 from tridentify.record.formats.streams.read_rows import Rows
 from tridentify.record.formats.streams.rows import RowReader

@@ -10,7 +10,6 @@ from typing import Annotated, Any, cast
 
 import typer
 
-from tridentify.checks.samples import Intersample
 from tridentify.cli import options
 from tridentify.cli.groups import Reading
 from tridentify.cli.load import load
@@ -22,6 +21,7 @@ from tridentify.cli.terminal import Activity, paragraph, show, show_json
 from tridentify.errors import ChannelNameError, DataError
 from tridentify.estimation.answer.estimate import Estimate
 from tridentify.judgement.validation import Validation
+from tridentify.record.checks.samples import Intersample
 from tridentify.record.record import Record
 from tridentify.writing.files import write_atomically
 from tridentify.writing.layout import format_p

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from tridentify.checks.samples import Intersample
 from tridentify.errors import MissingDependencyError, SampleTypeError
 from tridentify.estimation.methods.base import Method
 from tridentify.fleet.attempt import OnRecords, attempted
@@ -20,6 +19,7 @@ from tridentify.fleet.sources import items_of
 from tridentify.fleet.working import MEMORY, checked_limits
 from tridentify.identify import checked_structure
 from tridentify.judgement.choice import checked_method
+from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Wanted
 from tridentify.structure import AutoStructure, Structure
 from tridentify.workers.children import WORKERS

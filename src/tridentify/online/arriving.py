@@ -8,7 +8,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.scales import MOST_STEPS
 from tridentify.errors import (
     ChannelCountError,
     OptionError,
@@ -22,6 +21,7 @@ from tridentify.online.asked import is_number
 from tridentify.online.kernels import slots
 from tridentify.online.layout import Setting
 from tridentify.online.state import State
+from tridentify.record.checks.scales import MOST_STEPS
 
 SAME = 1e-9
 """Relative difference within which two sampling intervals are one: rounding of times that are

@@ -18,7 +18,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tridentify.checks.scales import check_span
 from tridentify.errors import (
     ChannelCountError,
     DelayError,
@@ -45,6 +44,7 @@ from tridentify.online.kernels import slots
 from tridentify.online.kernels.workspace import LONGEST, Workspace
 from tridentify.online.layout import Blueprint, Setting, smallest_channel
 from tridentify.online.state import MAKERS, State
+from tridentify.record.checks.scales import check_span
 from tridentify.record.record import Record
 from tridentify.structure import Structure
 from tridentify.transfer_function import TransferFunction

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from tridentify.models.simulate import simulate
 from tridentify.numerics.arrays import Array
 from tridentify.plots.style import (
     BLACK,
@@ -20,7 +21,6 @@ from tridentify.plots.style import (
     make_axes,
 )
 from tridentify.record.record import Record
-from tridentify.simulate import simulate
 from tridentify.studies.aircraft import PLANT
 from tridentify.studies.aircraft_numbers import ESTIMATORS, Condition
 from tridentify.studies.aircraft_result import AircraftResult

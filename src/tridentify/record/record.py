@@ -22,14 +22,26 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.rates import evaluated, filtered, interpolate, merge_rates
-from tridentify.checks.references import (
+from tridentify.errors import (
+    DataWarning,
+    EmptyRangeError,
+    OptionError,
+    ResampleError,
+    SampleTypeError,
+    SamplingError,
+    ShapeError,
+    shown,
+)
+from tridentify.numerics.arrays import Array
+from tridentify.numerics.interpolation import FEWEST, lowpass
+from tridentify.record.checks.rates import evaluated, filtered, interpolate, merge_rates
+from tridentify.record.checks.references import (
     check_shared,
     reference_array,
     reference_between,
     settled_reference,
 )
-from tridentify.checks.samples import (
+from tridentify.record.checks.samples import (
     Behaviour,
     Intersample,
     channel_labels,
@@ -45,19 +57,13 @@ from tridentify.checks.samples import (
     sample_array,
     warn_if_input_moves,
 )
-from tridentify.checks.times import instant, sample_range, time_axis, time_slack, uniform_step
-from tridentify.errors import (
-    DataWarning,
-    EmptyRangeError,
-    OptionError,
-    ResampleError,
-    SampleTypeError,
-    SamplingError,
-    ShapeError,
-    shown,
+from tridentify.record.checks.times import (
+    instant,
+    sample_range,
+    time_axis,
+    time_slack,
+    uniform_step,
 )
-from tridentify.numerics.arrays import Array
-from tridentify.numerics.interpolation import FEWEST, lowpass
 from tridentify.writing.notebook import sparkline
 from tridentify.writing.pointers import OF_A_RECORD, Pointers
 from tridentify.writing.views import RecordViews

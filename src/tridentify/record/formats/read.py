@@ -11,8 +11,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from tridentify.checks.samples import Intersample
 from tridentify.errors import OptionError, UnreadableFileError, shown
+from tridentify.record.checks.samples import Intersample
 from tridentify.record.formats.assemble import Instants, Wanted, record_from
 from tridentify.record.formats.channels import Channel, OpenFile
 from tridentify.record.formats.contents import Contents, as_file, called

@@ -25,7 +25,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from tridentify.checks.values import (
+from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
+from tridentify.numerics.arrays import Array
+from tridentify.record.checks.values import (
     check_keys,
     checked,
     finite_number,
@@ -33,8 +35,6 @@ from tridentify.checks.values import (
     texts,
     whole_number,
 )
-from tridentify.errors import DataError, MissingHeaderError, UnitError, UnreadableFileError, shown
-from tridentify.numerics.arrays import Array
 from tridentify.record.formats.cells import SEPARATORS, all_numbers, read_number, unit_cells
 from tridentify.record.formats.channels import SECONDS
 from tridentify.record.formats.streams.blocks import (

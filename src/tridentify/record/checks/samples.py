@@ -14,8 +14,6 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from tridentify.checks.names import check_names, check_units, did_you_mean, labels_of
-from tridentify.checks.scales import check_samples
 from tridentify.errors import (
     ChannelNameError,
     DataWarning,
@@ -32,6 +30,8 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.interpolation import FEWEST
+from tridentify.record.checks.names import check_names, check_units, did_you_mean, labels_of
+from tridentify.record.checks.scales import check_samples
 
 Intersample = Literal["zoh", "foh", "band-limited", "auto"]
 Behaviour = Literal["zoh", "foh", "band-limited"]

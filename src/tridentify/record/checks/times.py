@@ -8,8 +8,6 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tridentify.checks.samples import shared_numbers
-from tridentify.checks.scales import check_time
 from tridentify.errors import (
     EmptyRangeError,
     NotFiniteError,
@@ -21,6 +19,8 @@ from tridentify.errors import (
 )
 from tridentify.numerics.arrays import Array
 from tridentify.numerics.quantiles import quantiles
+from tridentify.record.checks.samples import shared_numbers
+from tridentify.record.checks.scales import check_time
 
 STEPS_TO_A_START = 10
 """Typical steps by which time goes back where another run begins, and the fewest rows of one:
