@@ -40,6 +40,7 @@ from tridentify.errors import (
     shown,
 )
 from tridentify.numerics.arrays import Array
+from tridentify.record.formats import text_opening
 from tridentify.record.formats.cells import (
     Numbers,
     all_numbers,
@@ -55,7 +56,6 @@ from tridentify.record.formats.text_opening import (
     CHUNK,
     COMMENTS,
     LATER_BYTES,
-    LONGEST_ROW,
     as_latin_1,
     check_readable,
     check_row,
@@ -256,7 +256,7 @@ def _rows(
     def lines(stream: TextIO) -> Iterator[str]:
         nonlocal length
         number = 0
-        while line := stream.readline(LONGEST_ROW):
+        while line := stream.readline(text_opening.LONGEST_ROW):
             number += 1
             length += len(line)
             check_row(file, length, number)
