@@ -119,12 +119,11 @@ def gather(
     k, n = ints[slots.DIRECTIONS], ints[slots.COLUMNS]
     if k == 0:
         return count
+    output = (w - ints[slots.AT_WATCH]) // ints[slots.WATCH]
     if ints[slots.DIRECTIONS_STRIDE] == 0:
         to = columns + n - k
     else:
-        maps = ints[slots.C_MAPS] + ints[slots.DIRECTIONS_STRIDE] * (
-            (w - ints[slots.AT_WATCH]) // ints[slots.WATCH]
-        )
+        maps = ints[slots.C_MAPS] + ints[slots.DIRECTIONS_STRIDE] * output
         for i in range(k):
             gathered = room[to + i]
             for j in range(count):
@@ -136,11 +135,7 @@ def gather(
     for i in range(k):
         x[w + slots.SCORES + i] = room[to + i, count - 1]
     scores = w + slots.SCORES + k
-    power = (
-        ints[slots.AT_SCATTER]
-        + ints[slots.SCATTER] * ((w - ints[slots.AT_WATCH]) // ints[slots.WATCH])
-        + slots.UNDER_WAY
-    )
+    power = ints[slots.AT_SCATTER] + ints[slots.SCATTER] * output + slots.UNDER_WAY
     v = room[own + SCALED_ERRORS]
     done = 0
     while done < count:
