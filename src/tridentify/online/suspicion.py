@@ -29,12 +29,13 @@ import numpy as np
 from scipy.special import chdtri
 
 from tridentify.errors import TridentifyError
+from tridentify.estimation.answer.estimate import Estimate
 from tridentify.numerics.arrays import Array, Complex
 from tridentify.numerics.slices import Slices
 from tridentify.online.launch import Launch, Planner, launching
 from tridentify.online.layout import Blueprint, NuisanceColumns, Setting
 from tridentify.online.residual import Refined, gain_of, left_by, refined
-from tridentify.online.search import VAGUE, far_off, record_of, searching
+from tridentify.online.search import VAGUE, far_off, first_try, record_of, searching
 from tridentify.online.steps import estimate_of, solving
 from tridentify.record.record import Record
 
@@ -80,6 +81,7 @@ def trying(
     blueprint: Blueprint,
     poles: Complex,
     x: Array,
+    before: Array,
     samples: Array,
     reference: Array,
     witness: Old | None,
@@ -98,6 +100,8 @@ def trying(
     poles : (n,) complex array
     x : array
         Of the estimator at the alarm.
+    before : (l, n_inputs + n_outputs + 1) array
+        All samples before the alarm; empty where they are no longer kept.
     samples : (k, n_inputs + n_outputs + 1) array
         Since the alarm.
     reference : (n_inputs,) array
@@ -113,7 +117,7 @@ def trying(
         yield
         estimate = estimate_of(setting, blueprint, x, solution, "", poles)
         present = Old(estimate.theta, estimate.cov)
-        old = witness or present
+        old = witness or (yield from _for_coloured_noise(setting, before, estimate)) or present
         if not alarm:
             record = record_of(setting, samples)
             near = yield from refined(setting, record, estimate.theta, estimate.std)
@@ -141,6 +145,17 @@ def trying(
         method, setting, found.poles, nuisance, samples, found.noise_std, reference
     )
     return Look(launch, Old(new.theta, LARGER * new.cov))
+
+
+def _for_coloured_noise(setting: Setting, before: Array, estimate: Estimate) -> Slices[Old | None]:
+    """What few samples before the alarm say of the coefficients where noise is coloured.
+
+    Blocks of scores, which make the standard errors for it, are too few to tell then.
+    """
+    if not first_try(setting) <= len(before) < DOUBTED * first_try(setting):
+        return None
+    found = yield from refined(setting, record_of(setting, before), estimate.theta, estimate.std)
+    return None if found is None else Old(found.theta, LARGER * found.cov)
 
 
 def _worth_a_search(setting: Setting, record: Record, old: Old, near: Refined) -> bool:

@@ -236,6 +236,12 @@ class ThreeModel(Planner):
             return kept
         return kept[len(kept) - int(x[slots.COUNT] - x[slots.SUSPECT]) :]
 
+    def _before(self, state: State) -> Array:
+        """The samples before those of a suspicion, where all of them are kept."""
+        kept, since = kept_samples(state), len(self._samples(state))
+        whole = state.values[slots.SINCE] <= len(kept)
+        return kept[: len(kept) - since if whole else 0]
+
     def _task(self, state: State) -> Task:
         """The work that is under way, from its beginning."""
         x, stage = state
@@ -245,12 +251,13 @@ class ThreeModel(Planner):
         if stage.searching:
             full = count >= self.samples
             return Task(searching_launch, self, setting, samples, begun_anew, full, reference)
-        plan = (self, setting, stage.blueprint, stage.poles, stage.extra[0], samples, reference)
+        plan = (self, setting, stage.blueprint, stage.poles, stage.extra[0])
         if x[slots.SUSPECT]:
             witness = _witness(stage)
             old = unpacked(witness) if witness else None
-            return Task(trying, *plan, old, not x[slots.LOOK])
-        return Task(following, *plan, begun_anew)
+            before = self._before(state)
+            return Task(trying, *plan, before, samples, reference, old, not x[slots.LOOK])
+        return Task(following, *plan, samples, reference, begun_anew)
 
     def _gone_on(self, state: State, found: Launch | Turn | Look | None) -> State:
         """What the work has come to."""
